@@ -1,0 +1,158 @@
+"""The same lobes from Mitsuba's own `stokes` integrator, one render a node: works in any variant.
+
+This is how malus renders where neither LLVM nor CUDA works, and the independent reference that
+the vectorised path is tested against.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from malus.renderers.lobes import Floats, Lobes
+from malus.renderers.translate import body_bsdf, emitter, interface_bsdf, sensor, shape_object
+from malus.renderers.variant import SCALAR, Variant, mitsuba
+from malus.scenes.scene import Body, Camera, Light, Sampling, Shape
+
+BATCHES = 8
+"""Independent renders that the standard error comes from: four a half, 7 degrees of freedom."""
+
+WAVELENGTH_NM = 555.0
+"""The spectral variant looks through a 1 nm wide window here; nothing in a node disperses."""
+
+
+def render_lobes(
+    variant: Variant,
+    shape: Shape,
+    camera: Camera,
+    light: Light,
+    etas: list[float],
+    alpha: float,
+    body: Body,
+    sampling: Sampling,
+) -> Lobes:
+    """Lobes of one family; arguments and result as for the vectorised renderer."""
+    mi = mitsuba(variant)
+    batches = max(b for b in range(2, BATCHES + 1, 2) if sampling.samples % b == 0)
+    window = _window(mi, variant, shape, camera)
+    specular = _renders(mi, window, light, [interface_bsdf(e, alpha) for e in etas], batches,
+                        sampling, stream=0)
+    body_etas = etas if body == "polarised" else etas[:1]
+    scattered = _renders(mi, window, light, [body_bsdf(e, alpha, body) for e in body_etas],
+                         batches, sampling, stream=1)
+    normals, coverage = _geometry(mi, window, sampling)
+    pixels = np.flatnonzero(coverage > 0)
+    mirrored, scattered = specular[:, :, pixels], scattered[:, :, pixels]
+    length = np.linalg.norm(normals[pixels], axis=-1, keepdims=True)
+    return Lobes(
+        specular=_halves(mirrored),
+        body=_halves(scattered),
+        specular_variance=_variance_of_mean(mirrored),
+        body_variance=_variance_of_mean(scattered),
+        # The lobes are rendered from different seeds: they are independent.
+        covariance=np.zeros(mirrored.shape[1:], dtype=np.float32),
+        pixels=pixels,
+        normals=np.asarray(
+            np.divide(normals[pixels], length, where=length > 0, out=np.zeros_like(normals[pixels]))
+        ),
+        covered=coverage[pixels] > 1 - 0.5 / sampling.samples,
+    )
+
+
+def _halves(batches: Floats) -> Floats:
+    count, *rest = batches.shape
+    halves = batches.reshape(2, count // 2, *rest).mean(axis=1)
+    return np.asarray(halves, dtype=np.float32)
+
+
+def _variance_of_mean(batches: Floats) -> Floats:
+    return np.asarray(batches.var(axis=0, ddof=1) / len(batches), dtype=np.float32)
+
+
+def _window(mi: ModuleType, variant: Variant, shape: Shape, camera: Camera) -> dict[str, Any]:
+    """Everything of the scene but BSDF, light and integrator."""
+    look = sensor(mi, camera)
+    if variant.name == SCALAR:
+        look["srf"] = {
+            "type": "uniform",
+            "wavelength_min": WAVELENGTH_NM - 0.5,
+            "wavelength_max": WAVELENGTH_NM + 0.5,
+            "value": 1.0,
+        }
+    return {"type": "scene", "sensor": look, "shape": shape}
+
+
+def _load(mi: ModuleType, window: dict[str, Any], bsdf: dict[str, Any], **more: Any) -> Any:
+    shape = shape_object(mi, window["shape"], mi.load_dict(bsdf))
+    return mi.load_dict(window | {"shape": shape} | more)
+
+
+def _renders(
+    mi: ModuleType,
+    window: dict[str, Any],
+    light: Light,
+    bsdfs: list[dict[str, Any]],
+    batches: int,
+    sampling: Sampling,
+    stream: int,
+) -> Floats:
+    """Stokes images of every batch and BSDF, shape (batches, len(bsdfs), pixels, 3)."""
+    integrator = {"type": "stokes", "direct": {"type": "path", "max_depth": 2,
+                                               "hide_emitters": True}}
+    scene = _load(mi, window, bsdfs[0], light=emitter(light), integrator=integrator)
+    response = _response(mi, window)
+    images = np.empty((batches, len(bsdfs), window["sensor"]["film"]["width"] ** 2, 3), np.float32)
+    for node, bsdf in enumerate(bsdfs):
+        _set_index(mi, scene, bsdf)
+        for batch in range(batches):
+            # The same seed for every node: noise is a smooth function of the index.
+            seed = (sampling.seed * BATCHES + batch) * 2 + stream
+            raw = np.asarray(mi.render(scene, spp=sampling.samples // batches, seed=seed))
+            images[batch, node] = _stokes(raw).reshape(-1, 3) / response
+    return images
+
+
+def _set_index(mi: ModuleType, scene: Any, bsdf: dict[str, Any]) -> None:
+    parameters = mi.traverse(scene)
+    key = "shape.bsdf.eta.value"
+    if key in parameters:
+        parameters[key] = bsdf["int_ior"]
+        parameters.update()
+
+
+def _stokes(raw: Floats) -> Floats:
+    """s0, s1, s2 of the green channel, the one with the largest response at 555 nm.
+
+    The integrator appends S0.R, S0.G, S0.B, S1.R, … S3.B to the film's own channels.
+    """
+    first = raw.shape[-1] - 12
+    return raw[..., [first + 1, first + 4, first + 7]]
+
+
+def _response(mi: ModuleType, window: dict[str, Any]) -> float:
+    """What the film records for a radiance of 1: the sRGB weight of the narrow window."""
+    look = window["sensor"]
+    small = look | {"film": look["film"] | {"width": 8, "height": 8}}
+    sky = mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": small,
+            "sky": {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}},
+            "integrator": {"type": "stokes", "direct": {"type": "path", "max_depth": 2}},
+        }
+    )
+    raw = np.asarray(mi.render(sky, spp=64, seed=0))
+    return float(_stokes(raw)[..., 0].mean())
+
+
+def _geometry(mi: ModuleType, window: dict[str, Any], sampling: Sampling) -> tuple[Floats, Floats]:
+    """Shading normals summed over rays (pixels, 3) and the fraction of each pixel's rays that hit."""
+    views = {"type": "aov", "aovs": "normal:sh_normal,hit:shape_index"}
+    scene = _load(mi, window, {"type": "diffuse"}, integrator=views)
+    raw = np.asarray(mi.render(scene, spp=sampling.samples, seed=sampling.seed))
+    names = list(scene.integrator().aov_names())
+    channels = raw[..., raw.shape[-1] - len(names) :].reshape(-1, len(names))
+    normals = channels[:, [names.index(f"normal.{axis}") for axis in "XYZ"]]
+    return normals, channels[:, names.index("hit.I")]

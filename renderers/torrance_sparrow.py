@@ -1,0 +1,148 @@
+"""The paper's own ground truth, from the formulas and without Mitsuba.
+
+Source: Torrance and Sparrow, "Theory for off-specular reflection from roughened surfaces",
+JOSA 57 (1967), with the facet distribution of Cook and Torrance, "A reflectance model for computer
+graphics", ACM TOG 1 (1982), which is Beckmann's: the one that Mitsuba's rough surfaces use.
+Fresnel reflectances are coded here again, on purpose: a truth that shared them with the methods
+would not see their mistakes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.renderers.truth import Truth
+from malus.scenes.errors import InputError
+from malus.scenes.polarisation import stokes_from_extremes
+from malus.scenes.scene import Camera, Distant, Scene, Sphere
+
+Floats = NDArray[np.float64]
+
+VIEWER = np.array([0.0, 0.0, 1.0])
+
+
+def render_torrance_sparrow(
+    scene: Scene, normals: Floats | None = None, mask: NDArray[np.bool_] | None = None
+) -> Truth:
+    """The truth of a sphere, or of any normal map, under a distant light.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its shape is a sphere, unless `normals` are given; its light is distant, its body
+        unpolarised (Lambertian).
+    normals : (height, width, 3), optional
+        Unit normals of the object in the image frame; replaces the scene's shape.
+    mask : (height, width) bool, optional
+        The object's pixels; by default those with a normal.
+
+    Raises
+    ------
+    InputError
+        Another shape, light or body than these.
+
+    Examples
+    --------
+    >>> scene = Scene(shape=Sphere(), light=Distant(incidence_deg=30), camera=Camera(resolution=9),
+    ...               surface={"eta": 1.5, "alpha": 0.3, "body": "unpolarised"})
+    >>> bool(render_torrance_sparrow(scene).image[4, 4, 0] > 0)
+    True
+    """
+    light = _checked(scene, normals)
+    if normals is None:
+        normals, mask = sphere_normals(scene.camera)
+    if mask is None:
+        mask = np.linalg.norm(normals, axis=-1) > 0.5
+    direction = np.array(light.direction)
+    half = _unit(direction + VIEWER)
+    n_l = np.clip(normals @ direction, 0.0, 1.0)[..., None]
+    n_v = np.clip(normals @ VIEWER, 0.0, 1.0)[..., None]
+    n_h = np.clip(normals @ half, 0.0, 1.0)[..., None]
+    lit = (n_l > 0) & (n_v > 0) & mask[..., None]
+    perpendicular, parallel = fresnel(float(VIEWER @ half), scene.eta)
+    distribution = _beckmann(n_h, scene.surface.alpha)
+    shape = distribution * masking(n_h, n_v, n_l, float(VIEWER @ half))
+    # radiance = BRDF · E cos θ_L; the cosine cancels that of the BRDF's denominator
+    lobe = np.where(lit, shape / (4.0 * np.where(lit, n_v, 1.0)), 0.0) * light.irradiance
+    azimuth = np.arctan2(half[1], half[0])
+    specular = stokes_from_extremes(
+        0.5 * perpendicular * lobe, 0.5 * parallel * lobe, np.asarray(azimuth)
+    )
+    diffuse = np.zeros_like(specular)
+    diffuse[..., 0] = np.where(lit, scene.surface.albedo / np.pi * light.irradiance * n_l, 0.0)
+    none = np.zeros_like(specular)
+    return Truth(scene, specular, diffuse, normals, mask, none, none, none)
+
+
+def _checked(scene: Scene, normals: Floats | None) -> Distant:
+    hint = "use the mitsuba renderer for this scene"
+    where = f"scene {scene.id}, torrance-sparrow renderer"
+    if normals is None and not isinstance(scene.shape, Sphere):
+        raise InputError(where, "a sphere or a normal map", scene.shape.kind, hint)
+    if not isinstance(scene.light, Distant):
+        raise InputError(where, "a distant light", scene.light.kind, hint)
+    if scene.surface.body != "unpolarised":
+        raise InputError(where, "an unpolarised body", scene.surface.body, hint)
+    return scene.light
+
+
+def sphere_normals(camera: Camera) -> tuple[Floats, NDArray[np.bool_]]:
+    """Normals (height, width, 3) of the unit sphere at the pixels' centres, and its mask.
+
+    A pixel belongs to the mask where its corner that lies farthest out is still on the sphere.
+
+    Examples
+    --------
+    >>> sphere_normals(Camera(resolution=3))[0][1, 1].tolist()
+    [0.0, 0.0, 1.0]
+    """
+    step = 2.0 * camera.half_width / camera.resolution
+    centre = (np.arange(camera.resolution) + 0.5) * step - camera.half_width
+    x, y = np.meshgrid(centre, -centre)
+    outermost = np.hypot(np.abs(x) + 0.5 * step, np.abs(y) + 0.5 * step)
+    mask = outermost <= 1.0
+    z = np.sqrt(np.clip(1.0 - x**2 - y**2, 0.0, None))
+    return np.where(mask[..., None], np.stack([x, y, z], axis=-1), 0.0), mask
+
+
+def fresnel(cos_incidence: float, eta: Floats) -> tuple[Floats, Floats]:
+    """Fresnel reflectances (perpendicular, parallel) of a dielectric, η > 1.
+
+    Examples
+    --------
+    >>> [round(float(f[0]), 12) for f in fresnel(1.0, np.array([1.5]))]
+    [0.04, 0.04]
+    """
+    refracted = np.sqrt(eta**2 - 1.0 + cos_incidence**2) / eta
+    perpendicular = (cos_incidence - eta * refracted) / (cos_incidence + eta * refracted)
+    parallel = (eta * cos_incidence - refracted) / (eta * cos_incidence + refracted)
+    return perpendicular**2, parallel**2
+
+
+def masking(n_h: Floats, n_v: Floats, n_l: Floats, v_h: float) -> Floats:
+    """Torrance and Sparrow's V-cavity term G = min(1, 2 N·H N·V / V·H, 2 N·H N·L / V·H).
+
+    Examples
+    --------
+    >>> float(masking(np.array(1.0), np.array(1.0), np.array(1.0), 1.0))
+    1.0
+    """
+    result: Floats = np.minimum(1.0, 2.0 * n_h * np.minimum(n_v, n_l) / v_h)
+    return result
+
+
+def _beckmann(n_h: Floats, alpha: float) -> Floats:
+    """Distribution of facet normals, 1/sr; zero on the far side."""
+    facing = n_h > 1e-6
+    squared = np.where(facing, n_h, 1.0) ** 2
+    tan2 = (1.0 - squared) / squared
+    result: Floats = np.where(
+        facing, np.exp(-tan2 / alpha**2) / (np.pi * alpha**2 * squared**2), 0.0
+    )
+    return result
+
+
+def _unit(vector: Floats) -> Floats:
+    result: Floats = vector / np.linalg.norm(vector)
+    return result

@@ -1,0 +1,136 @@
+"""From a scene's plain data to Mitsuba objects and dictionaries."""
+
+from __future__ import annotations
+
+import functools
+import math
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from malus.scenes import geometry
+from malus.scenes.geometry import TriangleMesh
+from malus.scenes.scene import (
+    Blob,
+    Body,
+    Camera,
+    Distant,
+    Light,
+    MeshFile,
+    Shape,
+    Sphere,
+    Superquadric,
+    Torus,
+    Uniform,
+)
+
+CONVEX = frozenset({"sphere"})
+"""Kinds of shape that cast no shadow on themselves: no shadow ray is traced for them."""
+
+CAMERA_DISTANCE = 3.0
+
+
+def sensor(mi: ModuleType, camera: Camera, samples: int = 1) -> dict[str, Any]:
+    """The camera as a sensor with a box filter: pixels are independent, runs bit-identical."""
+    look = mi.ScalarTransform4f().look_at(
+        origin=[0, 0, CAMERA_DISTANCE], target=[0, 0, 0], up=[0, 1, 0]
+    )
+    return {
+        "type": "orthographic",
+        "to_world": look @ mi.ScalarTransform4f().scale([camera.half_width, camera.half_width, 1]),
+        "film": {
+            "type": "hdrfilm",
+            "width": camera.resolution,
+            "height": camera.resolution,
+            "rfilter": {"type": "box"},
+            "pixel_format": "rgb",
+            "component_format": "float32",
+        },
+        "sampler": {"type": "independent", "sample_count": samples},
+    }
+
+
+def shape_object(mi: ModuleType, shape: Shape, bsdf: Any) -> Any:
+    """The shape as a Mitsuba object that carries `bsdf`."""
+    if isinstance(shape, Sphere):
+        return mi.load_dict({"type": "sphere", "bsdf": bsdf})
+    return _mesh(mi, _tessellated(shape), bsdf)
+
+
+@functools.lru_cache(maxsize=4)
+def _tessellated(shape: Shape) -> TriangleMesh:
+    match shape:
+        case Torus():
+            return geometry.torus(shape.major, shape.minor, math.radians(shape.tilt_deg))
+        case Blob():
+            return geometry.blob(shape.seed)
+        case Superquadric():
+            return geometry.superquadric(shape.e1, shape.e2)
+        case MeshFile():
+            from malus.scenes.meshes import load_mesh
+
+            return load_mesh(shape.path, shading=shape.shading)[0]
+    raise TypeError(f"no mesh for {shape!r}")
+
+
+def _mesh(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
+    properties = mi.Properties()
+    properties["mesh_bsdf"] = bsdf
+    smooth = mesh.normals is not None
+    result = mi.Mesh(
+        "shape", len(mesh.vertices), len(mesh.faces), props=properties, has_vertex_normals=smooth
+    )
+    parameters = mi.traverse(result)
+    parameters["vertex_positions"] = np.ravel(mesh.vertices)
+    parameters["faces"] = np.ravel(mesh.faces)
+    if mesh.normals is not None:
+        parameters["vertex_normals"] = np.ravel(mesh.normals)
+    parameters.update()
+    return result
+
+
+def emitter(light: Light) -> dict[str, Any]:
+    """The light as an emitter with a flat spectrum."""
+    if isinstance(light, Uniform):
+        return {"type": "constant", "radiance": _flat(light.radiance)}
+    if isinstance(light, Distant):
+        return {
+            "type": "directional",
+            "direction": [-c for c in light.direction],
+            "irradiance": _flat(light.irradiance),
+        }
+    raise TypeError(f"no emitter for {light!r}")
+
+
+def interface_bsdf(eta: float, alpha: float) -> dict[str, Any]:
+    """The specular lobe alone: Mitsuba's `pplastic` over a black body."""
+    return _pplastic(eta, alpha) | {"diffuse_reflectance": _flat(0.0)}
+
+
+def body_bsdf(eta: float, alpha: float, body: Body) -> dict[str, Any]:
+    """The body lobe alone at albedo 1; both bodies are linear in the albedo.
+
+    'polarised' is `pplastic` without its mirror term; 'unpolarised' is Lambertian, which is the
+    paper's assumption.
+    """
+    if body == "unpolarised":
+        return {"type": "diffuse", "reflectance": _flat(1.0)}
+    return _pplastic(eta, alpha) | {
+        "diffuse_reflectance": _flat(1.0),
+        "specular_reflectance": _flat(0.0),
+    }
+
+
+def _pplastic(eta: float, alpha: float) -> dict[str, Any]:
+    return {
+        "type": "pplastic",
+        "int_ior": float(eta),
+        "ext_ior": 1.0,
+        "alpha": float(alpha),
+        "distribution": "beckmann",
+    }
+
+
+def _flat(value: float) -> dict[str, Any]:
+    return {"type": "uniform", "value": float(value)}

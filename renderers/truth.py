@@ -1,0 +1,89 @@
+"""The truth about a scene: what a perfect polarisation camera would have measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.scenes import polarisation
+from malus.scenes.scene import Scene
+
+Image = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Stokes images of one scene, lobes apart, with their Monte Carlo errors.
+
+    Attributes
+    ----------
+    scene : Scene
+    specular, diffuse : (height, width, bands, 3)
+        Linear Stokes images of the light mirrored by the interface and of the light that left the
+        body, in W m⁻² sr⁻¹ nm⁻¹ under lights of the scene's radiance. Their sum is the image.
+    normals : (height, width, 3)
+        Mean unit shading normals in the image frame; zero off the object.
+    mask : (height, width) bool
+        Pixels that the object covers entirely.
+    standard_error : (height, width, bands, 3)
+        Of the sum of both lobes, one standard deviation.
+    specular_noise, diffuse_noise : (height, width, bands, 3)
+        Half the difference of two independent half renders: one draw of the error of `specular`
+        and `diffuse`. What a method makes of it is the noise of its score.
+    interpolation_error : dict
+        Of the family in η, over the image's peak: 'rms' and 'worst' of a held-out render.
+
+    Examples
+    --------
+    >>> from malus.renderers import render
+    >>> from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+    >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3),
+    ...               light=Distant(incidence_deg=60), camera=Camera(resolution=8))
+    >>> render(scene, renderer="torrance-sparrow").polarised(angle_deg=30).shape
+    (8, 8, 1)
+    """
+
+    scene: Scene
+    specular: Image
+    diffuse: Image
+    normals: Image
+    mask: NDArray[np.bool_]
+    standard_error: Image
+    specular_noise: Image
+    diffuse_noise: Image
+    interpolation_error: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def stokes(self) -> Image:
+        """Stokes image (height, width, bands, 3) of the light of both lobes."""
+        return self.specular + self.diffuse
+
+    @property
+    def image(self) -> Image:
+        """The unpolarised image (height, width, bands) that an ordinary camera takes."""
+        return self.specular[..., 0] + self.diffuse[..., 0]
+
+    def polarised(self, angle_deg: float) -> Image:
+        """The image (height, width, bands) through a polariser, angle from the vertical."""
+        return polarisation.polarised(self.stokes, angle_deg)
+
+    def halves(self) -> tuple[Truth, Truth]:
+        """Two truths from independent halves of the samples; their mean is this one."""
+        return self._shifted(1.0), self._shifted(-1.0)
+
+    def _shifted(self, sign: float) -> Truth:
+        # An independent half has twice the variance of the mean of two.
+        return Truth(
+            scene=self.scene,
+            specular=self.specular + sign * self.specular_noise,
+            diffuse=self.diffuse + sign * self.diffuse_noise,
+            normals=self.normals,
+            mask=self.mask,
+            standard_error=self.standard_error * np.sqrt(2.0, dtype=self.standard_error.dtype),
+            specular_noise=np.zeros_like(self.specular_noise),
+            diffuse_noise=np.zeros_like(self.diffuse_noise),
+            interpolation_error=self.interpolation_error,
+        )

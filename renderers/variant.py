@@ -1,0 +1,212 @@
+"""Which Mitsuba variant can run here, decided without risking this process.
+
+Dr.Jit loads the first libLLVM it finds; versions 14 to 16 abort the process at the first render.
+Every candidate is therefore tried in a subprocess, and `DRJIT_LIBLLVM_PATH` names the one that
+works before Mitsuba is imported for the first time.
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import functools
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from types import ModuleType
+
+from malus.scenes.errors import InputError
+
+SCALAR = "scalar_spectral_polarized"
+LLVM = "llvm_ad_mono_polarized"
+CUDA = "cuda_ad_mono_polarized"
+BACKENDS = {"cuda": CUDA, "llvm": LLVM, "scalar": SCALAR}
+BROKEN_LLVM = frozenset({14, 15, 16})
+"""LLVM versions that abort the process ("Cannot select fmaximum"); they are never loaded."""
+
+_LLVM_FOLDERS = (
+    "/usr/lib/x86_64-linux-gnu",
+    "/usr/lib/aarch64-linux-gnu",
+    "/usr/lib64",
+    "/usr/lib",
+    "/usr/local/lib",
+    "/opt/homebrew/opt/llvm/lib",
+)
+_PROBE = """
+import sys, mitsuba as mi
+mi.set_variant(sys.argv[1])
+scene = mi.load_dict({"type": "scene", "shape": {"type": "sphere", "bsdf": {"type": "pplastic"}},
+    "light": {"type": "constant"}, "integrator": {"type": "direct"},
+    "sensor": {"type": "orthographic", "film": {"type": "hdrfilm", "width": 2, "height": 2}}})
+import numpy as np
+assert np.isfinite(np.array(mi.render(scene, spp=1))).all()
+print("usable")
+"""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A usable Mitsuba variant and why it was chosen."""
+
+    name: str
+    reason: str
+    llvm: str | None = None
+
+    @property
+    def vectorised(self) -> bool:
+        """Whether arrays of rays can be traced from Python (LLVM and CUDA)."""
+        return self.name != SCALAR
+
+
+def llvm_version(path: Path) -> int | None:
+    """Major version in the name of a libLLVM, following links, or None.
+
+    Examples
+    --------
+    >>> llvm_version(Path("/nowhere/libLLVM-14.so.1")), llvm_version(Path("/x/libLLVM.so.19.1"))
+    (14, 19)
+    """
+    for name in (path.name, path.resolve().name):
+        found = re.search(r"libLLVM(?:-|\.so\.|\.)(\d+)", name)
+        if found:
+            return int(found.group(1))
+    return None
+
+
+def llvm_candidates() -> list[Path]:
+    """Files that could be a working libLLVM, newest first; those known to abort are left out.
+
+    `DRJIT_LIBLLVM_PATH`, when set, is the only candidate: the user chose.
+    """
+    chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
+    if chosen:
+        paths = {Path(chosen)}
+    else:
+        folders = [Path(f) for f in _LLVM_FOLDERS] + sorted(Path("/usr/lib").glob("llvm-*/lib"))
+        paths = {p.resolve() for f in folders for p in f.glob("libLLVM*.so*")}
+        paths |= {p.resolve() for f in folders for p in f.glob("libLLVM*.dylib")}
+    versions = {p: llvm_version(p) for p in paths if p.is_file()}
+    usable = [p for p, number in versions.items() if number not in BROKEN_LLVM]
+    return sorted(usable, key=lambda p: (versions[p] or 0, str(p)), reverse=True)
+
+
+def _cache_file() -> Path:
+    root = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(root) / "malus" / "variants.json"
+
+
+def _probe(variant: str, llvm: Path | None) -> bool:
+    """Whether a tiny render works in a subprocess; the answer is remembered on disk."""
+    stamp = f"{llvm}:{llvm.stat().st_mtime_ns}" if llvm else ""
+    key = f"{variant}|{stamp}|mitsuba {version('mitsuba')}|{sys.executable}"
+    known = _read_cache()
+    if key not in known:
+        environment = dict(os.environ)
+        if llvm:
+            environment["DRJIT_LIBLLVM_PATH"] = str(llvm)
+        known[key] = _render_in_subprocess(variant, environment)
+        _write_cache(known)
+    return known[key]
+
+
+def _render_in_subprocess(variant: str, environment: dict[str, str]) -> bool:
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _PROBE, variant],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return done.returncode == 0 and "usable" in done.stdout
+
+
+def _read_cache() -> dict[str, bool]:
+    try:
+        known = json.loads(_cache_file().read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return known if isinstance(known, dict) else {}
+
+
+def _write_cache(known: dict[str, bool]) -> None:
+    """Remember; a home that cannot be written costs a second a run, no more."""
+    path = _cache_file()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
+            json.dump(known, file)
+        os.replace(file.name, path)
+    except OSError:
+        return
+
+
+def _cuda() -> Variant | None:
+    if not (Path("/dev/nvidiactl").exists() or ctypes.util.find_library("cuda")):
+        return None
+    return Variant(CUDA, "a CUDA device renders") if _probe(CUDA, None) else None
+
+
+def _llvm() -> Variant | None:
+    for path in llvm_candidates():
+        if _probe(LLVM, path):
+            number = llvm_version(path)
+            return Variant(LLVM, f"LLVM {number or '?'} renders", str(path))
+    return None
+
+
+def _scalar() -> Variant:
+    return Variant(SCALAR, "no working CUDA device or LLVM library found")
+
+
+@functools.cache
+def choose(backend: str = "auto") -> Variant:
+    """The fastest variant that works: CUDA, else LLVM, else scalar; or the `backend` asked for.
+
+    Parameters
+    ----------
+    backend : 'auto', 'cuda', 'llvm' or 'scalar'
+        'auto' reads the environment variable MALUS_BACKEND first.
+
+    Raises
+    ------
+    InputError
+        Unknown backend, or one that does not work here.
+
+    Examples
+    --------
+    >>> choose("scalar").name
+    'scalar_spectral_polarized'
+    """
+    if backend == "auto":
+        backend = os.environ.get("MALUS_BACKEND", "auto")
+    if backend == "auto":
+        return _cuda() or _llvm() or _scalar()
+    if backend == "scalar":
+        return Variant(SCALAR, "asked for")
+    if backend not in BACKENDS:
+        raise InputError("backend", "auto, cuda, llvm or scalar", backend, "choose one of these")
+    found = _cuda() if backend == "cuda" else _llvm()
+    if found is None:
+        raise InputError("backend", f"a working {backend}", "none", "`malus doctor` says more")
+    return found
+
+
+def mitsuba(variant: Variant) -> ModuleType:
+    """Mitsuba with `variant` active; the only place in malus that imports it for rendering."""
+    if variant.llvm:
+        os.environ["DRJIT_LIBLLVM_PATH"] = variant.llvm
+    import mitsuba as mi
+
+    if mi.variant() != variant.name:
+        mi.set_variant(variant.name)
+        mi.set_log_level(mi.LogLevel.Error)
+    return mi

@@ -1,0 +1,59 @@
+"""The one exception for a user's mistake."""
+
+from __future__ import annotations
+
+_LONGEST = 80
+"""Characters kept of a value that was found: enough to recognise it, too few to fill a screen."""
+
+
+class InputError(ValueError):
+    """A user's mistake, told in one line; the command line turns it into exit code 2.
+
+    Parameters
+    ----------
+    where : str
+        File, key or option.
+    expected : str
+        What would have been right.
+    found : str
+        What was there instead; shortened to 80 characters.
+    hint : str
+        What to do about it.
+
+    Examples
+    --------
+    >>> print(InputError("suite.toml, key alpha", "a number > 0", "-1", "correct this value"))
+    suite.toml, key alpha: expected a number > 0, found -1; correct this value
+    """
+
+    def __init__(self, where: str, expected: str, found: str, hint: str) -> None:
+        """Take the four parts as they are; `str` joins, escapes and shortens them."""
+        # The four parts are the exception's args, so that it survives pickling between processes.
+        super().__init__(where, expected, found, hint)
+        self.where = where
+        self.expected = expected
+        self.found = found
+        self.hint = hint
+
+    def __str__(self) -> str:
+        """One printable line, whatever the parts contain."""
+        found = _shortened(printable(self.found))
+        return (
+            f"{printable(self.where)}: expected {printable(self.expected)}, "
+            f"found {found}; {printable(self.hint)}"
+        )
+
+
+def printable(text: str) -> str:
+    r"""Text with control characters, line breaks and lone surrogates written as escapes.
+
+    Examples
+    --------
+    >>> printable("two\nlines")
+    'two\\nlines'
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."

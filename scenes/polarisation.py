@@ -1,0 +1,178 @@
+"""The polarisation conventions of malus, coded once.
+
+Image frame: x to the right, y up, z towards the viewer. A linear Stokes vector (s0, s1, s2) has
+its reference axis along +x (horizontal) and s2 > 0 at +45 degrees anticlockwise as displayed.
+A polariser angle ϑ counts anticlockwise from the *vertical*, so that
+
+    I(ϑ) = ½ (s0 − s1 cos 2ϑ − s2 sin 2ϑ).
+
+Every other folder calls these functions and none repeats them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.floating[Any]]
+
+PAPER_ANGLES_DEG = (0.0, 30.0, 45.0, 60.0, 90.0)
+"""The five polariser angles of the paper's synthetic experiment (Section IV)."""
+
+
+def polarised(stokes: Array, angle_deg: float) -> Array:
+    """Radiance seen through an ideal linear polariser, I(ϑ).
+
+    Parameters
+    ----------
+    stokes : (..., 3) array
+        Linear Stokes vectors.
+    angle_deg : float
+        Transmission axis in degrees, anticlockwise from the vertical as displayed.
+
+    Returns
+    -------
+    (...) array, same unit and dtype as `stokes`.
+
+    Raises
+    ------
+    ValueError
+        If the angle is not finite.
+
+    Examples
+    --------
+    Horizontally polarised light passes a horizontal polariser, which is 90° from the vertical:
+
+    >>> float(polarised(np.array([1.0, 1.0, 0.0]), 90.0))
+    1.0
+    """
+    if not math.isfinite(angle_deg):
+        raise ValueError(f"angle_deg: expected a finite angle in degrees, found {angle_deg}")
+    cos2, sin2 = _double_angle(angle_deg)
+    dtype = stokes.dtype.type
+    result: Array = dtype(0.5) * (
+        stokes[..., 0] - dtype(cos2) * stokes[..., 1] - dtype(sin2) * stokes[..., 2]
+    )
+    return result
+
+
+def _double_angle(angle_deg: float) -> tuple[float, float]:
+    """cos 2ϑ and sin 2ϑ, exact at multiples of 45 degrees so that crossed polarisers are dark."""
+    turns = (2.0 * angle_deg) % 360.0
+    exact = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
+    if turns in exact:
+        return exact[turns]
+    return math.cos(math.radians(turns)), math.sin(math.radians(turns))
+
+
+def angle_weights(angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> NDArray[np.float64]:
+    """Matrix A of the mean squared error over polariser angles, a quadratic form in Stokes.
+
+    mean over ϑ of ΔI(ϑ)² = Δsᵀ A Δs, because I(ϑ) is linear in s: no image per angle is needed.
+
+    Returns
+    -------
+    (3, 3) symmetric positive semidefinite array.
+
+    Examples
+    --------
+    >>> round(float(angle_weights()[0, 0]), 3)
+    0.25
+    """
+    rows = [(0.5, -0.5 * c, -0.5 * s) for c, s in map(_double_angle, angles_deg)]
+    analyser = np.array(rows)
+    return analyser.T @ analyser / len(angles_deg)
+
+
+def polarised_intensity(stokes: Array) -> Array:
+    """√(s1² + s2²) of Stokes vectors (..., 3): the polarised part of the radiance.
+
+    Examples
+    --------
+    >>> float(polarised_intensity(np.array([9.0, 3.0, 4.0])))
+    5.0
+    """
+    result: Array = np.hypot(stokes[..., 1], stokes[..., 2])
+    return result
+
+
+def extremes(stokes: Array) -> tuple[Array, Array]:
+    """(I_max, I_min) of the Transmitted Radiance Sinusoid, ½ (s0 ± √(s1² + s2²)).
+
+    Examples
+    --------
+    >>> i_max, i_min = extremes(np.array([10.0, 3.0, 4.0]))
+    >>> float(i_max), float(i_min)
+    (7.5, 2.5)
+    """
+    half_polarised = 0.5 * polarised_intensity(stokes)
+    half_total = 0.5 * stokes[..., 0]
+    return half_total + half_polarised, half_total - half_polarised
+
+
+def phase(stokes: Array) -> Array:
+    """ψ, the polariser angle of largest transmission: radians in [0, π), from the vertical.
+
+    Examples
+    --------
+    Vertically polarised light (s1 < 0) passes best at ψ = 0:
+
+    >>> float(phase(np.array([1.0, -1.0, 0.0])))
+    0.0
+    """
+    # I(ϑ) = ½ (s0 + (−s1) cos 2ϑ + (−s2) sin 2ϑ) is largest at 2ϑ = atan2(−s2, −s1); adding 0.0
+    # turns −0.0 into 0.0, which atan2 would send to ±π.
+    result: Array = 0.5 * np.arctan2(0.0 - stokes[..., 2], 0.0 - stokes[..., 1])
+    return result % np.pi
+
+
+def dolp(stokes: Array) -> Array:
+    """Degree of linear polarisation √(s1² + s2²) / s0, zero where s0 is not positive.
+
+    Examples
+    --------
+    >>> float(dolp(np.array([10.0, 3.0, 4.0])))
+    0.5
+    """
+    total = stokes[..., 0]
+    lit = total > 0
+    return np.divide(polarised_intensity(stokes), total, out=np.zeros_like(total), where=lit)
+
+
+def aolp(stokes: Array) -> Array:
+    """Angle of linear polarisation: radians in [0, π), anticlockwise from +x as displayed.
+
+    Examples
+    --------
+    >>> round(float(np.degrees(aolp(np.array([1.0, 0.0, 1.0])))), 6)
+    45.0
+    """
+    result: Array = 0.5 * np.arctan2(stokes[..., 2], stokes[..., 1])
+    return result % np.pi
+
+
+def stokes_from_extremes(i_max: Array, i_min: Array, phase: Array) -> Array:
+    """Stokes vectors (..., 3) of the sinusoid of the paper's Equation 1.
+
+    Parameters
+    ----------
+    i_max, i_min : (...) arrays
+        Extremes of the Transmitted Radiance Sinusoid; i_max < i_min is a sinusoid turned by 90°.
+    phase : (...) array
+        ψ in radians, from the vertical.
+
+    Examples
+    --------
+    >>> stokes_from_extremes(np.array(7.5), np.array(2.5), np.array(0.0)).tolist()
+    [10.0, -5.0, -0.0]
+    """
+    amplitude = i_max - i_min
+    return np.stack(
+        np.broadcast_arrays(
+            i_max + i_min, -amplitude * np.cos(2 * phase), -amplitude * np.sin(2 * phase)
+        ),
+        axis=-1,
+    )

@@ -1,0 +1,190 @@
+"""A suite: axes whose product is the scenes, the methods to score, and the sampling."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import tomllib
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from malus.scenes.errors import InputError
+from malus.scenes.materials import material, materials, surface, surfaces
+from malus.scenes.model import Model
+from malus.scenes.scene import (
+    Body,
+    Camera,
+    Dielectric,
+    Light,
+    MeshFile,
+    Sampling,
+    Scene,
+    Shape,
+    Wavelengths,
+)
+
+Renderer = Literal["mitsuba", "torrance-sparrow"]
+MAX_SUITE_BYTES = 1 << 20
+
+
+class Index(Model):
+    """A material that is only a refractive index, the same in every band."""
+
+    eta: float = Field(gt=1, le=4)
+
+
+class Roughness(Model):
+    """A surface that is only a roughness and the albedo of the body below it."""
+
+    alpha: float = Field(gt=0, le=1)
+    albedo: float = Field(default=0.5, ge=0, le=1)
+
+
+class Suite(Model):
+    """Axes whose product is the scenes; `"all"` stands for every material or surface known.
+
+    Examples
+    --------
+    >>> len(list(load_suite("quick").scenes())) > 0
+    True
+    """
+
+    name: str = Field(min_length=1, max_length=100)
+    description: str = ""
+    shapes: tuple[Shape, ...] = Field(min_length=1)
+    materials: tuple[str | Index, ...] = Field(min_length=1)
+    surfaces: tuple[str | Roughness, ...] = Field(min_length=1)
+    lights: tuple[Light, ...] = Field(min_length=1)
+    bodies: tuple[Body, ...] = Field(default=("unpolarised",), min_length=1)
+    wavelengths_nm: Wavelengths
+    methods: tuple[str, ...] = Field(min_length=1)
+    renderer: Renderer = "mitsuba"
+    camera: Camera = Camera()
+    sampling: Sampling = Sampling()
+
+    @field_validator("materials", mode="before")
+    @classmethod
+    def _all_materials(cls, value: Any) -> Any:
+        return tuple(materials()) if value == "all" else value
+
+    @field_validator("surfaces", mode="before")
+    @classmethod
+    def _all_surfaces(cls, value: Any) -> Any:
+        return tuple(surfaces()) if value == "all" else value
+
+    @model_validator(mode="after")
+    def _known_names(self) -> Self:
+        for name in self.materials:
+            if isinstance(name, str):
+                material(name)
+        for name in self.surfaces:
+            if isinstance(name, str):
+                surface(name)
+        return self
+
+    def scenes(self) -> Iterator[Scene]:
+        """Every scene, in an order that keeps scenes of one family of renders together."""
+        families = itertools.product(self.shapes, self.lights, self.surfaces, self.bodies)
+        for shape, light, rough, body in families:
+            for substance in self.materials:
+                yield Scene(
+                    shape=shape,
+                    surface=_dielectric(substance, rough, body),
+                    light=light,
+                    camera=self.camera,
+                    wavelengths_nm=self.wavelengths_nm,
+                )
+
+
+def _dielectric(substance: str | Index, rough: str | Roughness, body: Body) -> Dielectric:
+    name = rough if isinstance(rough, str) else None
+    known = surface(rough) if isinstance(rough, str) else rough
+    return Dielectric(
+        material=substance if isinstance(substance, str) else None,
+        eta=None if isinstance(substance, str) else substance.eta,
+        roughness=name,
+        alpha=known.alpha,
+        albedo=known.albedo,
+        body=body,
+    )
+
+
+def suite_names() -> tuple[str, ...]:
+    """Names of the suites that malus brings.
+
+    Examples
+    --------
+    >>> "fig5" in suite_names()
+    True
+    """
+    folder = resources.files("malus.scenes") / "suites"
+    names = (entry.name for entry in folder.iterdir())
+    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+
+
+def load_suite(name_or_path: str | Path) -> Suite:
+    """Read and validate a suite, by the name of one that malus brings or by a TOML file's path.
+
+    Raises
+    ------
+    InputError
+        Unknown suite, unreadable or malformed file, wrong key or value: one line that names the
+        file, the key, what was expected and what was found.
+
+    Examples
+    --------
+    >>> load_suite("quick").name
+    'quick'
+    """
+    text, where = _suite_text(name_or_path)
+    try:
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(where, "a TOML file", str(error), "correct the syntax") from None
+    suite = Suite.parse(data, where)
+    folder = Path(where).parent
+    shapes = tuple(_located(shape, folder) for shape in suite.shapes)
+    return suite.model_copy(update={"shapes": shapes})
+
+
+def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
+    if str(name_or_path) in suite_names():
+        entry = resources.files("malus.scenes") / "suites" / f"{name_or_path}.toml"
+        return entry.read_text("utf-8"), str(entry)
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        raise InputError(
+            "suite",
+            f"one of {', '.join(suite_names())}, or the path of a .toml file",
+            str(name_or_path),
+            "`malus list suites` shows them",
+        )
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MAX_SUITE_BYTES + 1)
+        if len(raw) > MAX_SUITE_BYTES:
+            raise InputError(str(path), "at most 1 MiB", "a larger file", "is this a suite?")
+        return raw.decode("utf-8"), str(path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(str(path), "a readable file", reason, "check the path") from None
+    except UnicodeDecodeError:
+        raise InputError(str(path), "UTF-8 text", "other bytes", "save it as UTF-8") from None
+
+
+def _located(shape: Shape, folder: Path) -> Shape:
+    """A mesh's path seen from the suite's folder, and the hash that makes it part of the id."""
+    if not isinstance(shape, MeshFile):
+        return shape
+    path = folder / shape.path
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(str(path), "a readable mesh file", reason, "check the path") from None
+    return shape.model_copy(update={"path": str(path), "digest": digest})

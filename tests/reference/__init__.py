@@ -1,0 +1,1 @@
+"""Slow, literal references, written from physics.md and sharing no code with malus."""
