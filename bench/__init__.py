@@ -1,0 +1,33 @@
+"""The only place where the stages meet: plan, run, score, gate, time, and the command line.
+
+Names are imported when they are first used, so that `malus --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from malus.bench.view import observe
+    from malus.bench.results import Results, read_results
+    from malus.bench.runner import run
+    from malus.bench.judge import score
+
+__all__ = ["Results", "observe", "read_results", "run", "score"]
+
+_HOMES = {
+    "Results": "results",
+    "observe": "view",
+    "read_results": "results",
+    "run": "runner",
+    "score": "judge",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value

@@ -78,21 +78,25 @@ def llvm_version(path: Path) -> int | None:
     return None
 
 
-def llvm_candidates() -> list[Path]:
-    """Files that could be a working libLLVM, newest first; those known to abort are left out.
+def installed_llvm() -> list[Path]:
+    """Every libLLVM in the usual places, newest first.
 
-    `DRJIT_LIBLLVM_PATH`, when set, is the only candidate: the user chose.
+    `DRJIT_LIBLLVM_PATH`, when set, is the only place: the user chose.
     """
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     if chosen:
         paths = {Path(chosen)}
     else:
         folders = [Path(f) for f in _LLVM_FOLDERS] + sorted(Path("/usr/lib").glob("llvm-*/lib"))
-        paths = {p.resolve() for f in folders for p in f.glob("libLLVM*.so*")}
-        paths |= {p.resolve() for f in folders for p in f.glob("libLLVM*.dylib")}
-    versions = {p: llvm_version(p) for p in paths if p.is_file()}
-    usable = [p for p, number in versions.items() if number not in BROKEN_LLVM]
-    return sorted(usable, key=lambda p: (versions[p] or 0, str(p)), reverse=True)
+        names = ("libLLVM*.so*", "libLLVM*.dylib")
+        paths = {p.resolve() for f in folders for name in names for p in f.glob(name)}
+    found = [p for p in paths if p.is_file()]
+    return sorted(found, key=lambda p: (llvm_version(p) or 0, str(p)), reverse=True)
+
+
+def llvm_candidates() -> list[Path]:
+    """Files that could be a working libLLVM, newest first; those known to abort are left out."""
+    return [p for p in installed_llvm() if llvm_version(p) not in BROKEN_LLVM]
 
 
 def _cache_file() -> Path:

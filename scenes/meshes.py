@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -87,7 +88,6 @@ def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMe
 
 
 def _read(file: Path) -> _Raw:
-    import trimesh
     from trimesh.exchange.load import load_scene, mesh_formats
 
     kind = file.suffix.lower().lstrip(".")
@@ -97,27 +97,51 @@ def _read(file: Path) -> _Raw:
         expected = f"a mesh file ({', '.join(formats)})"
         raise InputError(f"mesh {file}", expected, repr(file.suffix), "convert it, to PLY say")
     try:
-        with file.open("rb") as stream:
+        # NaN and infinity pass here without a warning: _centred refuses them by name.
+        with file.open("rb") as stream, np.errstate(all="ignore"):
             # An empty resolver: nothing outside this one file is opened.
             scene = load_scene(stream, file_type=kind, resolver={}, process=False)
-        mesh = scene.to_mesh()
+            parts = list(_parts(scene))
     except Exception as error:  # a foreign parser raises anything on a broken file
         found = f"{type(error).__name__}: {error}"
         hint = "check that the file is whole and needs no other file"
         raise InputError(f"mesh {file}", f"a readable {kind} file", found, hint) from None
-    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+    if not parts:
         hint = "give a file that holds triangles"
         raise InputError(f"mesh {file}", "a mesh with faces", "no faces", hint)
-    return _raw(mesh)
+    return _joined(parts)
 
 
-def _raw(mesh: Any) -> _Raw:
-    # Asking the mesh for its vertex_normals would compute some; the cache tells a file's own.
-    own = "vertex_normals" in mesh._cache
+def _parts(scene: Any) -> Iterator[_Raw]:
+    """Every mesh of a trimesh scene, placed; trimesh's own Scene.to_mesh loses the normals."""
+    for node in scene.graph.nodes_geometry:
+        placement, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if len(getattr(mesh, "faces", ())):
+            # Asking for vertex_normals would compute some; the cache tells the file's own.
+            own = mesh.vertex_normals if "vertex_normals" in mesh._cache else None
+            yield _placed(np.asarray(placement), mesh.vertices, mesh.faces, own)
+
+
+def _placed(placement: FloatArray, vertices: Any, faces: Any, normals: Any) -> _Raw:
+    linear, shift = placement[:3, :3], placement[:3, 3]
+    mirrored = np.linalg.det(linear) < 0
+    faces = np.asarray(faces, dtype=np.int64)
     return _Raw(
-        np.asarray(mesh.vertices, dtype=np.float64),
-        np.asarray(mesh.faces, dtype=np.int64),
-        np.asarray(mesh.vertex_normals, dtype=np.float64) if own else None,
+        np.asarray(vertices, dtype=np.float64) @ linear.T + shift,
+        faces[:, ::-1] if mirrored else faces,
+        # A normal is a covector: it goes with the inverse transpose.
+        None if normals is None else np.asarray(normals, dtype=np.float64) @ np.linalg.inv(linear),
+    )
+
+
+def _joined(parts: list[_Raw]) -> _Raw:
+    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
+    normals = [part.normals for part in parts if part.normals is not None]
+    return _Raw(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
+        np.concatenate(normals) if len(normals) == len(parts) else None,
     )
 
 

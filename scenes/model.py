@@ -50,7 +50,8 @@ def content_id(content: Any) -> str:
 
 def _first_problem(error: ValidationError, where: str) -> InputError:
     problems = error.errors(include_url=False)
-    first = problems[0]
+    # Where a value may be one of several types, the deepest complaint is about the one meant.
+    first = max(problems, key=lambda problem: len(problem["loc"]))
     key = ".".join(str(part) for part in first["loc"]) or "(top level)"
     missing = first["type"] == "missing"
     more = f"; {len(problems) - 1} more problem(s) follow" if len(problems) > 1 else ""

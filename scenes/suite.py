@@ -44,6 +44,21 @@ class Roughness(Model):
     albedo: float = Field(default=0.5, ge=0, le=1)
 
 
+class Smaller(Model):
+    """Sizes for machines where only the scalar variant runs, ten times slower."""
+
+    samples: int = Field(ge=2, multiple_of=2)
+    resolution: int = Field(ge=1)
+
+    @property
+    def note(self) -> str:
+        """What the description says where these sizes are used."""
+        return (
+            f"reduced to {self.resolution}² pixels and {self.samples} samples, because only the "
+            "scalar variant runs here; `malus doctor` tells how to mend it"
+        )
+
+
 class Suite(Model):
     """Axes whose product is the scenes; `"all"` stands for every material or surface known.
 
@@ -65,6 +80,7 @@ class Suite(Model):
     renderer: Renderer = "mitsuba"
     camera: Camera = Camera()
     sampling: Sampling = Sampling()
+    scalar: Smaller | None = None
 
     @field_validator("materials", mode="before")
     @classmethod

@@ -1,0 +1,47 @@
+# Everything a newcomer types: `make run` and `make test`. Each makes its own environment.
+
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
+	"$$p" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$p"; break; }; done)
+VENV ?= .venv
+BIN := $(VENV)/bin
+SUITE ?= fig5
+
+.PHONY: run test lint types wheel check clean
+
+run: $(VENV)/.ready
+	$(BIN)/malus run $(SUITE)
+
+test: $(VENV)/.ready-dev
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.ready-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+# mypy cannot follow an editable install's import hook: it reads the packages through links.
+types: $(VENV)/.ready-dev
+	mkdir -p build/types/malus
+	for p in scenes renderers reconstruct bench reports; do ln -sfn ../../../$$p build/types/malus/$$p; done
+	MYPYPATH=build/types $(BIN)/mypy -p malus
+
+# The built wheel, in a clean environment outside the checkout, must run a suite.
+wheel: $(VENV)/.ready
+	PYTHON=$(abspath $(BIN)/python) sh tests/wheel.sh
+
+check: lint types test wheel
+
+$(VENV)/bin/python:
+	@test -n "$(PYTHON)" || { echo "malus: expected Python 3.11 or later on the PATH, found none; install one"; exit 2; }
+	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); \
+		echo "malus: $(PYTHON) cannot make virtual environments; on Debian and Ubuntu: apt-get install python3-venv"; exit 2; }
+
+$(VENV)/.ready: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	touch $@
+
+$(VENV)/.ready-dev: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info

@@ -1,0 +1,117 @@
+"""The command line. Nothing heavy is imported before a command needs it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="malus")
+def cli() -> None:
+    """Synthetic ground truth for methods that tell polarisation from one unpolarised image.
+
+    \b
+    Example:
+      malus run fig5 --out results/fig5
+    """
+
+
+@cli.command()
+@click.argument("suite", default="fig5")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [default: results/SUITE].")
+@click.option("--samples", type=int, help="Samples a pixel, instead of the suite's.")
+@click.option("--resolution", type=int, help="Pixels a side, instead of the suite's.")
+@click.option("--seed", type=int, help="Seed, instead of the suite's.")
+@click.option("--method", "methods", multiple=True, help="Methods, instead of the suite's.")
+@click.option("--backend", default="auto", help="auto, cuda, llvm or scalar.")
+@click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
+def run(
+    suite: str,
+    out: Path | None,
+    samples: int | None,
+    resolution: int | None,
+    seed: int | None,
+    methods: tuple[str, ...],
+    backend: str,
+    as_json: bool,
+) -> None:
+    """Render, reconstruct, score and report SUITE: one that malus brings, or a TOML file.
+
+    Stopped half-way, the same command goes on where it was.
+
+    \b
+    Example:
+      malus run quick --out /tmp/quick
+    """
+    from malus.bench.command_run import run_command
+
+    overrides = {"samples": samples, "resolution": resolution, "seed": seed, "methods": methods}
+    run_command(suite, out, overrides, backend, as_json)
+
+
+@cli.command("list")
+@click.argument("what", default="everything")
+def list_command(what: str) -> None:
+    """List suites, methods, materials, surfaces, shapes or lights (default: everything).
+
+    \b
+    Example:
+      malus list materials
+    """
+    from malus.bench.command_list import list_things
+
+    list_things(what)
+
+
+@cli.command()
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+def doctor(as_json: bool) -> None:
+    """Say what this machine renders with, what is missing, and the command that mends it.
+
+    \b
+    Example:
+      malus doctor
+    """
+    from malus.bench.doctor import report
+
+    sys.exit(DONE if report(as_json) else FAILED)
+
+
+def main() -> None:
+    """Entry point: a user's mistake ends in one line and exit code 2, never in a traceback."""
+    try:
+        cli.main(standalone_mode=False)
+    except click.exceptions.Abort:
+        _stop("stopped", INTERRUPTED)
+    except click.exceptions.Exit as leaving:
+        sys.exit(leaving.exit_code)
+    except click.ClickException as mistake:
+        message = " ".join(mistake.format_message().split())
+        _stop(f"{message} See `{_path(mistake)} --help`.", BAD_INPUT)
+    except ValueError as mistake:
+        # Imported here, because `--help` must not wait for it.
+        from malus.scenes.errors import InputError
+
+        if not isinstance(mistake, InputError):
+            raise
+        _stop(str(mistake), BAD_INPUT)
+    except KeyboardInterrupt:
+        _stop("stopped; the same command goes on where it was", INTERRUPTED)
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        _stop(f"{error.strerror or error}{where}", BAD_INPUT)
+
+
+def _path(mistake: click.ClickException) -> str:
+    context = getattr(mistake, "ctx", None)
+    return context.command_path if context else "malus"
+
+
+def _stop(message: str, code: int) -> None:
+    click.echo(f"malus: {message}", err=True)
+    sys.exit(code)

@@ -1,0 +1,132 @@
+"""One method on one truth: errors, skill and violations, whole and by band and angle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from malus.bench.metrics import Error, Residuals, peak, skill, stokes_difference, violations
+from malus.bench.view import observe
+from malus.reconstruct import Method, get_method
+from malus.renderers.truth import Truth
+from malus.scenes.polarisation import PAPER_ANGLES_DEG
+
+
+@dataclass(frozen=True)
+class Value:
+    """One number of a results table; band and angle are None where it is over all of them."""
+
+    metric: str
+    value: float
+    noise: float = 0.0
+    band_nm: float | None = None
+    angle_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class Score:
+    """A method's residuals on one truth and their noise, with those of the trivial guess.
+
+    Attributes
+    ----------
+    residuals, noise : Residuals
+        Of the method on the whole truth, and of the change that one draw of the Monte Carlo noise
+        makes to its residual.
+    trivial, trivial_noise : Residuals
+        The same for the guess I(ϑ) = I/2.
+    violations : int
+        Pixels whose estimate is unphysical.
+    """
+
+    residuals: Residuals
+    noise: Residuals
+    trivial: Residuals
+    trivial_noise: Residuals
+    violations: int
+    wavelengths_nm: tuple[float, ...]
+
+    @property
+    def nmse(self) -> float:
+        """Normalised mean squared error, Monte Carlo noise included."""
+        return self.residuals.nmse()
+
+    @property
+    def skill(self) -> float:
+        """1 is perfect, 0 no better than "unpolarised"; NaN where that guess is pure noise."""
+        method = Error(self.residuals.nmse(), self.noise.nmse())
+        trivial = Error(self.trivial.nmse(), self.trivial_noise.nmse())
+        return skill(method, trivial, self.residuals.pixels)
+
+    def values(self) -> Iterator[Value]:
+        """Everything for the results table."""
+        everything = PAPER_ANGLES_DEG
+        yield from self._values(everything, None, None)
+        for angle in everything:
+            yield from self._values((angle,), None, angle)
+        for band, wavelength in enumerate(self.wavelengths_nm):
+            yield from self._values(everything, band, None, wavelength)
+        yield Value("violations", float(self.violations))
+
+    def _values(
+        self,
+        angles: tuple[float, ...],
+        band: int | None,
+        angle: float | None,
+        wavelength: float | None = None,
+    ) -> Iterator[Value]:
+        chosen = slice(None) if band is None else slice(band, band + 1)
+        parts = (self.residuals, self.noise, self.trivial, self.trivial_noise)
+        nmse, noise, trivial, trivial_noise = (
+            float(part.nmse_of_bands(angles)[chosen].mean()) for part in parts
+        )
+        worth = skill(Error(nmse, noise), Error(trivial, trivial_noise), self.residuals.pixels)
+        yield Value("nmse", nmse, noise, wavelength, angle)
+        yield Value("skill", worth, 0.0, wavelength, angle)
+
+
+class Judge:
+    """Scores methods on one truth; what they share is computed once.
+
+    Examples
+    --------
+    >>> from malus.renderers import render
+    >>> from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+    >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
+    ...               light=Distant(incidence_deg=60), camera=Camera(resolution=16))
+    >>> judge = Judge(render(scene, renderer="torrance-sparrow"))
+    >>> round(judge.score(get_method("half_vector")).skill, 6)
+    1.0
+    """
+
+    def __init__(self, truth: Truth) -> None:
+        self.truth = truth
+        self.half = truth.halves()[0]
+        self.peak = peak(truth)
+        self.trivial = self._residuals(get_method("unpolarised"))
+
+    def score(self, method: Method) -> Score:
+        """The score of one method; raises Inapplicable where it cannot work on this truth."""
+        residuals, noise, wrong = self._residuals(method)
+        trivial, trivial_noise, _ = self.trivial
+        bands = self.truth.scene.wavelengths_nm
+        return Score(residuals, noise, trivial, trivial_noise, wrong, bands)
+
+    def _residuals(self, method: Method) -> tuple[Residuals, Residuals, int]:
+        estimate = method.reconstruct(observe(self.truth, method.needs))
+        difference = stokes_difference(estimate, self.truth)
+        wrong = violations(estimate, self.truth.image, self.truth.mask)
+        # The half truth is this truth plus one draw of its noise, seen through the method.
+        shifted = method.reconstruct(observe(self.half, method.needs))
+        change = stokes_difference(shifted, self.half) - difference
+        return (
+            Residuals.of(np.asarray(difference), self.peak),
+            Residuals.of(np.asarray(change), self.peak),
+            wrong,
+        )
+
+
+def score(truth: Truth, method: Method | str) -> Score:
+    """Score one method, or the method of that name, on one truth."""
+    return Judge(truth).score(get_method(method) if isinstance(method, str) else method)

@@ -1,0 +1,158 @@
+"""The results of a run as files: one table and one JSON; written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from malus.bench.judge import Score, Value
+from malus.scenes.errors import InputError
+from malus.scenes.scene import Distant, Scene
+
+TABLE = "results.parquet"
+HEADLINES = "results.csv"
+RUN = "run.json"
+PARTS = "parts"
+
+
+@dataclass(frozen=True)
+class Results:
+    """A finished run: the table, and how it came about.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row a scene × method × knowledge × metric; `band_nm` and `angle_deg` are missing where
+        the value is over all bands and angles.
+    run : dict
+        Suite, versions, seeds, machine, seconds of every stage.
+    """
+
+    table: pd.DataFrame
+    run: dict[str, Any]
+
+    @property
+    def headlines(self) -> pd.DataFrame:
+        """Rows over all bands and angles."""
+        return self.table[self.table.band_nm.isna() & self.table.angle_deg.isna()]
+
+
+def rows(scene: Scene, method: str, values: Iterable[Value], note: str = "") -> list[dict[str, Any]]:
+    """Rows of the table for one scene and method."""
+    common = describe(scene) | {"method": method, "knowledge": "everything", "note": note}
+    return [
+        common
+        | {
+            "metric": value.metric,
+            "band_nm": value.band_nm,
+            "angle_deg": value.angle_deg,
+            "value": value.value,
+            "noise": value.noise,
+        }
+        for value in values
+    ]
+
+
+def score_rows(scene: Scene, method: str, score: Score) -> list[dict[str, Any]]:
+    """Rows of the table for one score."""
+    return rows(scene, method, score.values())
+
+
+def inapplicable_rows(scene: Scene, method: str, reason: str) -> list[dict[str, Any]]:
+    """One row that says why a method could not work on a scene."""
+    return rows(scene, method, [Value("inapplicable", 1.0)], note=reason)
+
+
+def describe(scene: Scene) -> dict[str, Any]:
+    """The columns that say what a scene is."""
+    surface = scene.surface
+    light = scene.light
+    return {
+        "scene": scene.id,
+        "shape": scene.shape.label,
+        "material": surface.material_label,
+        "eta": float(scene.eta.mean()),
+        "surface": surface.label,
+        "alpha": surface.alpha,
+        "body": surface.body,
+        "light": light.label,
+        "incidence_deg": light.incidence_deg if isinstance(light, Distant) else None,
+    }
+
+
+def table_of(records: list[dict[str, Any]]) -> pd.DataFrame:
+    """Rows as a table with stable column types, also where a column is empty throughout."""
+    table = pd.DataFrame.from_records(records)
+    floats = ["eta", "alpha", "incidence_deg", "band_nm", "angle_deg", "value", "noise"]
+    for name in floats:
+        table[name] = table[name].astype("float64")
+    return table
+
+
+def prepare_folder(out: Path) -> Path:
+    """Make the output folder and check that it can be written.
+
+    Raises
+    ------
+    InputError
+        If it cannot.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(
+            f"output folder {out}", "a folder that can be written", reason, "choose another --out"
+        ) from None
+    return out
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Call `write` with a temporary name beside `path`, then rename: whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        write(temporary)
+        temporary.chmod(0o644)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_results(out: Path, results: Results) -> None:
+    """The table as Parquet, its headline rows as CSV, and run.json."""
+    write_whole(out / TABLE, lambda path: results.table.to_parquet(path, index=False))
+    headlines = results.headlines.drop(columns=["band_nm", "angle_deg"])
+    write_whole(out / HEADLINES, lambda path: headlines.to_csv(path, index=False))
+    text = json.dumps(results.run, indent=2, sort_keys=True, allow_nan=False)
+    write_whole(out / RUN, lambda path: path.write_text(text + "\n", encoding="utf-8"))
+
+
+def read_results(folder: Path) -> Results:
+    """The results of a finished run.
+
+    Raises
+    ------
+    InputError
+        If the folder holds none, or they cannot be read.
+    """
+    try:
+        table = pd.read_parquet(folder / TABLE)
+        run = json.loads((folder / RUN).read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"results folder {folder}", f"{TABLE} and {RUN} of a finished run",
+            str(error).splitlines()[0], "`malus run SUITE --out DIR` makes them",
+        ) from None
+    return Results(table, run)

@@ -1,0 +1,118 @@
+"""The methods: each a declaration of what it needs over shared models of the lobes."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from malus.reconstruct import lobes
+from malus.reconstruct.lobes import LobeModel
+from malus.reconstruct.observation import Components, Observation
+from malus.scenes.errors import InputError
+
+LOBES = frozenset({"specular", "diffuse"})
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to reconstruct polarisation from one unpolarised image.
+
+    Attributes
+    ----------
+    name : str
+    needs : frozenset of str
+        Attributes of `Observation` that are filled in for it, besides image and mask.
+    reconstruct : function of an Observation that returns Components
+    summary : str
+        One line for `malus list`.
+    """
+
+    name: str
+    needs: frozenset[str]
+    reconstruct: Callable[[Observation], Components]
+    summary: str
+
+
+def _unpolarised(observation: Observation) -> Components:
+    nothing = np.zeros_like(observation.image)
+    return Components(observation.image, nothing, nothing)
+
+
+def _from_lobes(
+    observation: Observation, specular_model: LobeModel, body_model: LobeModel | None
+) -> Components:
+    """Equations 7 and 9 to 12: the polarised parts of both lobes, added as Stokes vectors."""
+    specular, diffuse = observation.require("specular"), observation.require("diffuse")
+    p1, p2 = specular_model(observation)
+    s1, s2 = specular * p1, specular * p2
+    if body_model is not None:
+        b1, b2 = body_model(observation)
+        s1, s2 = s1 + diffuse * b1, s2 + diffuse * b2
+    return Components(specular + diffuse, s1, s2)
+
+
+_SPECULAR: dict[str, tuple[LobeModel, frozenset[str], str]] = {
+    "eq8": (
+        lobes.microfacets("eq8"),
+        frozenset({"normals", "eta", "alpha"}),
+        "the paper's model, Equation 8 as printed",
+    ),
+    "visible": (
+        lobes.microfacets("visible"),
+        frozenset({"normals", "eta", "alpha"}),
+        "Equation 8 with Gaussian slopes weighted by projected facet area",
+    ),
+    "half_vector": (
+        lobes.half_vector,
+        frozenset({"eta", "light"}),
+        "Fresnel at the half vector of a known distant light",
+    ),
+}
+
+
+def _methods() -> list[Method]:
+    found = [
+        Method(
+            "unpolarised", frozenset(), _unpolarised, "the trivial guess: half of I at every angle"
+        )
+    ]
+    for name, (model, needs, summary) in _SPECULAR.items():
+        plain = functools.partial(_from_lobes, specular_model=model, body_model=None)
+        found.append(Method(name, needs | LOBES, plain, summary))
+    return found
+
+
+@functools.cache
+def methods() -> dict[str, Method]:
+    """Every method that malus brings, by name.
+
+    Examples
+    --------
+    >>> sorted(methods())[0]
+    'eq8'
+    """
+    return {method.name: method for method in _methods()}
+
+
+def get_method(name: str) -> Method:
+    """The method of that name.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+
+    Examples
+    --------
+    >>> get_method("eq8").needs == {"specular", "diffuse", "normals", "eta", "alpha"}
+    True
+    """
+    known = methods()
+    if name not in known:
+        raise InputError(
+            "method", f"one of {', '.join(known)}", name, "`malus list methods` shows them"
+        )
+    return known[name]

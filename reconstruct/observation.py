@@ -1,0 +1,128 @@
+"""What a method is given and what it returns. No truth is in sight, so that none can peek."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.scenes import polarisation
+from malus.scenes.scene import Light
+
+Image = NDArray[np.floating[Any]]
+
+
+class Inapplicable(ValueError):
+    """A method cannot work on this observation, and says why; not a mistake of anybody."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One unpolarised picture and what is known besides; unknown things are None.
+
+    Attributes
+    ----------
+    image : (height, width, bands)
+        Radiance without a polariser.
+    mask : (height, width) bool
+        The object's pixels.
+    wavelengths_nm : (bands,) or None
+        Centres of the bands.
+    specular, diffuse : (height, width, bands) or None
+        I_s and I_d, radiance of both lobes.
+    normals : (height, width, 3) or None
+        Unit surface normals in the image frame: x right, y up, z towards the viewer.
+    eta : (bands,) or (height, width, bands) or None
+        Relative refractive index.
+    alpha : float or (height, width) or None
+        Beckmann roughness; σ = 1/alpha².
+    light : Light or None
+        A light of `malus.scenes`.
+    """
+
+    image: Image
+    mask: NDArray[np.bool_]
+    wavelengths_nm: tuple[float, ...] | None = None
+    specular: Image | None = None
+    diffuse: Image | None = None
+    normals: Image | None = None
+    eta: Image | None = None
+    alpha: float | Image | None = None
+    light: Light | None = None
+
+    @property
+    def sigma(self) -> float:
+        """Exponent σ = 1/m² of the paper's Equation 2, for one roughness."""
+        return 1.0 / float(self.require("alpha")) ** 2
+
+    def require(self, name: str) -> Any:
+        """What the method cannot do without.
+
+        Raises
+        ------
+        Inapplicable
+            If it is not known.
+        """
+        value = getattr(self, name)
+        if value is None:
+            raise Inapplicable(f"{name} is not known")
+        return value
+
+
+@dataclass(frozen=True)
+class Components:
+    """What a camera would see through a polariser: one sinusoid a pixel and band.
+
+    Stored as the linear Stokes vector, which adds over lobes of different phase; the extremes
+    and the phase of the paper's Equation 1 follow from it.
+
+    Attributes
+    ----------
+    image : (height, width, bands)
+        I = I_max + I_min.
+    s1, s2 : (height, width, bands)
+        Linear Stokes components, reference axis +x.
+    """
+
+    image: Image
+    s1: Image
+    s2: Image
+
+    @classmethod
+    def from_extremes(cls, i_max: Image, i_min: Image, phase: Image) -> Self:
+        """From I_max, I_min and ψ (radians, from the vertical), each (height, width, bands).
+
+        Examples
+        --------
+        >>> one = np.ones((1, 1, 1))
+        >>> Components.from_extremes(3 * one, one, 0 * one).image.item()
+        4.0
+        """
+        stokes = polarisation.stokes_from_extremes(i_max, i_min, phase)
+        return cls(stokes[..., 0], stokes[..., 1], stokes[..., 2])
+
+    @property
+    def stokes(self) -> Image:
+        """Stokes image (height, width, bands, 3)."""
+        return np.stack([self.image, self.s1, self.s2], axis=-1)
+
+    @property
+    def i_max(self) -> Image:
+        """Largest radiance behind a turning polariser."""
+        return polarisation.extremes(self.stokes)[0]
+
+    @property
+    def i_min(self) -> Image:
+        """Smallest radiance behind a turning polariser."""
+        return polarisation.extremes(self.stokes)[1]
+
+    @property
+    def phase(self) -> Image:
+        """ψ of Equation 1: polariser angle of I_max, radians from the vertical, in [0, π)."""
+        return polarisation.phase(self.stokes)
+
+    def polarised(self, angle_deg: float) -> Image:
+        """The image (height, width, bands) through a polariser at ϑ: Equation 1."""
+        return polarisation.polarised(self.stokes, angle_deg)

@@ -1,0 +1,87 @@
+"""Laws of the conventions, without a renderer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from malus.scenes import polarisation
+
+ANGLES = st.floats(-720, 720)
+EPS = 1e-12  # a few hundred roundings of numbers of order one
+
+stokes_vectors = st.tuples(
+    st.floats(0.1, 10), st.floats(0, 1), st.floats(0, np.pi)
+).map(lambda t: np.array([t[0], t[0] * t[1] * np.cos(2 * t[2]), t[0] * t[1] * np.sin(2 * t[2])]))
+
+
+@given(ANGLES, ANGLES)
+def test_malus_law(axis: float, angle: float) -> None:
+    """Light polarised along one axis passes another polariser as the squared cosine between."""
+    transmitted_axis = np.radians(axis + 90.0)  # ϑ counts from the vertical, Stokes from +x
+    light = np.array([1.0, np.cos(2 * transmitted_axis), np.sin(2 * transmitted_axis)])
+    expected = np.cos(np.radians(angle - axis)) ** 2
+    assert polarisation.polarised(light, angle) == pytest.approx(expected, abs=1e-11)
+
+
+@given(stokes_vectors, ANGLES)
+def test_crossed_polarisers_share_the_light(stokes: np.ndarray, angle: float) -> None:
+    both = polarisation.polarised(stokes, angle) + polarisation.polarised(stokes, angle + 90.0)
+    assert both == pytest.approx(stokes[0], rel=1e-9)
+
+
+@given(stokes_vectors)
+def test_extremes_are_reached_at_the_phase(stokes: np.ndarray) -> None:
+    i_max, i_min = polarisation.extremes(stokes)
+    at = float(np.degrees(polarisation.phase(stokes)))
+    assert polarisation.polarised(stokes, at) == pytest.approx(i_max, abs=1e-9)
+    assert polarisation.polarised(stokes, at + 90.0) == pytest.approx(i_min, abs=1e-9)
+
+
+@given(stokes_vectors)
+def test_extremes_and_phase_hold_everything(stokes: np.ndarray) -> None:
+    i_max, i_min = polarisation.extremes(stokes)
+    again = polarisation.stokes_from_extremes(i_max, i_min, polarisation.phase(stokes))
+    assert again == pytest.approx(stokes, abs=1e-9)
+
+
+@given(stokes_vectors)
+def test_aolp_is_the_phase_seen_from_the_horizontal(stokes: np.ndarray) -> None:
+    if polarisation.dolp(stokes) < 1e-3:
+        return  # unpolarised light has no angle
+    turn = polarisation.phase(stokes) + np.pi / 2 - polarisation.aolp(stokes)
+    assert np.sin(turn) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("angle", "vertical", "diagonal"),
+    [(0.0, 1.0, 0.5), (45.0, 0.5, 0.0), (90.0, 0.0, 0.5), (135.0, 0.5, 1.0), (30.0, 0.75, None)],
+)
+def test_angles_count_anticlockwise_from_the_vertical(
+    angle: float, vertical: float, diagonal: float | None
+) -> None:
+    """A vertical wave passes at 0°; one at +45° from +x lies 45° *clockwise* from the vertical."""
+    assert polarisation.polarised(np.array([1.0, -1.0, 0.0]), angle) == pytest.approx(vertical)
+    if diagonal is not None:
+        wave = np.array([1.0, 0.0, 1.0])
+        assert polarisation.polarised(wave, angle) == pytest.approx(diagonal, abs=EPS)
+
+
+def test_angle_weights_equal_a_loop_over_angles() -> None:
+    rng = np.random.default_rng(3)
+    difference = rng.normal(size=(50, 3))
+    angles = (0.0, 30.0, 45.0, 60.0, 90.0)
+    images = np.stack([polarisation.polarised(difference, a) for a in angles])
+    form = np.einsum("pi,ij,pj->p", difference, polarisation.angle_weights(angles), difference)
+    assert form == pytest.approx((images**2).mean(axis=0), rel=1e-12)
+
+
+def test_angle_must_be_finite() -> None:
+    with pytest.raises(ValueError, match="angle_deg"):
+        polarisation.polarised(np.zeros(3), float("nan"))
+
+
+def test_dark_light_has_no_polarisation() -> None:
+    assert polarisation.dolp(np.zeros((2, 3))).tolist() == [0.0, 0.0]

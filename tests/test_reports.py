@@ -1,0 +1,227 @@
+"""Figures and summary: the numbers that they show are those of the table."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from malus.reports import sample, write_report
+from malus.reports.figure5 import figure5, figure5_by_light, numbers
+from malus.reports.panels import spread
+from malus.reports.skills import by_light_and_body, negative, skill_map, unreported
+from malus.reports.style import png, svg
+from malus.reports.summary import summary
+from malus.reports.tables import coverage
+from malus.reports.text import markdown, markup, script_json
+
+SVG = "{http://www.w3.org/2000/svg}"
+HOSTILE = "<script>alert(1)</script> $x^2$ & \"'|`*_ \U00013000"
+
+
+@pytest.fixture
+def table() -> pd.DataFrame:
+    return sample.table()
+
+
+def headline(table: pd.DataFrame, metric: str, **where: Any) -> list[float]:
+    """Values over all bands and angles, by going through the rows one by one."""
+    return [
+        row["value"]
+        for row in table.to_dict("records")
+        if row["metric"] == metric
+        and math.isnan(row["band_nm"])
+        and math.isnan(row["angle_deg"])
+        and all(row[name] == value for name, value in where.items())
+    ]
+
+
+def with_skill(table: pd.DataFrame, value: float, **where: Any) -> pd.DataFrame:
+    chosen = table["metric"] == "skill"
+    for name, wanted in where.items():
+        chosen &= table[name] == wanted
+    return table.assign(value=table["value"].mask(chosen, value))
+
+
+@pytest.mark.parametrize(("x", "name"), [("eta", "material"), ("alpha", "surface")])
+def test_means_and_deviations_equal_an_independent_computation(
+    table: pd.DataFrame, x: str, name: str
+) -> None:
+    table.loc[table["shape"] == "sphere", "value"] *= np.linspace(1, 2, len(table))
+    rows = numbers(table, x).to_dict("records")
+    assert len(rows) == 3 * table[name].nunique()
+    for row in rows:
+        values = headline(table, "nmse", method=row["method"], **{name: row["name"]})
+        assert row["mean"] == pytest.approx(statistics.fmean(values), rel=1e-12)
+        assert row["std"] == pytest.approx(statistics.pstdev(values), rel=1e-9)
+        assert row["scenes"] == len(values)
+
+
+def test_the_lines_that_are_drawn_are_those_numbers(table: pd.DataFrame) -> None:
+    axes = figure5(table, "unpolarised").axes
+    for ax, x in zip(axes, ("eta", "alpha"), strict=True):
+        values = numbers(table, x)
+        for line, method in zip(ax.get_lines(), ("unpolarised", "eq8"), strict=False):
+            wanted = values.loc[values["method"] == method, "mean"]
+            np.testing.assert_array_equal(line.get_ydata(), wanted)
+
+
+def test_error_bars_end_at_mean_plus_and_minus_deviation(table: pd.DataFrame) -> None:
+    ax = figure5(table, "unpolarised").axes[1]
+    values = numbers(table, "alpha")
+    eq8 = values[values["method"] == "eq8"]
+    bars = ax.collections[2].get_segments()  # two collections a method: whole and endless bars
+    np.testing.assert_allclose([b[0][1] for b in bars], eq8["mean"] - eq8["std"], rtol=1e-12)
+    np.testing.assert_allclose([b[1][1] for b in bars], eq8["mean"] + eq8["std"], rtol=1e-12)
+
+
+def test_a_bar_that_ends_below_zero_runs_off_the_logarithmic_axis(table: pd.DataFrame) -> None:
+    table.loc[table["scene"] == f"{0:016x}", "value"] *= 1000
+    values = numbers(table, "alpha").query("method == 'eq8'")
+    endless = values["mean"] < values["std"]
+    assert endless.any()
+    ax = figure5(table, "unpolarised").axes[1]
+    assert len(ax.collections[3].get_segments()) == endless.sum()
+    assert all(b[0][1] < ax.get_ylim()[0] for b in ax.collections[3].get_segments())
+
+
+def test_errors_below_the_axis_are_named(table: pd.DataFrame) -> None:
+    tiny = table["method"] == "half_vector"
+    table.loc[tiny & (table["metric"] == "nmse"), "value"] = 3e-17
+    ax = figure5(table, "unpolarised").axes[0]
+    assert ax.get_ylim()[0] > 1e-9
+    assert any("half_vector: 3.0e-17" in text.get_text() for text in ax.texts)
+
+
+def test_by_light_shows_every_light_for_itself(table: pd.DataFrame) -> None:
+    values = numbers(table, "eta", by_light=True)
+    for row in values.to_dict("records"):
+        where = {"method": row["method"], "material": row["name"], "light": row["light"]}
+        assert row["mean"] == pytest.approx(statistics.fmean(headline(table, "nmse", **where)))
+    titles = [ax.get_title("left") for ax in figure5_by_light(table, "unpolarised").axes]
+    assert titles[:2] == ["uniform", "distant 60°"]
+
+
+def test_legend_says_which_lights_a_partial_mean_covers(table: pd.DataFrame) -> None:
+    figure = figure5(table, "unpolarised")
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "half_vector: only distant 60°" in labels
+    assert "eq8" in labels
+
+
+def test_coverage_of_part_of_a_light(table: pd.DataFrame) -> None:
+    first = table["scene"] == f"{0:016x}"
+    found = coverage(table[~(first & (table["metric"] == "nmse"))], "eq8")
+    assert (found.part, found.missing, found.scenes) == (("uniform",), (), 11)
+    assert str(found) == "only distant 60°, part of uniform"
+
+
+def test_bodies_are_never_averaged_together(table: pd.DataFrame) -> None:
+    other = table.assign(body="polarised", value=table["value"] * 100, scene=table["scene"] + "b")
+    both = pd.concat([table, other])
+    line = figure5(both, "unpolarised").axes[0].get_lines()[1]
+    alone = figure5(table, "unpolarised").axes[0].get_lines()[1]
+    np.testing.assert_array_equal(line.get_ydata(), alone.get_ydata())
+
+
+def test_figures_are_well_formed_reproducible_and_keep_text_as_text(table: pd.DataFrame) -> None:
+    text = svg(figure5(table, "unpolarised"))
+    assert text == svg(figure5(table, "unpolarised"))
+    root = ET.fromstring(text)
+    words = " ".join("".join(element.itertext()) for element in root.iter(f"{SVG}text"))
+    assert "refractive index η" in words
+    assert "range of the paper’s Figure 5" in words
+    assert "date" not in text.lower().split("<defs>")[0]
+
+
+def test_png_has_200_dots_an_inch(table: pd.DataFrame) -> None:
+    data = png(figure5(table, "unpolarised"))
+    width = int.from_bytes(data[16:20], "big")  # PNG header: width at byte 16
+    assert width == round(7.1 * 200)
+
+
+@pytest.mark.parametrize("column", ["material", "surface", "light", "method", "shape"])
+def test_names_are_text_whatever_they_contain(table: pd.DataFrame, column: str) -> None:
+    table[column] = table[column].where(table[column] != table[column].iloc[0], HOSTILE)
+    for draw in (figure5, figure5_by_light):
+        root = ET.fromstring(svg(draw(table, "unpolarised")))
+        assert not list(root.iter(f"{SVG}script"))
+    text = summary(table, sample.run())
+    assert "<script>" not in text
+
+
+def test_names_are_escaped_everywhere() -> None:
+    assert markdown("a|b") == "a\\|b"
+    assert markdown("# a_b\n") == "\\# a_b\\\\n"
+    assert markup("<a href='x'>") == "&lt;a href=&#x27;x&#x27;&gt;"
+    assert "<" not in script_json({"<!--": "</script>"})
+
+
+def test_nan_skills_are_counted_and_never_dropped_in_silence(table: pd.DataFrame) -> None:
+    table = with_skill(table, math.nan, method="eq8", light="uniform", surface="carbon")
+    row = by_light_and_body(table).query("method == 'eq8' and light == 'uniform'").iloc[0]
+    assert (row["scenes"], row["unreported"], row["negative"]) == (6, 3, 0)
+    assert unreported(table, "eq8").values.tolist() == [["uniform", "carbon", "unpolarised", 3, 3]]
+    assert "| eq8 | uniform | carbon | unpolarised | 3 of 3 |" in summary(table, sample.run())
+
+
+def test_negative_skills_are_listed_with_their_place_and_number(table: pd.DataFrame) -> None:
+    table = with_skill(table, -0.5, method="eq8", light="uniform", surface="carbon")
+    table = with_skill(table, -7.0, method="eq8", light="distant 60°", material="pmma")
+    places = negative(table, "eq8")
+    found = [
+        (row["light"], row["surface"], row["negative"], row["scenes"], row["worst"])
+        for row in places.to_dict("records")
+    ]
+    assert found == [
+        ("distant 60°", "carbon", 1, 3, -7.0),
+        ("distant 60°", "obsidian", 1, 3, -7.0),
+        ("uniform", "carbon", 3, 3, -0.5),
+    ]
+    text = summary(table, sample.run())
+    assert "5 scenes in 3 places" in text
+    assert "| uniform | carbon (0.4) | unpolarised | 3 of 3 | −0.50 |" in text
+
+
+def test_skill_map_is_in_order_of_roughness_and_keeps_its_holes(table: pd.DataFrame) -> None:
+    table = with_skill(table, math.nan, method="eq8", light="uniform", surface="carbon")
+    found = skill_map(table, "eq8", "unpolarised")
+    assert list(found.columns) == ["obsidian", "carbon"]
+    assert found.loc["uniform", "obsidian"] == pytest.approx(0.95)
+    assert math.isnan(found.loc["uniform", "carbon"])
+
+
+def test_summary_says_what_a_reader_must_know(table: pd.DataFrame) -> None:
+    text = summary(table, sample.run())
+    for words in (
+        "4e-3 … 6e-3",
+        "unverified stand-ins",
+        "64 samples a pixel",
+        "scalar_spectral_polarized",
+        "2.0e-6 of the peak",
+        "half_vector left out 6 scenes: needs a distant light, found uniform",
+        "| render | 1.50 |",
+    ):
+        assert words in text
+
+
+def test_spread_keeps_order_and_distance() -> None:
+    places = spread(np.array([0.0, 0.1, 0.1, 3.0]), 1.0)
+    assert np.all(np.diff(places) >= 1.0 - 1e-12)
+    assert places.mean() == pytest.approx(0.8)  # moved as little as possible: the mean stays
+
+
+def test_report_is_written_whole(table: pd.DataFrame, tmp_path: Path) -> None:
+    results = SimpleNamespace(table=table, run=sample.run())
+    written = write_report(results, tmp_path / "report")
+    assert sorted(written) == sorted((tmp_path / "report").iterdir())
+    assert all(path.stat().st_size > 100 for path in written)
+    behind = pd.read_csv(tmp_path / "report" / "figure5.csv")
+    eta = numbers(table, "eta")
+    np.testing.assert_allclose(behind.loc[behind["panel"] == "eta", "mean"], eta["mean"])

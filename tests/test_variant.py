@@ -1,0 +1,57 @@
+"""Choosing a variant must never risk the process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from malus.renderers import variant
+from malus.scenes import InputError
+
+
+@pytest.fixture
+def no_libraries(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
+    monkeypatch.setattr(variant, "_LLVM_FOLDERS", (str(tmp_path),))
+    monkeypatch.setattr(variant, "_cache_file", lambda: tmp_path / "cache" / "variants.json")
+    return tmp_path
+
+
+def test_versions_that_abort_are_no_candidates(
+    no_libraries: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("libLLVM-14.so.1", "libLLVM-15.so", "libLLVM-16.so", "libLLVM.so.19.1", "libLLVM-22.so")
+    for name in names:
+        (no_libraries / name).write_bytes(b"not a library")
+    mine = [p.name for p in variant.llvm_candidates() if p.parent == no_libraries]
+    assert mine == ["libLLVM-22.so", "libLLVM.so.19.1"]
+    for name in names[:3]:
+        monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(no_libraries / name))
+        assert variant.llvm_candidates() == []
+
+
+def test_a_link_without_a_number_is_known_by_what_it_points_to(no_libraries: Path) -> None:
+    (no_libraries / "libLLVM-14.so.1").write_bytes(b"")
+    (no_libraries / "libLLVM.so").symlink_to(no_libraries / "libLLVM-14.so.1")
+    assert not [p for p in variant.llvm_candidates() if p.parent == no_libraries]
+
+
+def test_a_library_that_does_not_work_is_survived_and_remembered(no_libraries: Path) -> None:
+    broken = no_libraries / "libLLVM-19.so"
+    broken.write_bytes(b"not a library")
+    assert variant._probe(variant.LLVM, broken) is False
+    assert (no_libraries / "cache" / "variants.json").exists()
+    assert variant._read_cache() != {}
+
+
+def test_a_cache_that_is_damaged_is_no_cache(no_libraries: Path) -> None:
+    cache = no_libraries / "cache" / "variants.json"
+    cache.parent.mkdir()
+    cache.write_text("{", "utf-8")
+    assert variant._read_cache() == {}
+
+
+def test_unknown_backend() -> None:
+    with pytest.raises(InputError, match="cuda, llvm or scalar"):
+        variant.choose("metal")
