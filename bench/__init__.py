@@ -9,10 +9,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from malus.bench.view import observe
+    from malus.bench.judge import score
     from malus.bench.results import Results, read_results
     from malus.bench.runner import run
-    from malus.bench.judge import score
+    from malus.bench.view import observe
 
 __all__ = ["Results", "observe", "read_results", "run", "score"]
 

@@ -11,9 +11,10 @@ from rich.table import Table
 
 from malus.reconstruct import methods
 from malus.scenes.errors import InputError
+from malus.scenes.lights import Light
 from malus.scenes.materials import materials, surfaces
 from malus.scenes.model import Model
-from malus.scenes.scene import Light, Shape
+from malus.scenes.shapes import Shape
 from malus.scenes.suite import load_suite, suite_names
 
 

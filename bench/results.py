@@ -14,7 +14,7 @@ import pandas as pd
 
 from malus.bench.judge import Score, Value
 from malus.scenes.errors import InputError
-from malus.scenes.scene import Distant, Scene
+from malus.scenes.scene import Scene
 
 TABLE = "results.parquet"
 HEADLINES = "results.csv"
@@ -44,7 +44,9 @@ class Results:
         return self.table[self.table.band_nm.isna() & self.table.angle_deg.isna()]
 
 
-def rows(scene: Scene, method: str, values: Iterable[Value], note: str = "") -> list[dict[str, Any]]:
+def rows(
+    scene: Scene, method: str, values: Iterable[Value], note: str = ""
+) -> list[dict[str, Any]]:
     """Rows of the table for one scene and method."""
     common = describe(scene) | {"method": method, "knowledge": "everything", "note": note}
     return [
@@ -83,7 +85,7 @@ def describe(scene: Scene) -> dict[str, Any]:
         "alpha": surface.alpha,
         "body": surface.body,
         "light": light.label,
-        "incidence_deg": light.incidence_deg if isinstance(light, Distant) else None,
+        "incidence_deg": getattr(light, "incidence_deg", None),
     }
 
 
@@ -152,7 +154,9 @@ def read_results(folder: Path) -> Results:
         run = json.loads((folder / RUN).read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(
-            f"results folder {folder}", f"{TABLE} and {RUN} of a finished run",
-            str(error).splitlines()[0], "`malus run SUITE --out DIR` makes them",
+            f"results folder {folder}",
+            f"{TABLE} and {RUN} of a finished run",
+            str(error).splitlines()[0],
+            "`malus run SUITE --out DIR` makes them",
         ) from None
     return Results(table, run)

@@ -13,6 +13,7 @@ from typing import Any
 
 import pandas as pd
 
+from malus.bench.judge import Judge
 from malus.bench.plan import FamilyPlan, plan
 from malus.bench.results import (
     PARTS,
@@ -24,7 +25,6 @@ from malus.bench.results import (
     write_results,
     write_whole,
 )
-from malus.bench.judge import Judge
 from malus.reconstruct import Inapplicable, Method, get_method
 from malus.renderers.family import render_family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
@@ -98,9 +98,7 @@ def _stored(path: Path) -> pd.DataFrame | None:
         return None
 
 
-def _part_id(
-    family: FamilyPlan, suite: Suite, methods: Sequence[Method], variant: Variant
-) -> str:
+def _part_id(family: FamilyPlan, suite: Suite, methods: Sequence[Method], variant: Variant) -> str:
     names = [method.name for method in methods]
     return content_id([family.id, suite.renderer, names, variant.name, version("malus")])
 
@@ -162,7 +160,8 @@ def _record(
         "suite": suite.model_dump(mode="json"),
         "suite_id": suite.id,
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {name: version(name) for name in packages} | {"python": platform.python_version()},
+        "versions": {name: version(name) for name in packages}
+        | {"python": platform.python_version()},
         "machine": {"system": platform.platform(), "processor": platform.machine()},
         "variant": {"name": variant.name, "reason": variant.reason},
         "seconds": {name: round(value, 3) for name, value in seconds.items()},

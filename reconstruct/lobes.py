@@ -19,7 +19,7 @@ from malus.reconstruct.fresnel import smooth_dolp, transmission_dolp
 from malus.reconstruct.observation import Image, Inapplicable, Observation
 from malus.reconstruct.ratio import Measure
 from malus.reconstruct.table import DolpTable
-from malus.scenes.scene import Distant
+from malus.scenes.lights import Distant
 
 Polarisation = tuple[Image, Image]
 LobeModel = Callable[[Observation], Polarisation]
@@ -50,6 +50,20 @@ def microfacets(measure: Measure) -> LobeModel:
         return -rho * cos2[..., None], -rho * sin2[..., None]
 
     return model
+
+
+def smooth(observation: Observation) -> Polarisation:
+    """Wolff's smooth surface: Fresnel at the zenith angle, one mirror and no facets.
+
+    Source: Wolff and Boult, "Constraining object features using a polarization reflectance
+    model", IEEE TPAMI 13 (1991).
+    """
+    normals = observation.require("normals")
+    cos2, sin2 = double_azimuth(normals[..., 0], normals[..., 1])
+    cosine = _cos_zenith(normals)[..., None]
+    eta = np.asarray(observation.require("eta"))
+    rho = smooth_dolp(cosine, eta).astype(observation.image.dtype)
+    return -rho * cos2[..., None], -rho * sin2[..., None]
 
 
 def half_vector(observation: Observation) -> Polarisation:

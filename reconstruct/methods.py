@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from malus.reconstruct import lobes
+from malus.reconstruct import known_lights, lobes
 from malus.reconstruct.lobes import LobeModel
 from malus.reconstruct.observation import Components, Observation
 from malus.scenes.errors import InputError
@@ -54,34 +54,44 @@ def _from_lobes(
     return Components(specular + diffuse, s1, s2)
 
 
+_GEOMETRY = frozenset({"normals", "eta"})
+_FACETS = _GEOMETRY | {"alpha"}
+
 _SPECULAR: dict[str, tuple[LobeModel, frozenset[str], str]] = {
-    "eq8": (
-        lobes.microfacets("eq8"),
-        frozenset({"normals", "eta", "alpha"}),
-        "the paper's model, Equation 8 as printed",
-    ),
+    "eq8": (lobes.microfacets("eq8"), _FACETS, "the paper's model, Equation 8 as printed"),
     "visible": (
         lobes.microfacets("visible"),
-        frozenset({"normals", "eta", "alpha"}),
+        _FACETS,
         "Equation 8 with Gaussian slopes weighted by projected facet area",
     ),
+    "shadowed": (
+        lobes.microfacets("shadowed"),
+        _FACETS,
+        "visible facets under uniform light, shadowed by their neighbours",
+    ),
+    "smooth": (lobes.smooth, _GEOMETRY, "Wolff's smooth surface: Fresnel at the zenith angle"),
     "half_vector": (
         lobes.half_vector,
         frozenset({"eta", "light"}),
         "Fresnel at the half vector of a known distant light",
     ),
+    "lights": (
+        known_lights.specular_polarisation,
+        _FACETS | {"light"},
+        "facets weighted by the radiance that each mirrors from known lights",
+    ),
 }
 
 
 def _methods() -> list[Method]:
-    found = [
-        Method(
-            "unpolarised", frozenset(), _unpolarised, "the trivial guess: half of I at every angle"
-        )
-    ]
+    trivial = "the trivial guess: half of I at every angle"
+    found = [Method("unpolarised", frozenset(), _unpolarised, trivial)]
     for name, (model, needs, summary) in _SPECULAR.items():
         plain = functools.partial(_from_lobes, specular_model=model, body_model=None)
+        mended = functools.partial(_from_lobes, specular_model=model, body_model=lobes.body)
         found.append(Method(name, needs | LOBES, plain, summary))
+        more = f"{summary}; body light polarised as it leaves"
+        found.append(Method(f"{name}+body", needs | LOBES | _GEOMETRY, mended, more))
     return found
 
 

@@ -8,9 +8,7 @@ from malus.scenes.errors import InputError
 from malus.scenes.scene import Sampling, Scene
 
 
-def render(
-    scene: Scene, sampling: Sampling | None = None, renderer: str = "mitsuba"
-) -> Truth:
+def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mitsuba") -> Truth:
     """The truth of one scene.
 
     Parameters

@@ -11,11 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.renderers import stock, wavefront
+from malus.renderers.bsdfs import bsdfs
 from malus.renderers.lobes import Floats, Lobes
 from malus.renderers.nodes import chebyshev_nodes, held_out, interpolation_weights
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, choose
-from malus.scenes.scene import Body, Camera, Light, Sampling, Scene, Shape
+from malus.scenes.lights import Light
+from malus.scenes.scene import Body, Camera, Sampling, Scene
+from malus.scenes.shapes import Shape
 
 
 @dataclass(frozen=True)
@@ -182,7 +185,7 @@ def _render(key: FamilyKey, etas: list[float], sampling: Sampling, variant: Vari
         return stock.render_lobes(
             variant, key.shape, key.camera, key.light, etas, key.alpha, key.body, sampling
         )
-    interface, body = wavefront.bsdfs(variant, etas, key.alpha, key.body)
+    interface, body = bsdfs(variant, etas, key.alpha, key.body)
     return wavefront.stage(variant, key.shape, key.camera).render(
         key.light, interface, body, sampling
     )

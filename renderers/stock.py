@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from malus.renderers.lobes import Floats, Lobes
+from malus.renderers.lobes import Floats, Lobes, unit
 from malus.renderers.translate import body_bsdf, emitter, interface_bsdf, sensor, shape_object
 from malus.renderers.variant import SCALAR, Variant, mitsuba
-from malus.scenes.scene import Body, Camera, Light, Sampling, Shape
+from malus.scenes.lights import Environment, Light
+from malus.scenes.scene import Body, Camera, Sampling
+from malus.scenes.shapes import Shape
 
 BATCHES = 8
 """Independent renders that the standard error comes from: four a half, 7 degrees of freedom."""
@@ -37,15 +39,22 @@ def render_lobes(
     mi = mitsuba(variant)
     batches = max(b for b in range(2, BATCHES + 1, 2) if sampling.samples % b == 0)
     window = _window(mi, variant, shape, camera)
-    specular = _renders(mi, window, light, [interface_bsdf(e, alpha) for e in etas], batches,
-                        sampling, stream=0)
+    specular = _renders(
+        mi, window, light, [interface_bsdf(e, alpha) for e in etas], batches, sampling, stream=0
+    )
     body_etas = etas if body == "polarised" else etas[:1]
-    scattered = _renders(mi, window, light, [body_bsdf(e, alpha, body) for e in body_etas],
-                         batches, sampling, stream=1)
+    scattered = _renders(
+        mi,
+        window,
+        light,
+        [body_bsdf(e, alpha, body) for e in body_etas],
+        batches,
+        sampling,
+        stream=1,
+    )
     normals, coverage = _geometry(mi, window, sampling)
     pixels = np.flatnonzero(coverage > 0)
     mirrored, scattered = specular[:, :, pixels], scattered[:, :, pixels]
-    length = np.linalg.norm(normals[pixels], axis=-1, keepdims=True)
     return Lobes(
         specular=_halves(mirrored),
         body=_halves(scattered),
@@ -54,9 +63,7 @@ def render_lobes(
         # The lobes are rendered from different seeds: they are independent.
         covariance=np.zeros(mirrored.shape[1:], dtype=np.float32),
         pixels=pixels,
-        normals=np.asarray(
-            np.divide(normals[pixels], length, where=length > 0, out=np.zeros_like(normals[pixels]))
-        ),
+        normals=unit(normals[pixels]),
         covered=coverage[pixels] > 1 - 0.5 / sampling.samples,
     )
 
@@ -99,10 +106,12 @@ def _renders(
     stream: int,
 ) -> Floats:
     """Stokes images of every batch and BSDF, shape (batches, len(bsdfs), pixels, 3)."""
-    integrator = {"type": "stokes", "direct": {"type": "path", "max_depth": 2,
-                                               "hide_emitters": True}}
-    scene = _load(mi, window, bsdfs[0], light=emitter(light), integrator=integrator)
-    response = _response(mi, window)
+    integrator = {
+        "type": "stokes",
+        "direct": {"type": "path", "max_depth": 2, "hide_emitters": True},
+    }
+    scene = _load(mi, window, bsdfs[0], light=emitter(mi, light), integrator=integrator)
+    response = _response(mi, window, light)
     images = np.empty((batches, len(bsdfs), window["sensor"]["film"]["width"] ** 2, 3), np.float32)
     for node, bsdf in enumerate(bsdfs):
         _set_index(mi, scene, bsdf)
@@ -131,20 +140,26 @@ def _stokes(raw: Floats) -> Floats:
     return raw[..., [first + 1, first + 4, first + 7]]
 
 
-def _response(mi: ModuleType, window: dict[str, Any]) -> float:
-    """What the film records for a radiance of 1: the sRGB weight of the narrow window."""
+def _response(mi: ModuleType, window: dict[str, Any], light: Light) -> float:
+    """What the film records for a radiance of 1: the sRGB weight of the narrow window.
+
+    Environment maps come as colours and are turned into spectra in another way than plain
+    numbers, so that the weight is measured on a map of ones.
+    """
     look = window["sensor"]
     small = look | {"film": look["film"] | {"width": 8, "height": 8}}
-    sky = mi.load_dict(
+    sky: dict[str, Any] = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
+    if isinstance(light, Environment):
+        sky = {"type": "envmap", "bitmap": mi.Bitmap(np.ones((2, 4, 3), np.float32))}
+    scene = mi.load_dict(
         {
             "type": "scene",
             "sensor": small,
-            "sky": {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}},
+            "sky": sky,
             "integrator": {"type": "stokes", "direct": {"type": "path", "max_depth": 2}},
         }
     )
-    raw = np.asarray(mi.render(sky, spp=64, seed=0))
-    return float(_stokes(raw)[..., 0].mean())
+    return float(_stokes(np.asarray(mi.render(scene, spp=64, seed=0)))[..., 0].mean())
 
 
 def _geometry(mi: ModuleType, window: dict[str, Any], sampling: Sampling) -> tuple[Floats, Floats]:

@@ -9,26 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from malus.renderers.lighting import environment_emitter
 from malus.scenes import geometry
 from malus.scenes.geometry import TriangleMesh
-from malus.scenes.scene import (
-    Blob,
-    Body,
-    Camera,
-    Distant,
-    Light,
-    MeshFile,
-    Shape,
-    Sphere,
-    Superquadric,
-    Torus,
-    Uniform,
-)
+from malus.scenes.lights import Area, Distant, Light, Uniform
+from malus.scenes.scene import Body, Camera
+from malus.scenes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
 
 CONVEX = frozenset({"sphere"})
 """Kinds of shape that cast no shadow on themselves: no shadow ray is traced for them."""
 
 CAMERA_DISTANCE = 3.0
+LAMP_DISTANCE = 1000.0
 
 
 def sensor(mi: ModuleType, camera: Camera, samples: int = 1) -> dict[str, Any]:
@@ -90,7 +82,7 @@ def _mesh(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
     return result
 
 
-def emitter(light: Light) -> dict[str, Any]:
+def emitter(mi: ModuleType, light: Light) -> dict[str, Any]:
     """The light as an emitter with a flat spectrum."""
     if isinstance(light, Uniform):
         return {"type": "constant", "radiance": _flat(light.radiance)}
@@ -100,7 +92,26 @@ def emitter(light: Light) -> dict[str, Any]:
             "direction": [-c for c in light.direction],
             "irradiance": _flat(light.irradiance),
         }
-    raise TypeError(f"no emitter for {light!r}")
+    if isinstance(light, Area):
+        return _lamp(mi, light)
+    return environment_emitter(mi, light)
+
+
+def _lamp(mi: ModuleType, light: Area) -> dict[str, Any]:
+    """A disk so far away that it looks the same from all over the object."""
+    away = [LAMP_DISTANCE * c for c in light.direction]
+    radius = LAMP_DISTANCE * math.tan(math.radians(light.half_angle_deg))
+    look = mi.ScalarTransform4f().look_at(origin=away, target=[0, 0, 0], up=_upward(light))
+    return {
+        "type": "disk",
+        "to_world": look @ mi.ScalarTransform4f().scale([radius, radius, 1]),
+        "emitter": {"type": "area", "radiance": _flat(light.radiance)},
+    }
+
+
+def _upward(light: Area) -> list[float]:
+    """Any direction that is not that of the lamp."""
+    return [1.0, 0.0, 0.0] if abs(light.direction[1]) > 0.9 else [0.0, 1.0, 0.0]
 
 
 def interface_bsdf(eta: float, alpha: float) -> dict[str, Any]:

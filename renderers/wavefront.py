@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.renderers.lobes import Floats, Lobes
-from malus.renderers.translate import CONVEX, body_bsdf, interface_bsdf, sensor, shape_object
+from malus.renderers.lighting import Sampler, sampler
+from malus.renderers.lobes import HALVES, Floats, Lobes, lobes_from_sums
+from malus.renderers.translate import CONVEX, sensor, shape_object
 from malus.renderers.variant import Variant, mitsuba
-from malus.scenes.scene import Body, Camera, Light, Sampling, Shape, Uniform
+from malus.scenes.lights import Light
+from malus.scenes.scene import Camera, Sampling
+from malus.scenes.shapes import Shape
 
-HALVES = 2
 PIXELS_A_LAUNCH = 1 << 16
 """Bounds the memory of one launch to a few hundred megabytes, whatever the image's size."""
 
@@ -61,13 +63,15 @@ class Stage:
     ) -> Lobes:
         """Shade every hit with every BSDF of `interface` and `body` under `light`."""
         pixels, covered = self._coverage(sampling)
-        direction = self._light_direction(light)
+        lit_by = sampler(self.mi, light)
         blocks = [
-            self._shade(pixels[i : i + PIXELS_A_LAUNCH], direction, interface, body, sampling)
+            self._shade(pixels[i : i + PIXELS_A_LAUNCH], lit_by, interface, body, sampling)
             for i in range(0, len(pixels), PIXELS_A_LAUNCH)
         ]
         sums = np.concatenate(blocks, axis=-1) if blocks else self._nothing(interface, body)
-        return _lobes(sums, len(interface), len(body), sampling.samples, pixels, covered, light)
+        return lobes_from_sums(
+            sums, len(interface), len(body), sampling.samples // HALVES, pixels, covered
+        )
 
     def _nothing(self, interface: Sequence[Any], body: Sequence[Any]) -> Floats:
         channels = 3 + 3 * (3 * len(interface) + 2 * len(body))
@@ -120,16 +124,10 @@ class Stage:
         )
         return ray
 
-    def _light_direction(self, light: Light) -> Any:
-        """Direction to a distant light, or None where directions are drawn from the BSDF."""
-        if isinstance(light, Uniform):
-            return None
-        return self.mi.Vector3f(*(self.dr.opaque(self.mi.Float, c) for c in light.direction))
-
     def _shade(
         self,
         pixels: NDArray[np.int64],
-        direction: Any,
+        light: Sampler,
         interface: Sequence[Any],
         body: Sequence[Any],
         sampling: Sampling,
@@ -146,7 +144,7 @@ class Stage:
         def step(i: Any, sums: list[Any], rays: Any, shading: Any) -> tuple[Any, ...]:
             ray = self._ray(pixel, rays)
             hit = self.scene.ray_intersect(ray)
-            values = self._sample(ray, hit, direction, interface, body, shading)
+            values = self._sample(ray, hit, light, interface, body, shading)
             return i + 1, [s + v for s, v in zip(sums, values, strict=True)], rays, shading
 
         count = dr.opaque(mi.UInt32, sampling.samples // HALVES)
@@ -159,7 +157,7 @@ class Stage:
         self,
         ray: Any,
         hit: Any,
-        direction: Any,
+        light: Sampler,
         interface: Sequence[Any],
         body: Sequence[Any],
         random: Any,
@@ -167,8 +165,8 @@ class Stage:
         """Normal, Stokes of every BSDF, and the products that the variances need."""
         dr = self.dr
         to_camera = self._to_camera_frame(ray)
-        mirrored = self._lobe(hit, direction, interface, to_camera, random)
-        scattered = self._lobe(hit, direction, body, to_camera, random)
+        mirrored = self._lobe(hit, light, interface, to_camera, random)
+        scattered = self._lobe(hit, light, body, to_camera, random)
         normal = [dr.select(hit.is_valid(), c, 0.0) for c in hit.sh_frame.n]
         squares = [v * v for v in mirrored] + [v * v for v in scattered]
         # One body node serves every interface node where the body does not depend on η.
@@ -177,30 +175,23 @@ class Stage:
         return normal + mirrored + scattered + squares + products
 
     def _lobe(
-        self, hit: Any, direction: Any, bsdfs: Sequence[Any], to_camera: Any, random: Any
+        self, hit: Any, light: Sampler, bsdfs: Sequence[Any], to_camera: Any, random: Any
     ) -> list[Any]:
-        """s0, s1, s2 in the camera's frame for each of `bsdfs`, light direction shared."""
-        mi, dr = self.mi, self.dr
+        """s0, s1, s2 in the camera's frame for each of `bsdfs`, light directions shared."""
+        dr = self.dr
         valid = hit.is_valid()
-        if direction is None:
-            u = random.next_float32()
-            uv = mi.Point2f(random.next_float32(), random.next_float32())
-            drawn, _ = bsdfs[0].sample(self.context, hit, u, uv, valid)
-            towards_light = drawn.wo
-            valid &= drawn.pdf > 0
-            weight = dr.select(valid, 1.0 / drawn.pdf, 0.0)
-        else:
-            towards_light = hit.to_local(direction)
-            weight = dr.select(valid, mi.Float(1.0), 0.0)
-        if not self.convex:
-            shadow = self.scene.ray_test(hit.spawn_ray(hit.to_world(towards_light)), valid)
-            weight = dr.select(shadow, 0.0, weight)
-        values = []
-        for bsdf in bsdfs:
-            mueller = bsdf.eval(self.context, hit, towards_light, valid)
-            mueller = to_camera @ hit.to_world_mueller(mueller, -towards_light, hit.wi)
-            # Unpolarised light: the first column is the Stokes vector of the reflected light.
-            values += [dr.select(weight > 0, mueller[row, 0][0] * weight, 0.0) for row in range(3)]
+        values = [self.mi.Float(0.0) for _ in range(3 * len(bsdfs))]
+        for direction, weight in light(hit, bsdfs[0], random, valid):
+            if not self.convex:
+                shadow = self.scene.ray_test(hit.spawn_ray(hit.to_world(direction)), valid)
+                weight = dr.select(shadow, 0.0, weight)
+            for k, bsdf in enumerate(bsdfs):
+                mueller = bsdf.eval(self.context, hit, direction, valid)
+                mueller = to_camera @ hit.to_world_mueller(mueller, -direction, hit.wi)
+                # Unpolarised light: the first column is the Stokes vector of what it becomes.
+                for row in range(3):
+                    shaded = dr.select(weight > 0, mueller[row, 0][0] * weight, 0.0)
+                    values[3 * k + row] += shaded
         return values
 
     def _to_camera_frame(self, ray: Any) -> Any:
@@ -210,77 +201,3 @@ class Stage:
         horizontal = dr.normalize(dr.cross(ray.d, up))
         current = mi.mueller.stokes_basis(-ray.d)
         return mi.mueller.rotate_stokes_basis(-ray.d, current, horizontal)
-
-
-def bsdfs(
-    variant: Variant, etas: Sequence[float], alpha: float, body: Body
-) -> tuple[list[Any], list[Any]]:
-    """Interface and body BSDFs at the given nodes, with parameters that need no recompilation."""
-    mi = mitsuba(variant)
-    interface = _pool(variant, len(etas), None)
-    scattering = _pool(variant, 1 if body == "unpolarised" else len(etas), body)
-    _update(mi, interface, etas, alpha)
-    if body == "polarised":
-        _update(mi, scattering, etas, alpha)
-    return interface, scattering
-
-
-@functools.lru_cache(maxsize=32)
-def _pool(variant: Variant, count: int, body: Body | None) -> list[Any]:
-    mi = mitsuba(variant)
-    describe = interface_bsdf(1.5, 0.3) if body is None else body_bsdf(1.5, 0.3, body)
-    return [mi.load_dict(describe) for _ in range(count)]
-
-
-def _update(mi: ModuleType, pool: Sequence[Any], etas: Sequence[float], alpha: float) -> None:
-    import drjit as dr
-
-    # The same variable in every BSDF: Dr.Jit then computes the facet distribution only once.
-    shared_alpha = dr.opaque(mi.Float, alpha)
-    for bsdf, eta in zip(pool, etas, strict=True):
-        parameters = mi.traverse(bsdf)
-        parameters["eta.value"] = dr.opaque(mi.Float, eta)
-        parameters["alpha.value"] = shared_alpha
-        parameters.update()
-
-
-def _lobes(
-    sums: Floats,
-    interface: int,
-    body: int,
-    samples: int,
-    pixels: NDArray[np.int64],
-    covered: NDArray[np.bool_],
-    light: Light,
-) -> Lobes:
-    strength = light.radiance if isinstance(light, Uniform) else light.irradiance
-    counts = [1, interface, body, interface, body, interface]
-    parts = np.split(sums, np.cumsum([3 * c for c in counts])[:-1])
-    # (count * 3, halves, pixels) -> (halves, count, pixels, 3), means over the half's samples
-    half_samples = samples // HALVES
-    means = [
-        p.reshape(c, 3, HALVES, -1).transpose(2, 0, 3, 1) / half_samples
-        for p, c in zip(parts, counts, strict=True)
-    ]
-    normal, mirrored, scattered, mirrored2, scattered2, product = means
-    mean_mirrored, mean_scattered = mirrored.mean(axis=0), scattered.mean(axis=0)
-    scale = strength**2 / (samples - 1)
-    normal = normal.mean(axis=(0, 1))
-    length = np.linalg.norm(normal, axis=-1, keepdims=True)
-    return Lobes(
-        specular=np.ascontiguousarray(mirrored * strength, dtype=np.float32),
-        body=np.ascontiguousarray(scattered * strength, dtype=np.float32),
-        specular_variance=_variance(mirrored2, mean_mirrored**2, scale),
-        body_variance=_variance(scattered2, mean_scattered**2, scale),
-        covariance=np.asarray(
-            (product.mean(axis=0) - mean_mirrored * mean_scattered) * scale, dtype=np.float32
-        ),
-        pixels=pixels,
-        normals=np.divide(normal, length, out=np.zeros_like(normal), where=length > 0),
-        covered=covered,
-    )
-
-
-def _variance(squares: Floats, squared_mean: Floats, scale: float) -> Floats:
-    # Rounding can leave a tiny negative variance where all samples are equal.
-    return np.asarray(np.maximum(squares.mean(axis=0) - squared_mean, 0.0) * scale, np.float32)

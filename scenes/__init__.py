@@ -1,30 +1,24 @@
 """What to look at: plain frozen data and the conventions. Imports no folder beside it."""
 
 from malus.scenes.errors import InputError
-from malus.scenes.scene import (
-    Blob,
-    Camera,
-    Dielectric,
-    Distant,
-    MeshFile,
-    Sampling,
-    Scene,
-    Sphere,
-    Superquadric,
-    Torus,
-    Uniform,
-)
+from malus.scenes.lights import Area, Distant, Environment, Light, Uniform
+from malus.scenes.scene import Camera, Dielectric, Sampling, Scene
+from malus.scenes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
 from malus.scenes.suite import Suite, load_suite, suite_names
 
 __all__ = [
+    "Area",
     "Blob",
     "Camera",
     "Dielectric",
     "Distant",
+    "Environment",
     "InputError",
+    "Light",
     "MeshFile",
     "Sampling",
     "Scene",
+    "Shape",
     "Sphere",
     "Suite",
     "Superquadric",

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
 from malus.scenes.errors import InputError
 from malus.scenes.radial import RadialSurface, blob_radius, radial_normals, superquadric_radius
 from malus.scenes.tessellation import FloatArray, fitted, icosahedral_grid, torus_grid
 from malus.scenes.topology import signed_volume
-from numpy.typing import NDArray
 
 _SUBDIVISIONS = 6
 """20 · 4⁶ = 81920 triangles."""

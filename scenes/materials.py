@@ -14,9 +14,10 @@ from importlib import resources
 from typing import Any, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from malus.scenes.dispersion import FORMULAS, Numbers
 from malus.scenes.errors import InputError
-from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 Item = TypeVar("Item")

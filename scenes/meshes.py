@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
+
 from malus.scenes.errors import InputError
 from malus.scenes.geometry import TriangleMesh
 from malus.scenes.tessellation import fitted
@@ -19,7 +21,6 @@ from malus.scenes.topology import (
     signed_volume,
     thin,
 )
-from numpy.typing import NDArray
 
 Shading = Literal["smooth", "flat", "file"]
 FloatArray = NDArray[np.float64]

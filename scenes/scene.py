@@ -2,140 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
+from malus.scenes.lights import Light
 from malus.scenes.materials import material, surface
 from malus.scenes.model import Model
+from malus.scenes.shapes import Shape
 
 Body = Literal["unpolarised", "polarised"]
-Shading = Literal["smooth", "flat", "file"]
-
-
-class Sphere(Model):
-    """The unit sphere, intersected analytically."""
-
-    kind: Literal["sphere"] = "sphere"
-
-    @property
-    def label(self) -> str:
-        """Name in tables."""
-        return self.kind
-
-
-class Torus(Model):
-    """A torus about the viewing axis, tilted; radii before scaling to the unit sphere."""
-
-    kind: Literal["torus"] = "torus"
-    major: float = Field(default=0.7, gt=0, le=1)
-    minor: float = Field(default=0.3, gt=0, le=1)
-    tilt_deg: float = Field(default=50.0, ge=-180, le=180)
-
-    @model_validator(mode="after")
-    def _ring(self) -> Self:
-        if self.minor >= self.major:
-            raise ValueError("minor radius below the major one")
-        return self
-
-    @property
-    def label(self) -> str:
-        """Name in tables."""
-        return self.kind
-
-
-class Blob(Model):
-    """A smooth closed star-shaped blob with exact normals."""
-
-    kind: Literal["blob"] = "blob"
-    seed: int = Field(default=0, ge=0)
-
-    @property
-    def label(self) -> str:
-        """Name in tables."""
-        return self.kind if self.seed == 0 else f"{self.kind}-{self.seed}"
-
-
-class Superquadric(Model):
-    """A superquadric with exact normals; exponents of 1 make a sphere."""
-
-    kind: Literal["superquadric"] = "superquadric"
-    e1: float = Field(default=0.5, ge=0.1, le=2)
-    e2: float = Field(default=0.5, ge=0.1, le=2)
-
-    @property
-    def label(self) -> str:
-        """Name in tables."""
-        return f"{self.kind}-{self.e1:g}-{self.e2:g}"
-
-
-class MeshFile(Model):
-    """A mesh file, centred and scaled to the unit sphere; `digest` is the hash of its bytes."""
-
-    kind: Literal["mesh"] = "mesh"
-    path: str = Field(min_length=1)
-    shading: Shading = "smooth"
-    digest: str = ""
-
-    @property
-    def label(self) -> str:
-        """Name in tables: the file's name without its folder and suffix."""
-        return self.path.replace("\\", "/").rsplit("/", 1)[-1].rsplit(".", 1)[0]
-
-
-Shape = Annotated[
-    Sphere | Torus | Blob | Superquadric | MeshFile, Field(discriminator="kind")
-]
-
-
-class Uniform(Model):
-    """Unpolarised light of equal radiance from every direction."""
-
-    kind: Literal["uniform"] = "uniform"
-    radiance: float = Field(default=1.0, gt=0)
-
-    @property
-    def label(self) -> str:
-        """Name in tables."""
-        return self.kind
-
-
-class Distant(Model):
-    """Unpolarised parallel light.
-
-    `incidence_deg` is the angle between the direction to the light and the viewer, `azimuth_deg`
-    that of its projection on the image, anticlockwise from +x. An irradiance of π makes a white
-    Lambertian surface that faces the light as bright as under the uniform light of radiance 1.
-    """
-
-    kind: Literal["distant"] = "distant"
-    incidence_deg: float = Field(ge=0, lt=180)
-    azimuth_deg: float = Field(default=35.0, ge=-360, le=360)
-    irradiance: float = Field(default=math.pi, gt=0)
-
-    @property
-    def label(self) -> str:
-        """Name in tables."""
-        return f"distant {self.incidence_deg:g}°"
-
-    @property
-    def direction(self) -> tuple[float, float, float]:
-        """Unit vector towards the light in the image frame.
-
-        Examples
-        --------
-        >>> Distant(incidence_deg=90, azimuth_deg=90).direction[1]
-        1.0
-        """
-        incidence, azimuth = math.radians(self.incidence_deg), math.radians(self.azimuth_deg)
-        sine = math.sin(incidence)
-        return sine * math.cos(azimuth), sine * math.sin(azimuth), math.cos(incidence)
-
-
-Light = Annotated[Uniform | Distant, Field(discriminator="kind")]
 
 
 class Dielectric(Model):

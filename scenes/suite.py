@@ -13,19 +13,11 @@ from typing import Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from malus.scenes.errors import InputError
+from malus.scenes.lights import Light
 from malus.scenes.materials import material, materials, surface, surfaces
 from malus.scenes.model import Model
-from malus.scenes.scene import (
-    Body,
-    Camera,
-    Dielectric,
-    Light,
-    MeshFile,
-    Sampling,
-    Scene,
-    Shape,
-    Wavelengths,
-)
+from malus.scenes.scene import Body, Camera, Dielectric, Sampling, Scene, Wavelengths
+from malus.scenes.shapes import MeshFile, Shape
 
 Renderer = Literal["mitsuba", "torrance-sparrow"]
 MAX_SUITE_BYTES = 1 << 20

@@ -95,5 +95,7 @@ def test_the_command_line_imports_nothing_heavy() -> None:
         "print([m for m in ('mitsuba', 'drjit', 'numpy', 'pandas', 'matplotlib', 'colour',"
         " 'trimesh', 'rich', 'pydantic', 'dask') if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip().endswith("[]")

@@ -115,9 +115,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], says: str) 
     ],
     ids=["empty", "NaN", "no extent"],
 )
-def test_bad_meshes_are_one_line_and_exit_code_2(
-    tmp_path: Path, content: str, says: str
-) -> None:
+def test_bad_meshes_are_one_line_and_exit_code_2(tmp_path: Path, content: str, says: str) -> None:
     done = malus("run", bad_mesh(tmp_path, content), "--out", str(tmp_path / "out"))
     assert done.returncode == 2, done.stderr
     assert says in done.stderr

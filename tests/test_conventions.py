@@ -48,8 +48,8 @@ def seen_through_a_plate(variant: Variant, angle_deg: float, samples: int) -> np
     """What Mitsuba's camera records behind its own polariser plate, in units of our truth."""
     mi = mitsuba(variant)
     turned = mi.ScalarTransform4f().translate([0, 0, CAMERA_DISTANCE - 1.0])
-    turned = turned @ mi.ScalarTransform4f().rotate([0, 1, 0], 180) @ mi.ScalarTransform4f().scale(
-        1.1
+    turned = (
+        turned @ mi.ScalarTransform4f().rotate([0, 1, 0], 180) @ mi.ScalarTransform4f().scale(1.1)
     )
     plate = {
         "type": "rectangle",
@@ -62,7 +62,7 @@ def seen_through_a_plate(variant: Variant, angle_deg: float, samples: int) -> np
         "type": "scene",
         "sensor": sensor(mi, CAMERA) | ({} if variant.vectorised else {"srf": window}),
         "sphere": shape_object(mi, Sphere(), mi.load_dict(interface_bsdf(1.5, 0.3))),
-        "light": emitter(LIGHT),
+        "light": emitter(mi, LIGHT),
         "integrator": {"type": "path", "max_depth": 3, "hide_emitters": True},
     }
     loaded = mi.load_dict(scene | {"plate": plate})

@@ -114,8 +114,14 @@ def test_skill_is_corrected_for_noise() -> None:
         # Half the difference of two halves has the variance of the mean, by construction.
         draw = 0.02 * np.random.default_rng(seed + 100).normal(size=truth.specular.shape)
         noisy = Truth(
-            truth.scene, truth.specular + noise, truth.diffuse, truth.normals, truth.mask,
-            truth.standard_error, draw, truth.diffuse_noise,
+            truth.scene,
+            truth.specular + noise,
+            truth.diffuse,
+            truth.normals,
+            truth.mask,
+            truth.standard_error,
+            draw,
+            truth.diffuse_noise,
         )
         skills.append(score(noisy, GUESS).skill)
     uncertainty = np.std(skills) / math.sqrt(len(skills))
@@ -128,8 +134,13 @@ def test_pure_noise_has_no_skill_to_report() -> None:
     shape = (SIDE, SIDE, BANDS, 3)
     flat = np.zeros(shape) + [1.0, 0, 0]
     truth = Truth(
-        SCENE, flat + 0.01 * rng.normal(size=shape), np.zeros(shape), np.zeros((SIDE, SIDE, 3)),
-        np.ones((SIDE, SIDE), bool), np.full(shape, 0.01), 0.01 * rng.normal(size=shape),
+        SCENE,
+        flat + 0.01 * rng.normal(size=shape),
+        np.zeros(shape),
+        np.zeros((SIDE, SIDE, 3)),
+        np.ones((SIDE, SIDE), bool),
+        np.full(shape, 0.01),
+        0.01 * rng.normal(size=shape),
         np.zeros(shape),
     )
     assert math.isnan(score(truth, GUESS).skill)

@@ -12,9 +12,9 @@ from malus.scenes import polarisation
 ANGLES = st.floats(-720, 720)
 EPS = 1e-12  # a few hundred roundings of numbers of order one
 
-stokes_vectors = st.tuples(
-    st.floats(0.1, 10), st.floats(0, 1), st.floats(0, np.pi)
-).map(lambda t: np.array([t[0], t[0] * t[1] * np.cos(2 * t[2]), t[0] * t[1] * np.sin(2 * t[2])]))
+stokes_vectors = st.tuples(st.floats(0.1, 10), st.floats(0, 1), st.floats(0, np.pi)).map(
+    lambda t: np.array([t[0], t[0] * t[1] * np.cos(2 * t[2]), t[0] * t[1] * np.sin(2 * t[2])])
+)
 
 
 @given(ANGLES, ANGLES)

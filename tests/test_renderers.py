@@ -13,10 +13,12 @@ from malus.renderers.torrance_sparrow import masking, sphere_normals
 from malus.renderers.translate import body_bsdf, emitter, interface_bsdf, sensor, shape_object
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
+    Area,
     Blob,
     Camera,
     Dielectric,
     Distant,
+    Environment,
     InputError,
     Sampling,
     Scene,
@@ -24,11 +26,18 @@ from malus.scenes import (
     Torus,
     Uniform,
 )
+from malus.scenes.lights import Light
 from malus.scenes.materials import surfaces
 from malus.scenes.polarisation import dolp
-from malus.scenes.scene import Light, Shape
+from malus.scenes.shapes import Shape
 
-LIGHTS = (Uniform(), Distant(incidence_deg=20), Distant(incidence_deg=80))
+LIGHTS = (
+    Uniform(),
+    Distant(incidence_deg=20),
+    Distant(incidence_deg=80),
+    Area(incidence_deg=45),
+    Environment(),
+)
 TINY = Camera(resolution=16)
 FEW = Sampling(samples=16, seed=3)
 
@@ -79,8 +88,19 @@ def test_a_family_refuses_strangers() -> None:
         rendered.truth(scene_at(1.7, Uniform()))
 
 
-@pytest.mark.parametrize("light", [Uniform(), Distant(incidence_deg=60)], ids=lambda x: x.label)
-@pytest.mark.parametrize("shape", [Sphere(), Torus(), Blob()], ids=lambda x: x.kind)
+@pytest.mark.parametrize(
+    ("light", "shape"),
+    [
+        (Uniform(), Sphere()),
+        (Uniform(), Torus()),
+        (Distant(incidence_deg=60), Blob()),
+        (Area(incidence_deg=40), Sphere()),
+        (Area(incidence_deg=100, half_angle_deg=30), Torus()),
+        (Environment(), Sphere()),
+        (Environment(), Blob()),
+    ],
+    ids=lambda x: x.label,
+)
 def test_vectorised_and_scalar_truths_agree(light: Light, shape: Shape) -> None:
     """The scalar path (Mitsuba's stokes integrator) gives the same within its standard error."""
     best = choose()
@@ -112,7 +132,7 @@ def test_lobes_add_up_to_the_full_render() -> None:
             "type": "scene",
             "sensor": sensor(mi, TINY) | ({} if variant.vectorised else {"srf": window}),
             "shape": shape_object(mi, Sphere(), mi.load_dict(both)),
-            "light": emitter(light),
+            "light": emitter(mi, light),
             "integrator": {"type": "path", "max_depth": 2, "hide_emitters": True},
         }
     )

@@ -21,7 +21,13 @@ def no_libraries(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 def test_versions_that_abort_are_no_candidates(
     no_libraries: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    names = ("libLLVM-14.so.1", "libLLVM-15.so", "libLLVM-16.so", "libLLVM.so.19.1", "libLLVM-22.so")
+    names = (
+        "libLLVM-14.so.1",
+        "libLLVM-15.so",
+        "libLLVM-16.so",
+        "libLLVM.so.19.1",
+        "libLLVM-22.so",
+    )
     for name in names:
         (no_libraries / name).write_bytes(b"not a library")
     mine = [p.name for p in variant.llvm_candidates() if p.parent == no_libraries]

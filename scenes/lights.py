@@ -1,0 +1,102 @@
+"""Lights: unpolarised, with a flat spectrum, and far away."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from malus.scenes.model import Model
+
+
+class Uniform(Model):
+    """Unpolarised light of equal radiance from every direction."""
+
+    kind: Literal["uniform"] = "uniform"
+    radiance: float = Field(default=1.0, gt=0)
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return self.kind
+
+
+class Distant(Model):
+    """Unpolarised parallel light.
+
+    `incidence_deg` is the angle between the direction to the light and the viewer, `azimuth_deg`
+    that of its projection on the image, anticlockwise from +x. An irradiance of π makes a white
+    Lambertian surface that faces the light as bright as under the uniform light of radiance 1.
+    """
+
+    kind: Literal["distant"] = "distant"
+    incidence_deg: float = Field(ge=0, lt=180)
+    azimuth_deg: float = Field(default=35.0, ge=-360, le=360)
+    irradiance: float = Field(default=math.pi, gt=0)
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return f"distant {self.incidence_deg:g}°"
+
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """Unit vector towards the light in the image frame.
+
+        Examples
+        --------
+        >>> Distant(incidence_deg=90, azimuth_deg=90).direction[1]
+        1.0
+        """
+        return _direction(self.incidence_deg, self.azimuth_deg)
+
+
+class Area(Model):
+    """A round lamp far away, equally bright all over, that subtends a cone of directions.
+
+    `half_angle_deg` is the cone's half angle, the other angles are those of its axis as for
+    `Distant`.
+    """
+
+    kind: Literal["area"] = "area"
+    incidence_deg: float = Field(ge=0, lt=180)
+    azimuth_deg: float = Field(default=35.0, ge=-360, le=360)
+    half_angle_deg: float = Field(default=20.0, gt=0, le=80)
+    radiance: float = Field(default=8.0, gt=0)
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return f"area {self.incidence_deg:g}°"
+
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """Unit vector towards the middle of the lamp in the image frame."""
+        return _direction(self.incidence_deg, self.azimuth_deg)
+
+
+class Environment(Model):
+    """Light from all around: a radiance map that malus brings, or an EXR file of the user's.
+
+    Maps are equirectangular with the image's y axis up: see `malus.scenes.environment`.
+    """
+
+    kind: Literal["environment"] = "environment"
+    name: str = Field(default="studio", min_length=1)
+    digest: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return f"environment {Path(self.name).stem}"
+
+
+Light = Annotated[Uniform | Distant | Area | Environment, Field(discriminator="kind")]
+
+
+def _direction(incidence_deg: float, azimuth_deg: float) -> tuple[float, float, float]:
+    incidence, azimuth = math.radians(incidence_deg), math.radians(azimuth_deg)
+    sine = math.sin(incidence)
+    return sine * math.cos(azimuth), sine * math.sin(azimuth), math.cos(incidence)
