@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -34,14 +34,18 @@ from malus.scenes.model import content_id
 from malus.scenes.suite import Suite
 
 Progress = Callable[[int, int, str], None]
-Seconds = Counter[str]
+Seconds = defaultdict[str, float]
+
+
+def _silent(_done: int, _total: int, _label: str) -> None:
+    """Progress that nobody watches."""
 
 
 def run(
     suite: Suite,
     out: Path | str,
     variant: Variant | None = None,
-    progress: Progress = lambda done, total, label: None,
+    progress: Progress = _silent,
 ) -> Results:
     """Render, reconstruct and score a suite; write the results to `out`.
 
@@ -66,7 +70,7 @@ def run(
     folder = prepare_folder(Path(out))
     chosen = variant or choose()
     families = plan(suite)
-    seconds: Seconds = Counter()
+    seconds: Seconds = defaultdict(float)
     errors: list[float] = []
     parts, reused = [], 0
     for done, family in enumerate(families):
@@ -75,7 +79,7 @@ def run(
         part = _stored(path)
         if part is None:
             part = _family_table(family, suite, methods, chosen, seconds)
-            write_whole(path, lambda p, part=part: part.to_parquet(p, index=False))
+            _store(path, part)
         else:
             reused += 1
         parts.append(part)
@@ -96,6 +100,10 @@ def _stored(path: Path) -> pd.DataFrame | None:
         return pd.read_parquet(path)
     except (OSError, ValueError):
         return None
+
+
+def _store(path: Path, part: pd.DataFrame) -> None:
+    write_whole(path, lambda temporary: part.to_parquet(temporary, index=False))
 
 
 def _part_id(family: FamilyPlan, suite: Suite, methods: Sequence[Method], variant: Variant) -> str:
@@ -138,7 +146,7 @@ def _truths(
             yield truth
             before = time.perf_counter()
         return
-    rendered = render_family(family.scenes, family.sampling, variant)
+    rendered = render_family(family.scenes, family.sampling, variant, errors=False)
     seconds["render"] += time.perf_counter() - before
     for scene in family.scenes:
         before = time.perf_counter()

@@ -64,7 +64,9 @@ def quadrature(light: Light, alpha: float) -> Directions:
         return Directions(np.array([light.direction]), np.array([light.irradiance]))
     if isinstance(light, Area):
         return _cone(light, alpha)
-    return _sphere(light, alpha)
+    if isinstance(light, Environment):
+        return _sphere(radiance_map(light).astype(np.float64), alpha)
+    return _sphere(np.full((512, 1024), light.radiance), alpha)
 
 
 def _cone(light: Area, alpha: float) -> Directions:
@@ -92,12 +94,8 @@ def _frame(axis: tuple[float, float, float]) -> Floats:
     return np.stack([first, np.cross(third, first), third])
 
 
-def _sphere(light: Light, alpha: float) -> Directions:
-    """All directions: the map's pixels averaged over blocks as small as the lobe asks for."""
-    if isinstance(light, Environment):
-        values = radiance_map(light).astype(np.float64)
-    else:
-        values = np.full((512, 1024), light.radiance)
+def _sphere(values: Floats, alpha: float) -> Directions:
+    """All directions: a map's pixels averaged over blocks as small as the lobe asks for."""
     wanted = math.pi * NODES_A_LOBE / (2.0 * alpha)
     step = max(1, int(values.shape[0] / max(wanted, 32.0)))
     height, width = values.shape[0] // step, values.shape[1] // step
@@ -188,8 +186,7 @@ def _weights(normals: Image, lamp: Directions, alpha: float) -> NDArray[np.float
     squared = np.where(seen, n_h, 1) ** 2
     facets = np.exp((1 - 1 / squared) / np.float32(alpha**2)) / squared**2
     shadowed = _smith_g1(np.where(seen, n_l, 1), np.float32(alpha))
-    result: NDArray[np.float32] = np.where(seen, facets * shadowed, 0)
-    return result
+    return np.where(seen, facets * shadowed, 0)
 
 
 def _smith_g1(cosine: NDArray[np.float32], alpha: np.float32) -> NDArray[np.float32]:

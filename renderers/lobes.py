@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,30 +26,49 @@ class Lobes:
         Mean Stokes vector of each of two independent halves of the samples.
     body : (2, B, P, 3)
         The same for the body at albedo 1.
-    specular_variance, body_variance, covariance : (K, P, 3), (B, P, 3), (K, P, 3)
-        Variances of the mean of all samples, and the covariance of both lobes.
     pixels : (P,)
         Flat indices into the image, row by row from the top.
     normals : (P, 3)
         Unit mean shading normals.
     covered : (P,) bool
         Whether every sample of the pixel hit the object.
+    specular_variance, body_variance, covariance : (K, P, 3), (B, P, 3), (K, P, 3) or None
+        Variances of the mean of all samples, and the covariance of both lobes, where asked for.
     """
 
     specular: Floats
     body: Floats
-    specular_variance: Floats
-    body_variance: Floats
-    covariance: Floats
     pixels: NDArray[np.int64]
     normals: Floats
     covered: NDArray[np.bool_]
+    specular_variance: Floats | None = None
+    body_variance: Floats | None = None
+    covariance: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Channels of sums over samples: normal, interface and body nodes, and maybe products."""
+
+    interface: int
+    body: int
+    errors: bool
+
+    @property
+    def counts(self) -> list[int]:
+        """Triples of channels in each part."""
+        products = [self.interface, self.body, self.interface] if self.errors else []
+        return [1, self.interface, self.body, *products]
+
+    @property
+    def channels(self) -> int:
+        """All channels."""
+        return 3 * sum(self.counts)
 
 
 def lobes_from_sums(
     sums: Floats,
-    interface: int,
-    body: int,
+    layout: Layout,
     samples: int,
     pixels: NDArray[np.int64],
     covered: NDArray[np.bool_],
@@ -59,31 +78,38 @@ def lobes_from_sums(
     Parameters
     ----------
     sums : (channels, 2, P)
-        Normal, Stokes vectors of the interface's and the body's nodes, their squares, and the
-        products of both lobes, in that order.
-    interface, body : int
-        Numbers of nodes.
+        Normal, Stokes vectors of the interface's and the body's nodes, and where the layout has
+        them their squares and the products of both lobes.
     samples : int
         Samples of a half.
     """
-    counts = [1, interface, body, interface, body, interface]
-    parts = np.split(sums, np.cumsum([3 * count for count in counts])[:-1])
+    parts = np.split(sums, 3 * np.cumsum(layout.counts)[:-1])
     # (count * 3, halves, pixels) -> (halves, count, pixels, 3), means over the half's samples
-    normal, mirrored, scattered, mirrored2, scattered2, product = (
-        part.reshape(count, 3, HALVES, -1).transpose(2, 0, 3, 1) / np.float32(samples)
-        for part, count in zip(parts, counts, strict=True)
+    normal, mirrored, scattered, *products = (
+        np.ascontiguousarray(part.reshape(count, 3, HALVES, -1).transpose(2, 0, 3, 1))
+        / np.float32(samples)
+        for part, count in zip(parts, layout.counts, strict=True)
     )
-    mean_mirrored, mean_scattered = mirrored.mean(axis=0), scattered.mean(axis=0)
-    scale = np.float32(1.0 / (HALVES * samples - 1))
-    return Lobes(
-        specular=np.ascontiguousarray(mirrored),
-        body=np.ascontiguousarray(scattered),
-        specular_variance=_variance(mirrored2, mean_mirrored**2, scale),
-        body_variance=_variance(scattered2, mean_scattered**2, scale),
-        covariance=(product.mean(axis=0) - mean_mirrored * mean_scattered) * scale,
+    lobes = Lobes(
+        specular=mirrored,
+        body=scattered,
         pixels=pixels,
         normals=unit(normal.mean(axis=(0, 1))),
         covered=covered,
+    )
+    return _with_variances(lobes, products, HALVES * samples) if products else lobes
+
+
+def _with_variances(lobes: Lobes, products: list[Floats], samples: int) -> Lobes:
+    mirrored, scattered, both = (product.mean(axis=0) for product in products)
+    mean_mirrored, mean_scattered = lobes.specular.mean(axis=0), lobes.body.mean(axis=0)
+    scale = np.float32(1.0 / (samples - 1))
+    return replace(
+        lobes,
+        # Rounding can leave a tiny negative variance where all samples are equal.
+        specular_variance=np.maximum(mirrored - mean_mirrored**2, 0) * scale,
+        body_variance=np.maximum(scattered - mean_scattered**2, 0) * scale,
+        covariance=(both - mean_mirrored * mean_scattered) * scale,
     )
 
 
@@ -91,9 +117,3 @@ def unit(vectors: Floats) -> Floats:
     """Vectors (..., 3) of length 1; zero stays zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-
-
-def _variance(squares: Floats, squared_mean: Floats, scale: np.float32) -> Floats:
-    # Rounding can leave a tiny negative variance where all samples are equal.
-    result: Floats = np.maximum(squares.mean(axis=0) - squared_mean, 0) * scale
-    return result

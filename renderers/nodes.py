@@ -73,5 +73,4 @@ def interpolation_weights(nodes: Floats, eta: Floats) -> Floats:
     weights = terms / terms.sum(axis=1, keepdims=True)
     hit = exact.any(axis=1)
     weights[hit] = exact[hit]
-    result: Floats = weights
-    return result
+    return weights

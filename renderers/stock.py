@@ -163,7 +163,7 @@ def _response(mi: ModuleType, window: dict[str, Any], light: Light) -> float:
 
 
 def _geometry(mi: ModuleType, window: dict[str, Any], sampling: Sampling) -> tuple[Floats, Floats]:
-    """Shading normals summed over rays (pixels, 3) and the fraction of each pixel's rays that hit."""
+    """Shading normals summed over rays (pixels, 3) and the fraction of rays that hit."""
     views = {"type": "aov", "aovs": "normal:sh_normal,hit:shape_index"}
     scene = _load(mi, window, {"type": "diffuse"}, integrator=views)
     raw = np.asarray(mi.render(scene, spp=sampling.samples, seed=sampling.seed))

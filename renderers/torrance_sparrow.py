@@ -130,8 +130,7 @@ def masking(n_h: Floats, n_v: Floats, n_l: Floats, v_h: float) -> Floats:
     >>> float(masking(np.array(1.0), np.array(1.0), np.array(1.0), 1.0))
     1.0
     """
-    result: Floats = np.minimum(1.0, 2.0 * n_h * np.minimum(n_v, n_l) / v_h)
-    return result
+    return np.minimum(1.0, 2.0 * n_h * np.minimum(n_v, n_l) / v_h)
 
 
 def _beckmann(n_h: Floats, alpha: float) -> Floats:
@@ -146,5 +145,4 @@ def _beckmann(n_h: Floats, alpha: float) -> Floats:
 
 
 def _unit(vector: Floats) -> Floats:
-    result: Floats = vector / np.linalg.norm(vector)
-    return result
+    return vector / np.linalg.norm(vector)

@@ -23,11 +23,9 @@ CAMERA_DISTANCE = 3.0
 LAMP_DISTANCE = 1000.0
 
 
-def sensor(mi: ModuleType, camera: Camera, samples: int = 1) -> dict[str, Any]:
+def sensor(mi: ModuleType, camera: Camera, distance: float = CAMERA_DISTANCE) -> dict[str, Any]:
     """The camera as a sensor with a box filter: pixels are independent, runs bit-identical."""
-    look = mi.ScalarTransform4f().look_at(
-        origin=[0, 0, CAMERA_DISTANCE], target=[0, 0, 0], up=[0, 1, 0]
-    )
+    look = mi.ScalarTransform4f().look_at(origin=[0, 0, distance], target=[0, 0, 0], up=[0, 1, 0])
     return {
         "type": "orthographic",
         "to_world": look @ mi.ScalarTransform4f().scale([camera.half_width, camera.half_width, 1]),
@@ -39,7 +37,7 @@ def sensor(mi: ModuleType, camera: Camera, samples: int = 1) -> dict[str, Any]:
             "pixel_format": "rgb",
             "component_format": "float32",
         },
-        "sampler": {"type": "independent", "sample_count": samples},
+        "sampler": {"type": "independent"},
     }
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.renderers.lighting import Sampler, sampler
-from malus.renderers.lobes import HALVES, Floats, Lobes, lobes_from_sums
+from malus.renderers.lobes import HALVES, Floats, Layout, Lobes, lobes_from_sums
 from malus.renderers.translate import CONVEX, sensor, shape_object
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.lights import Light
@@ -32,6 +33,20 @@ PIXELS_A_LAUNCH = 1 << 16
 def stage(variant: Variant, shape: Shape, camera: Camera) -> Stage:
     """The stage for a shape and a camera; the last ones are kept, so that nothing is reloaded."""
     return Stage(mitsuba(variant), shape, camera)
+
+
+@dataclass(frozen=True)
+class Shading:
+    """What every hit is shaded with: the BSDFs at the nodes, and whether variances are kept."""
+
+    interface: Sequence[Any]
+    body: Sequence[Any]
+    errors: bool
+
+    @property
+    def layout(self) -> Layout:
+        """How the sums over samples are laid out."""
+        return Layout(len(self.interface), len(self.body), self.errors)
 
 
 class Stage:
@@ -54,28 +69,16 @@ class Stage:
         self.sensor = self.scene.sensors()[0]
         self.context = mi.BSDFContext()
 
-    def render(
-        self,
-        light: Light,
-        interface: Sequence[Any],
-        body: Sequence[Any],
-        sampling: Sampling,
-    ) -> Lobes:
-        """Shade every hit with every BSDF of `interface` and `body` under `light`."""
+    def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:
+        """Shade every hit with every BSDF of `shading` under `light`."""
         pixels, covered = self._coverage(sampling)
         lit_by = sampler(self.mi, light)
-        blocks = [
-            self._shade(pixels[i : i + PIXELS_A_LAUNCH], lit_by, interface, body, sampling)
-            for i in range(0, len(pixels), PIXELS_A_LAUNCH)
-        ]
-        sums = np.concatenate(blocks, axis=-1) if blocks else self._nothing(interface, body)
-        return lobes_from_sums(
-            sums, len(interface), len(body), sampling.samples // HALVES, pixels, covered
-        )
-
-    def _nothing(self, interface: Sequence[Any], body: Sequence[Any]) -> Floats:
-        channels = 3 + 3 * (3 * len(interface) + 2 * len(body))
-        return np.zeros((channels, HALVES, 0), dtype=np.float32)
+        sums = np.empty((shading.layout.channels, HALVES, len(pixels)), dtype=np.float32)
+        for i in range(0, len(pixels), PIXELS_A_LAUNCH):
+            block = slice(i, i + PIXELS_A_LAUNCH)
+            self._shade(pixels[block], lit_by, shading, sampling, sums[:, :, block])
+        half_samples = sampling.samples // HALVES
+        return lobes_from_sums(sums, shading.layout, half_samples, pixels, covered)
 
     def _coverage(self, sampling: Sampling) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Pixels with at least one hit among the very rays to be shaded, and those with all."""
@@ -128,49 +131,45 @@ class Stage:
         self,
         pixels: NDArray[np.int64],
         light: Sampler,
-        interface: Sequence[Any],
-        body: Sequence[Any],
+        shading: Shading,
         sampling: Sampling,
-    ) -> Floats:
-        """Sums over samples, shape (channels, halves, pixels)."""
+        result: Floats,
+    ) -> None:
+        """Fill `result`, (channels, halves, pixels), with sums over the samples."""
         mi, dr = self.mi, self.dr
         thread = dr.arange(mi.UInt32, HALVES * len(pixels))
         half, local = thread // len(pixels), thread % len(pixels)
         pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), local)
-        rays, shading = self._random(pixel, half, sampling.seed)
-        channels = 3 + 3 * (3 * len(interface) + 2 * len(body))
-        sums = [dr.zeros(mi.Float, dr.width(thread)) for _ in range(channels)]
+        rays, draws = self._random(pixel, half, sampling.seed)
+        sums = [dr.zeros(mi.Float, dr.width(thread)) for _ in result]
 
-        def step(i: Any, sums: list[Any], rays: Any, shading: Any) -> tuple[Any, ...]:
+        def step(i: Any, sums: list[Any], rays: Any, draws: Any) -> tuple[Any, ...]:
             ray = self._ray(pixel, rays)
             hit = self.scene.ray_intersect(ray)
-            values = self._sample(ray, hit, light, interface, body, shading)
-            return i + 1, [s + v for s, v in zip(sums, values, strict=True)], rays, shading
+            values = self._sample(ray, hit, light, shading, draws)
+            return i + 1, [s + v for s, v in zip(sums, values, strict=True)], rays, draws
 
         count = dr.opaque(mi.UInt32, sampling.samples // HALVES)
-        state = (dr.zeros(mi.UInt32, dr.width(thread)), sums, rays, shading)
+        state = (dr.zeros(mi.UInt32, dr.width(thread)), sums, rays, draws)
         _, sums, _, _ = dr.while_loop(state, lambda i, *_: i < count, step)
         dr.eval(sums)
-        return np.stack([np.asarray(s) for s in sums]).reshape(channels, HALVES, len(pixels))
+        for row, values in zip(result, sums, strict=True):
+            row[:] = np.asarray(values).reshape(HALVES, -1)
 
     def _sample(
-        self,
-        ray: Any,
-        hit: Any,
-        light: Sampler,
-        interface: Sequence[Any],
-        body: Sequence[Any],
-        random: Any,
+        self, ray: Any, hit: Any, light: Sampler, shading: Shading, random: Any
     ) -> list[Any]:
         """Normal, Stokes of every BSDF, and the products that the variances need."""
         dr = self.dr
         to_camera = self._to_camera_frame(ray)
-        mirrored = self._lobe(hit, light, interface, to_camera, random)
-        scattered = self._lobe(hit, light, body, to_camera, random)
+        mirrored = self._lobe(hit, light, shading.interface, to_camera, random)
+        scattered = self._lobe(hit, light, shading.body, to_camera, random)
         normal = [dr.select(hit.is_valid(), c, 0.0) for c in hit.sh_frame.n]
+        if not shading.errors:
+            return normal + mirrored + scattered
         squares = [v * v for v in mirrored] + [v * v for v in scattered]
         # One body node serves every interface node where the body does not depend on η.
-        repeated = scattered * (len(interface) // len(body))
+        repeated = scattered * (len(mirrored) // len(scattered))
         products = [a * b for a, b in zip(mirrored, repeated, strict=True)]
         return normal + mirrored + scattered + squares + products
 

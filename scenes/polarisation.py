@@ -95,8 +95,7 @@ def polarised_intensity(stokes: Array) -> Array:
     >>> float(polarised_intensity(np.array([9.0, 3.0, 4.0])))
     5.0
     """
-    result: Array = np.hypot(stokes[..., 1], stokes[..., 2])
-    return result
+    return np.hypot(stokes[..., 1], stokes[..., 2])
 
 
 def extremes(stokes: Array) -> tuple[Array, Array]:

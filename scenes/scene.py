@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -94,7 +95,7 @@ class Camera(Model):
 
 
 def _increasing(wavelengths_nm: tuple[float, ...]) -> tuple[float, ...]:
-    if any(b <= a for a, b in zip(wavelengths_nm, wavelengths_nm[1:], strict=False)):
+    if any(b <= a for a, b in itertools.pairwise(wavelengths_nm)):
         raise ValueError("wavelengths in increasing order")
     return wavelengths_nm
 

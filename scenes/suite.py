@@ -86,12 +86,12 @@ class Suite(Model):
 
     @model_validator(mode="after")
     def _known_names(self) -> Self:
-        for name in self.materials:
-            if isinstance(name, str):
-                material(name)
-        for name in self.surfaces:
-            if isinstance(name, str):
-                surface(name)
+        for substance in self.materials:
+            if isinstance(substance, str):
+                material(substance)
+        for rough in self.surfaces:
+            if isinstance(rough, str):
+                surface(rough)
         return self
 
     def scenes(self) -> Iterator[Scene]:

@@ -1,0 +1,184 @@
+"""Truths of a family of scenes: images as polynomials in the refractive index."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.renderers.lobes import Floats, Lobes
+from malus.renderers.nodes import interpolation_weights
+from malus.renderers.truth import Truth
+from malus.scenes import polarisation
+from malus.scenes.lights import Light
+from malus.scenes.scene import Body, Camera, Scene
+from malus.scenes.shapes import Shape
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class FamilyKey:
+    """What scenes must share to come from the same renders."""
+
+    shape: Shape
+    camera: Camera
+    light: Light
+    alpha: float
+    body: Body
+
+    @classmethod
+    def of(cls, scene: Scene) -> FamilyKey:
+        """The family of a scene: all of it but the material, the bands and the albedo."""
+        surface = scene.surface
+        return cls(scene.shape, scene.camera, scene.light, surface.alpha, surface.body)
+
+
+@dataclass(frozen=True)
+class Family:
+    """Both lobes as polynomials in η, and what they cost.
+
+    Attributes
+    ----------
+    nodes : (K,)
+        Indices that were rendered.
+    lobes : Lobes
+        At the nodes.
+    interpolation_error : dict
+        'rms' and 'worst' of both lobes at a held-out index, over the image's peak.
+    seconds : float
+        Time of the renders.
+    """
+
+    key: FamilyKey
+    nodes: NDArray[np.float64]
+    lobes: Lobes
+    variant: str
+    seconds: float
+    interpolation_error: dict[str, float] = field(default_factory=dict)
+    _transmitted: dict[tuple[tuple[float, ...], float], Floats] = field(
+        default_factory=dict, repr=False
+    )
+
+    @functools.cached_property
+    def normals(self) -> Floats:
+        """Unit normals (height, width, 3), zero off the object."""
+        return self._image(self.lobes.normals[:, None, :])[:, :, 0]
+
+    @functools.cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """Pixels (height, width) that the object covers entirely."""
+        return self._image(self.lobes.covered[:, None, None])[:, :, 0, 0]
+
+    def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
+        """The truth of one scene of this family, interpolated in η for every band.
+
+        Parameters
+        ----------
+        scene : Scene
+            Its key must be this family's.
+        standard_error : bool
+            False leaves the standard errors out (zeros) where nothing reads them.
+
+        Raises
+        ------
+        ValueError
+            If the scene belongs to another family or its index lies outside the nodes.
+        """
+        self._check(scene)
+        weights = self._weights(scene.eta)
+        albedo = np.float32(scene.surface.albedo)
+        specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
+        diffuse, diffuse_noise = self._mean_and_noise(self.lobes.body, weights)
+        error = self._error(weights, albedo) if standard_error else np.zeros_like(specular)
+        return Truth(
+            scene=scene,
+            specular=self._image(specular),
+            diffuse=self._image(diffuse * albedo),
+            normals=self.normals,
+            mask=self.mask,
+            standard_error=self._image(error),
+            specular_noise=self._image(specular_noise),
+            diffuse_noise=self._image(diffuse_noise * albedo),
+            interpolation_error=self.interpolation_error,
+        )
+
+    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
+        """Images (angles, height, width, bands) through a polariser, without the Stokes images.
+
+        The transmitted radiance is linear in the Stokes vector, so that it is formed at the few
+        nodes and only then interpolated to the bands.
+        """
+        self._check(scene)
+        weights = self._weights(scene.eta)
+        key = (angles_deg, float(scene.surface.albedo))
+        nodes = self._transmitted.get(key)
+        if nodes is None:
+            nodes = self._transmitted[key] = self._transmit(*key)
+        side = self.key.camera.resolution
+        images = np.zeros((len(angles_deg), side * side, len(weights)), dtype=np.float32)
+        for image, values in zip(images, nodes, strict=True):
+            image[self.lobes.pixels] = values @ weights.T
+        return images.reshape(len(angles_deg), side, side, len(weights))
+
+    def _transmit(self, angles_deg: tuple[float, ...], albedo: float) -> Floats:
+        """Radiance of both lobes behind the polariser at the nodes, (angles, pixels, K)."""
+        stokes = self.lobes.specular.mean(axis=0) + np.float32(albedo) * self.lobes.body.mean(
+            axis=0
+        )
+        return np.stack([polarisation.polarised(stokes, angle).T for angle in angles_deg])
+
+    def _check(self, scene: Scene) -> None:
+        if FamilyKey.of(scene) != self.key:
+            raise ValueError(f"scene {scene.id}: expected a scene of this family")
+
+    def _weights(self, eta: NDArray[np.float64]) -> Floats:
+        slack = 0.01 * np.ptp(self.nodes) + 1e-9 if len(self.nodes) == 1 else _edge(self.nodes)
+        if eta.min() < self.nodes.min() - slack or eta.max() > self.nodes.max() + slack:
+            raise ValueError(f"eta: expected a value among this family's nodes, found {eta}")
+        return interpolation_weights(self.nodes, eta).astype(np.float32)
+
+    def _mean_and_noise(self, halves: Floats, weights: Floats) -> tuple[Floats, Floats]:
+        """Mean of both halves and half their difference, (pixels, bands, 3) each."""
+        first, second = halves
+        return (
+            interpolate(weights, np.float32(0.5) * (first + second)),
+            interpolate(weights, np.float32(0.5) * (first - second)),
+        )
+
+    def _error(self, weights: Floats, albedo: np.float32) -> Floats:
+        # The noise at every node is the same draw, so that its variance is smooth in η as well.
+        lobes = self.lobes
+        if lobes.specular_variance is None or lobes.body_variance is None:
+            raise ValueError("standard_error: this family was rendered without errors")
+        assert lobes.covariance is not None
+        variance = (
+            interpolate(weights, lobes.specular_variance)
+            + 2 * albedo * interpolate(weights, lobes.covariance)
+            + albedo**2 * interpolate(weights, lobes.body_variance)
+        )
+        result: Floats = np.sqrt(np.maximum(variance, 0))
+        return result
+
+    def _image(self, values: NDArray[Scalar]) -> NDArray[Scalar]:
+        side = self.key.camera.resolution
+        image = np.zeros((side * side, *values.shape[1:]), dtype=values.dtype)
+        image[self.lobes.pixels] = values
+        return image.reshape(side, side, *values.shape[1:])
+
+
+def _edge(nodes: NDArray[np.float64]) -> float:
+    """How far the interval of Chebyshev nodes reaches beyond its outermost node."""
+    half = 0.5 * np.ptp(nodes) / np.cos(np.pi / (2 * len(nodes)))
+    return float(half * (1 - np.cos(np.pi / (2 * len(nodes)))) * (1 + 1e-9) + 1e-12)
+
+
+def interpolate(weights: Floats, nodes: Floats) -> Floats:
+    """Values (pixels, bands, 3) from nodes (K, pixels, 3); one node serves every band."""
+    if len(nodes) == 1:
+        bands = (nodes.shape[1], len(weights), 3)
+        return np.broadcast_to(nodes[0][:, None, :], bands)
+    return np.einsum("bk,kpc->pbc", weights, nodes, optimize=True)
