@@ -15,7 +15,6 @@ from rich.table import Table
 from malus.bench.results import Results
 from malus.bench.runner import run
 from malus.renderers.variant import Variant, choose
-from malus.scenes.errors import InputError
 from malus.scenes.suite import Suite, load_suite
 
 
@@ -115,24 +114,18 @@ def _or_none(value: Any) -> float | None:
 
 
 def _table(results: Results) -> Table:
-    table = Table(title="error and skill (1 perfect, 0 no better than “unpolarised”)")
-    for name in ("body", "light", "method"):
-        table.add_column(name)
-    for name in ("NMSE mean", "NMSE max", "skill median", "skill min", "scenes"):
-        table.add_column(name, justify="right")
+    """One row a light, body and method; narrow enough for 80 columns."""
+    table = Table(title="skill: 1 is perfect, 0 no better than guessing “unpolarised”")
+    for name in ("light", "body", "method"):
+        table.add_column(name, no_wrap=True)
+    for name in ("NMSE", "skill", "worst"):
+        table.add_column(name, justify="right", no_wrap=True)
     for row in headline(results):
-        median, least = row["skill_median"], row["skill_min"]
-        table.add_row(
-            row["body"],
-            row["light"],
-            row["method"],
-            f"{row['nmse_mean']:.2e}",
-            f"{row['nmse_max']:.2e}",
-            "–" if median is None else f"{median:.4f}",
-            "–" if least is None else f"{least:.4f}",
-            str(row["scenes"]),
-        )
+        numbers = [_skill(row["skill_median"]), _skill(row["skill_min"])]
+        nmse = f"{row['nmse_mean']:.1e}"
+        table.add_row(row["light"], row["body"], row["method"], nmse, *numbers)
     return table
 
 
-__all__ = ["InputError", "headline", "overridden", "run_command"]
+def _skill(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"

@@ -34,7 +34,7 @@ class FamilyPlan:
 
 
 def plan(suite: Suite) -> list[FamilyPlan]:
-    """Families of a suite, in the order in which its scenes come.
+    """Families of a suite, those of one roughness together: methods keep tables of a roughness.
 
     Examples
     --------
@@ -46,7 +46,8 @@ def plan(suite: Suite) -> list[FamilyPlan]:
     groups: dict[FamilyKey, list[Scene]] = {}
     for scene in suite.scenes():
         groups.setdefault(FamilyKey.of(scene), []).append(scene)
-    return [_family(scenes, suite.sampling) for scenes in groups.values()]
+    ordered = sorted(groups.items(), key=lambda group: group[0].alpha)
+    return [_family(scenes, suite.sampling) for _, scenes in ordered]
 
 
 def _family(scenes: Sequence[Scene], sampling: Sampling) -> FamilyPlan:

@@ -6,6 +6,8 @@ import platform
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -13,6 +15,7 @@ from typing import Any
 
 import pandas as pd
 
+from malus.bench.examples import chosen, keep
 from malus.bench.judge import Judge
 from malus.bench.plan import FamilyPlan, plan
 from malus.bench.results import (
@@ -34,7 +37,6 @@ from malus.scenes.model import content_id
 from malus.scenes.suite import Suite
 
 Progress = Callable[[int, int, str], None]
-Seconds = defaultdict[str, float]
 
 
 def _silent(_done: int, _total: int, _label: str) -> None:
@@ -66,30 +68,112 @@ def run(
         Unknown method, folder that cannot be written.
     """
     started = time.perf_counter()
-    methods = [get_method(name) for name in suite.methods]
-    folder = prepare_folder(Path(out))
-    chosen = variant or choose()
     families = plan(suite)
-    seconds: Seconds = defaultdict(float)
-    errors: list[float] = []
-    parts, reused = [], 0
+    job = Job(
+        suite,
+        [get_method(name) for name in suite.methods],
+        prepare_folder(Path(out)),
+        variant or choose(),
+        chosen(families),
+    )
+    parts = []
     for done, family in enumerate(families):
         progress(done, len(families), family.label)
-        path = folder / PARTS / f"{_part_id(family, suite, methods, chosen)}.parquet"
-        part = _stored(path)
-        if part is None:
-            part = _family_table(family, suite, methods, chosen, seconds)
-            _store(path, part)
-        else:
-            reused += 1
-        parts.append(part)
-        errors.append(float(part.attrs.get("interpolation_rms", 0.0)))
+        parts.append(job.part(family))
     progress(len(families), len(families), "writing")
-    seconds["total"] = time.perf_counter() - started
-    record = _record(suite, chosen, seconds, families, reused, max(errors, default=0.0))
-    results = Results(pd.concat(parts, ignore_index=True), record)
-    write_results(folder, results)
+    job.seconds["total"] = time.perf_counter() - started
+    results = Results(pd.concat(parts, ignore_index=True), job.record(parts))
+    write_results(job.folder, results)
     return results
+
+
+@dataclass
+class Job:
+    """One run: what it is about, where it writes, and the seconds that its stages took."""
+
+    suite: Suite
+    methods: Sequence[Method]
+    folder: Path
+    variant: Variant
+    examples: frozenset[str]
+    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+    reused: int = 0
+
+    def part(self, family: FamilyPlan) -> pd.DataFrame:
+        """The table of one family, from an earlier run where that is there."""
+        names = [method.name for method in self.methods]
+        content = [family.id, self.suite.renderer, names, self.variant.name, version("malus")]
+        path = self.folder / PARTS / f"{content_id(content)}.parquet"
+        part = _stored(path)
+        if part is not None:
+            self.reused += 1
+            return part
+        part = self._table(family)
+        write_whole(path, lambda temporary: part.to_parquet(temporary, index=False))
+        return part
+
+    def _table(self, family: FamilyPlan) -> pd.DataFrame:
+        records: list[dict[str, Any]] = []
+        worst = 0.0
+        for truth in self._truths(family):
+            with self._stage("reconstruct and score"):
+                records += self._rows(truth)
+            if truth.scene.id in self.examples:
+                with self._stage("write examples"):
+                    keep(self.folder, truth, self.methods)
+            worst = max(worst, truth.interpolation_error.get("rms", 0.0))
+        table = table_of(records)
+        # pandas stores attributes with the Parquet file: they come back when a run goes on
+        table.attrs["interpolation_rms"] = worst
+        return table
+
+    def _rows(self, truth: Truth) -> list[dict[str, Any]]:
+        judge = Judge(truth)
+        records: list[dict[str, Any]] = []
+        for method in self.methods:
+            try:
+                records += score_rows(truth.scene, method.name, judge.score(method))
+            except Inapplicable as reason:
+                records += inapplicable_rows(truth.scene, method.name, str(reason))
+        return records
+
+    def _truths(self, family: FamilyPlan) -> Iterator[Truth]:
+        if self.suite.renderer == "torrance-sparrow":
+            for scene in family.scenes:
+                with self._stage("render"):
+                    truth = render_torrance_sparrow(scene)
+                yield truth
+            return
+        with self._stage("render"):
+            rendered = render_family(family.scenes, family.sampling, self.variant, errors=False)
+        for scene in family.scenes:
+            with self._stage("interpolate in eta"):
+                truth = rendered.truth(scene, standard_error=False)
+            yield truth
+
+    @contextmanager
+    def _stage(self, name: str) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        self.seconds[name] += time.perf_counter() - started
+
+    def record(self, parts: Sequence[pd.DataFrame]) -> dict[str, Any]:
+        """What `run.json` says: how the results came about."""
+        packages = ("malus", "mitsuba", "drjit", "numpy", "scipy", "pandas")
+        versions = {name: version(name) for name in packages}
+        return {
+            "suite": self.suite.model_dump(mode="json"),
+            "suite_id": self.suite.id,
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            "versions": versions | {"python": platform.python_version()},
+            "machine": {"system": platform.platform(), "processor": platform.machine()},
+            "variant": {"name": self.variant.name, "reason": self.variant.reason},
+            "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
+            "families": len(parts),
+            "families_taken_over": self.reused,
+            "scenes": sum(part.scene.nunique() for part in parts),
+            "interpolation_rms": max(part.attrs["interpolation_rms"] for part in parts),
+        }
 
 
 def _stored(path: Path) -> pd.DataFrame | None:
@@ -100,81 +184,3 @@ def _stored(path: Path) -> pd.DataFrame | None:
         return pd.read_parquet(path)
     except (OSError, ValueError):
         return None
-
-
-def _store(path: Path, part: pd.DataFrame) -> None:
-    write_whole(path, lambda temporary: part.to_parquet(temporary, index=False))
-
-
-def _part_id(family: FamilyPlan, suite: Suite, methods: Sequence[Method], variant: Variant) -> str:
-    names = [method.name for method in methods]
-    return content_id([family.id, suite.renderer, names, variant.name, version("malus")])
-
-
-def _family_table(
-    family: FamilyPlan,
-    suite: Suite,
-    methods: Sequence[Method],
-    variant: Variant,
-    seconds: Seconds,
-) -> pd.DataFrame:
-    records: list[dict[str, Any]] = []
-    worst = 0.0
-    for truth in _truths(family, suite, variant, seconds):
-        before = time.perf_counter()
-        judge = Judge(truth)
-        for method in methods:
-            try:
-                records += score_rows(truth.scene, method.name, judge.score(method))
-            except Inapplicable as reason:
-                records += inapplicable_rows(truth.scene, method.name, str(reason))
-        seconds["reconstruct and score"] += time.perf_counter() - before
-        worst = max(worst, truth.interpolation_error.get("rms", 0.0))
-    table = table_of(records)
-    table.attrs["interpolation_rms"] = worst
-    return table
-
-
-def _truths(
-    family: FamilyPlan, suite: Suite, variant: Variant, seconds: Seconds
-) -> Iterator[Truth]:
-    before = time.perf_counter()
-    if suite.renderer == "torrance-sparrow":
-        for scene in family.scenes:
-            truth = render_torrance_sparrow(scene)
-            seconds["render"] += time.perf_counter() - before
-            yield truth
-            before = time.perf_counter()
-        return
-    rendered = render_family(family.scenes, family.sampling, variant, errors=False)
-    seconds["render"] += time.perf_counter() - before
-    for scene in family.scenes:
-        before = time.perf_counter()
-        truth = rendered.truth(scene, standard_error=False)
-        seconds["interpolate in eta"] += time.perf_counter() - before
-        yield truth
-
-
-def _record(
-    suite: Suite,
-    variant: Variant,
-    seconds: Seconds,
-    families: Sequence[FamilyPlan],
-    reused: int,
-    interpolation_error: float,
-) -> dict[str, Any]:
-    packages = ("malus", "mitsuba", "drjit", "numpy", "scipy", "pandas")
-    return {
-        "suite": suite.model_dump(mode="json"),
-        "suite_id": suite.id,
-        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {name: version(name) for name in packages}
-        | {"python": platform.python_version()},
-        "machine": {"system": platform.platform(), "processor": platform.machine()},
-        "variant": {"name": variant.name, "reason": variant.reason},
-        "seconds": {name: round(value, 3) for name, value in seconds.items()},
-        "families": len(families),
-        "families_taken_over": reused,
-        "scenes": sum(len(family.scenes) for family in families),
-        "interpolation_rms": interpolation_error,
-    }

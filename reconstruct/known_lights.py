@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct.fresnel import reflectances
-from malus.reconstruct.observation import Image, Inapplicable, Observation
+from malus.reconstruct.lobes import Block, BlockModel, Polarisation, one_index
+from malus.reconstruct.observation import Image, Observation
 from malus.scenes.environment import directions, radiance_map, solid_angles
 from malus.scenes.lights import Area, Distant, Environment, Light
 
@@ -107,25 +108,27 @@ def _sphere(values: Floats, alpha: float) -> Directions:
     return Directions(toward[lit], power[lit])
 
 
-def specular_polarisation(observation: Observation) -> tuple[Image, Image]:
-    """(s1/s0, s2/s0) of the mirrored light, (height, width, bands) each, zero off the mask."""
-    light, normals = observation.require("light"), observation.require("normals")
+def known_lights(observation: Observation) -> BlockModel:
+    """The lobe model: light mirrored by the facets that stand right for each direction."""
+    light = observation.require("light")
+    observation.require("normals")
     alpha = float(observation.require("alpha"))
-    eta = np.asarray(observation.require("eta"))
-    if eta.ndim != 1:
-        raise Inapplicable("needs one index a band")
+    eta = np.array(one_index(observation))
     lamp = quadrature(light, alpha)
     stokes = _mirrored(lamp, eta)
-    summed = _gather(normals[observation.mask], lamp, alpha, stokes)
-    summed = summed.reshape(len(summed), len(eta), 3)
-    dark = summed[..., 0] <= 0
-    total = np.where(dark, 1.0, summed[..., 0])
-    result = []
-    for component in (1, 2):
-        image = np.zeros((*observation.mask.shape, len(eta)), dtype=observation.image.dtype)
-        image[observation.mask] = np.where(dark, 0.0, summed[..., component]) / total
-        result.append(image)
-    return result[0], result[1]
+
+    def model(block: Block) -> Polarisation:
+        part = block.observation
+        summed = _gather(part.require("normals")[part.mask], lamp, alpha, stokes)
+        summed = summed.reshape(len(summed), len(eta), 3)
+        dark = summed[..., 0] <= 0
+        total = np.where(dark, 1.0, summed[..., 0])
+        planes = np.zeros((2, len(eta), *part.mask.shape), dtype=part.image.dtype)
+        for component, plane in enumerate(planes, start=1):
+            plane[:, part.mask] = (np.where(dark, 0.0, summed[..., component]) / total).T
+        return planes[0], planes[1]
+
+    return model
 
 
 def _mirrored(lamp: Directions, eta: Floats) -> NDArray[np.float32]:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from malus.reconstruct import known_lights, lobes
+from malus.reconstruct import lobes
+from malus.reconstruct.image import from_lobes
+from malus.reconstruct.known_lights import known_lights
 from malus.reconstruct.lobes import LobeModel
 from malus.reconstruct.observation import Components, Observation
 from malus.scenes.errors import InputError
@@ -41,19 +43,6 @@ def _unpolarised(observation: Observation) -> Components:
     return Components(observation.image, nothing, nothing)
 
 
-def _from_lobes(
-    observation: Observation, specular_model: LobeModel, body_model: LobeModel | None
-) -> Components:
-    """Equations 7 and 9 to 12: the polarised parts of both lobes, added as Stokes vectors."""
-    specular, diffuse = observation.require("specular"), observation.require("diffuse")
-    p1, p2 = specular_model(observation)
-    s1, s2 = specular * p1, specular * p2
-    if body_model is not None:
-        b1, b2 = body_model(observation)
-        s1, s2 = s1 + diffuse * b1, s2 + diffuse * b2
-    return Components(specular + diffuse, s1, s2)
-
-
 _GEOMETRY = frozenset({"normals", "eta"})
 _FACETS = _GEOMETRY | {"alpha"}
 
@@ -76,7 +65,7 @@ _SPECULAR: dict[str, tuple[LobeModel, frozenset[str], str]] = {
         "Fresnel at the half vector of a known distant light",
     ),
     "lights": (
-        known_lights.specular_polarisation,
+        known_lights,
         _FACETS | {"light"},
         "facets weighted by the radiance that each mirrors from known lights",
     ),
@@ -87,8 +76,8 @@ def _methods() -> list[Method]:
     trivial = "the trivial guess: half of I at every angle"
     found = [Method("unpolarised", frozenset(), _unpolarised, trivial)]
     for name, (model, needs, summary) in _SPECULAR.items():
-        plain = functools.partial(_from_lobes, specular_model=model, body_model=None)
-        mended = functools.partial(_from_lobes, specular_model=model, body_model=lobes.body)
+        plain = functools.partial(from_lobes, specular_model=model, body_model=None)
+        mended = functools.partial(from_lobes, specular_model=model, body_model=lobes.body)
         found.append(Method(name, needs | LOBES, plain, summary))
         more = f"{summary}; body light polarised as it leaves"
         found.append(Method(f"{name}+body", needs | LOBES | _GEOMETRY, mended, more))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.scenes import polarisation
-from malus.scenes.scene import Light
+from malus.scenes.lights import Light
 
 Image = NDArray[np.floating[Any]]
 
@@ -52,6 +52,31 @@ class Observation:
     alpha: float | Image | None = None
     light: Light | None = None
 
+    def __post_init__(self) -> None:
+        """Check that the arrays belong together.
+
+        Raises
+        ------
+        ValueError
+            Naming the array, the shape expected and the shape found.
+        """
+        if np.ndim(self.image) != 3:
+            raise ValueError(f"image: expected (height, width, bands), found {self.image.shape}")
+        height, width, bands = self.image.shape
+        expected: dict[str, list[tuple[int, ...]]] = {
+            "mask": [(height, width)],
+            "specular": [(height, width, bands)],
+            "diffuse": [(height, width, bands)],
+            "normals": [(height, width, 3)],
+            "eta": [(bands,), (height, width, bands)],
+            "alpha": [(), (height, width)],
+        }
+        for name, shapes in expected.items():
+            value = getattr(self, name)
+            if value is not None and np.shape(value) not in shapes:
+                wanted = " or ".join(map(str, shapes))
+                raise ValueError(f"{name}: expected shape {wanted}, found {np.shape(value)}")
+
     @property
     def sigma(self) -> float:
         """Exponent σ = 1/m² of the paper's Equation 2, for one roughness."""
@@ -84,11 +109,15 @@ class Components:
         I = I_max + I_min.
     s1, s2 : (height, width, bands)
         Linear Stokes components, reference axis +x.
+    valid : (height, width) bool or None
+        False where the inputs were no physical values; the components are zero there. None means
+        that the method does not tell.
     """
 
     image: Image
     s1: Image
     s2: Image
+    valid: NDArray[np.bool_] | None = None
 
     @classmethod
     def from_extremes(cls, i_max: Image, i_min: Image, phase: Image) -> Self:

@@ -29,7 +29,7 @@ PIXELS_A_LAUNCH = 1 << 16
 """Bounds the memory of one launch to a few hundred megabytes, whatever the image's size."""
 
 
-@functools.lru_cache(maxsize=2)
+@functools.lru_cache(maxsize=4)
 def stage(variant: Variant, shape: Shape, camera: Camera) -> Stage:
     """The stage for a shape and a camera; the last ones are kept, so that nothing is reloaded."""
     return Stage(mitsuba(variant), shape, camera)

@@ -8,10 +8,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 from malus.scenes.errors import InputError
 from malus.scenes.geometry import TriangleMesh, blob, icosphere, superquadric, torus
 from malus.scenes.radial import RadialSurface, blob_radius, radial_normals, superquadric_radius
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from malus.scenes.errors import InputError
 from malus.scenes.materials import Material, material, materials, surface, surfaces
 

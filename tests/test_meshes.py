@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+
 from malus.scenes import meshes
 from malus.scenes.errors import InputError
 from malus.scenes.geometry import TriangleMesh, blob, icosphere

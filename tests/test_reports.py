@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+
 from malus.reports import sample, write_report
 from malus.reports.figure5 import figure5, figure5_by_light, numbers
 from malus.reports.panels import spread

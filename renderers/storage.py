@@ -1,0 +1,142 @@
+"""Files and folders that are whole or not there, and that are checked before they are believed."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+import shutil
+import socket
+import stat
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from malus.scenes.errors import InputError
+
+TEMPORARY = ".part-"
+
+
+def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
+    """Call `write` with an empty folder beside `final`, then rename it: whole or not at all.
+
+    Examples
+    --------
+    >>> base = Path(tempfile.mkdtemp())
+    >>> replace_folder(base / "a", lambda folder: (folder / "b").touch())
+    >>> [path.name for path in base.iterdir()]
+    ['a']
+    """
+    temporary, aside = _own_folder(final.parent), None
+    try:
+        write(temporary)
+        temporary.chmod(0o755)
+        if final.is_dir() and not final.is_symlink():
+            # A folder that is not empty cannot be replaced by renaming: it steps aside first.
+            aside = _own_folder(final.parent)
+            os.rename(final, aside / final.name)
+        os.rename(temporary, final)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        if aside is not None:
+            shutil.rmtree(aside, ignore_errors=True)
+
+
+def replace_text(final: Path, text: str) -> None:
+    """Write a text file under a temporary name, then rename it: whole or not at all."""
+    handle, name = tempfile.mkstemp(dir=final.parent, prefix=TEMPORARY)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.chmod(name, 0o644)
+        os.replace(name, final)
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove temporary folders of processes of this machine that are gone."""
+    mine = f"{TEMPORARY}{socket.gethostname()}-"
+    for entry in folder.glob(f"{mine}*"):
+        owner = entry.name.removeprefix(mine).split("-")[0]
+        if owner.isdigit() and not _runs(int(owner)) and not entry.is_symlink():
+            shutil.rmtree(entry, ignore_errors=True)
+
+
+def read_json(path: Path, limit: int) -> tuple[Any, str]:
+    """The content of a JSON file of at most `limit` bytes, and the SHA-256 of its bytes.
+
+    Raises
+    ------
+    InputError
+        Missing, a link, too large, or no JSON.
+    """
+    with open_regular(path) as file:
+        raw = file.read(limit + 1)
+    if len(raw) > limit:
+        raise InputError(str(path), f"at most {limit} bytes", "more", "is this file from malus?")
+    try:
+        return json.loads(raw), hashlib.sha256(raw).hexdigest()
+    except (ValueError, RecursionError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(str(path), "a JSON file", reason, "write it again") from None
+
+
+def open_regular(path: Path) -> io.BufferedReader:
+    """Open a regular file for reading; no link is followed and no pipe is waited for.
+
+    Raises
+    ------
+    InputError
+        If there is no such file.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        found = "a link" if path.is_symlink() else error.strerror or str(error)
+        raise InputError(str(path), "a readable file", found, "check the path") from None
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise InputError(str(path), "a regular file", "something else", "check the path")
+    return os.fdopen(handle, "rb")
+
+
+def digest(path: Path) -> tuple[int, str]:
+    """Size and SHA-256 of a regular file."""
+    with open_regular(path) as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        return os.fstat(file.fileno()).st_size, sha256
+
+
+def check_digest(path: Path, size: int, sha256: str, hint: str) -> None:
+    """Compare a file with what is known of it, its size first.
+
+    Raises
+    ------
+    InputError
+        If it is missing, cut or changed.
+    """
+    with open_regular(path) as file:
+        found = os.fstat(file.fileno()).st_size
+        if found != size:
+            raise InputError(str(path), f"{size} bytes", f"{found} bytes", hint)
+        actual = hashlib.file_digest(file, "sha256").hexdigest()
+    if actual != sha256:
+        raise InputError(str(path), f"SHA-256 {sha256}", actual, hint)
+
+
+def _own_folder(parent: Path) -> Path:
+    prefix = f"{TEMPORARY}{socket.gethostname()}-{os.getpid()}-"
+    return Path(tempfile.mkdtemp(dir=parent, prefix=prefix))
+
+
+def _runs(process: int) -> bool:
+    with contextlib.suppress(PermissionError):
+        try:
+            os.kill(process, 0)
+        except (ProcessLookupError, OverflowError):
+            return False
+    return True

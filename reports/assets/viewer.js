@@ -1,0 +1,235 @@
+// The viewer: state, controls, and one repaint a frame at most.
+
+const LEAST_DOLP = 0.005; // below, an angle of polarisation is noise
+const DEGREES_A_SECOND = 45;
+
+class Viewer {
+  constructor(root, data) {
+    this.root = root;
+    this.data = data;
+    this.view = new View();
+    this.angle = 0;
+    this.find = (id) => root.querySelector("#" + id);
+    this.tables = {
+      grey: greys(),
+      diverging: tableOf(data.tables.diverging, false),
+      sequential: tableOf(data.tables.sequential, false),
+      cyclic: tableOf(data.tables.cyclic, true),
+    };
+    this.panels = {};
+    for (const figure of root.querySelectorAll("figure[data-panel]")) {
+      const panel = new Panel(figure, this.view);
+      this.panels[figure.dataset.panel] = panel;
+      linkPointers(panel, this.view, () => this.ask("draw"), (pixel) => this.pick(pixel));
+    }
+    this.readout = new Readout(this.find("readout"));
+    this.legends();
+    this.listen();
+    this.chooseScene();
+  }
+
+  legends() {
+    for (const bar of this.root.querySelectorAll("canvas[data-table]")) {
+      const table = this.tables[bar.dataset.table];
+      bar.width = table.length;
+      bar.height = 1;
+      const context = bar.getContext("2d"), image = context.createImageData(table.length, 1);
+      new Uint32Array(image.data.buffer).set(table);
+      context.putImageData(image, 0, 0);
+    }
+    for (const wheel of this.root.querySelectorAll("canvas.wheel")) drawWheel(wheel, this.tables.cyclic);
+  }
+
+  listen() {
+    const fill = (id, change) => this.find(id).addEventListener("change", change);
+    this.find("scene").replaceChildren(
+      ...this.data.scenes.map((scene, i) => new Option(scene.label, i)));
+    fill("scene", () => this.chooseScene());
+    fill("method", () => this.load());
+    fill("band", () => this.load());
+    this.find("angle").addEventListener("input", (event) => {
+      this.play(false);
+      this.turn(Number(event.target.value));
+    });
+    this.find("exposure").addEventListener("input", () => this.ask("paint"));
+    this.find("play").addEventListener("click", () => this.play(!this.playing));
+    this.find("zoom-in").addEventListener("click", () => this.zoom(1.5));
+    this.find("zoom-out").addEventListener("click", () => this.zoom(1 / 1.5));
+    this.find("zoom-reset").addEventListener("click", () => this.zoom(0));
+    this.root.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.ask("draw")).observe(this.panels.truth.canvas);
+  }
+
+  key(event) {
+    const target = event.target;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.matches("select, #exposure")) return;
+    const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    const actions = {
+      ArrowLeft: () => this.turn(this.angle - 1), ArrowRight: () => this.turn(this.angle + 1),
+      ArrowDown: () => this.turn(this.angle - 1), ArrowUp: () => this.turn(this.angle + 1),
+      PageDown: () => this.turn(this.angle - 10), PageUp: () => this.turn(this.angle + 10),
+      Home: () => this.turn(0), End: () => this.turn(180),
+      "+": () => this.zoom(1.5), "-": () => this.zoom(1 / 1.5), 0: () => this.zoom(0),
+    };
+    if (!target.matches("button")) actions[" "] = () => this.play(!this.playing);
+    let action = actions[event.key];
+    if (event.shiftKey && step[event.key]) action = () => this.step(...step[event.key]);
+    if (!action) return;
+    event.preventDefault();
+    action();
+  }
+
+  chooseScene() {
+    const scene = this.scene = this.data.scenes[Number(this.find("scene").value)];
+    const keep = (id, options) => {
+      const select = this.find(id), before = select.value;
+      select.replaceChildren(...options);
+      if ([...select.options].some((option) => option.value === before)) select.value = before;
+    };
+    keep("method", Object.keys(scene.methods).map((name) => new Option(name, name)));
+    keep("band", scene.bands.map((name, i) => new Option(name, i)));
+    if (this.find("method").value === "unpolarised" && scene.methods.eq8) this.find("method").value = "eq8";
+    this.at = positionsOf(scene);
+    this.where = new Int32Array(scene.width * scene.height).fill(-1);
+    this.at.forEach((place, i) => { this.where[place] = i; });
+    Object.values(this.panels).forEach((panel) => panel.resize(scene.width, scene.height));
+    const first = this.at[Math.floor(this.at.length * 0.33)] || 0;
+    this.view.reset();
+    this.view.locked = false;
+    this.view.pick = { x: first % scene.width, y: Math.floor(first / scene.width) };
+    this.load();
+  }
+
+  load() {
+    const { scene } = this, band = Number(this.find("band").value);
+    const method = this.find("method").value, pixels = scene.pixels;
+    this.truth = stokesOf(scene.truth[band], pixels);
+    this.estimate = stokesOf(scene.methods[method][band], pixels, this.truth);
+    this.difference = differenceOf(this.estimate, this.truth);
+    this.white = quantile(brightest(this.truth), 0.995) || 1;
+    this.spread = quantile(brightest(this.difference), 0.995) || this.white * 1e-6;
+    const dolps = [this.truth, this.estimate].map((s) =>
+      quantile(s[0].map((s0, i) => dolpOf(s0, s[1][i], s[2][i])), 0.995));
+    this.largest = Math.min(1, Math.max(0.01, ...dolps));
+    const score = (scene.scores || {})[method];
+    this.find("score").textContent = score ? `${method} on this scene, all bands and angles: NMSE ${score.nmse}, skill ${score.skill}` : "";
+    this.root.querySelectorAll(".method-name").forEach((name) => { name.textContent = method; });
+    this.paintStill();
+    this.ask("paint");
+  }
+
+  /** What does not turn with the polariser. */
+  paintStill() {
+    const grey = packed(128, 128, 128);
+    for (const [name, stokes] of [["truth", this.truth], ["estimate", this.estimate]]) {
+      const dolp = this.panels["dolp-" + name], aolp = this.panels["aolp-" + name];
+      paintDolp(dolp.pixels, this.at, stokes, this.largest, this.tables.sequential);
+      paintAolp(aolp.pixels, this.at, stokes, LEAST_DOLP, grey, this.tables.cyclic);
+      dolp.paint();
+      aolp.paint();
+    }
+    const percent = number(100 * this.largest) + " %";
+    this.root.querySelectorAll(".dolp-most").forEach((label) => { label.textContent = percent; });
+    this.find("diff-least").textContent = "−" + number(this.spread);
+    this.find("diff-most").textContent = "+" + number(this.spread);
+  }
+
+  /** Ask for a repaint ("paint") or only a new view ("draw") at the next frame. */
+  ask(what) {
+    this.wanted = this.wanted === "paint" ? "paint" : what;
+    this.frame ||= requestAnimationFrame(() => {
+      this.frame = 0;
+      const wanted = this.wanted;
+      this.wanted = "";
+      if (wanted === "paint") this.paint();
+      else Object.values(this.panels).forEach((panel) => panel.draw());
+      this.tell();
+    });
+  }
+
+  paint() {
+    const { truth, estimate, difference } = this.panels, top = LEVELS - 1;
+    const white = this.white / 2 ** Number(this.find("exposure").value);
+    const paint = (panel, stokes, scale, middle, table) => {
+      paintRadiance(panel.pixels, this.at, stokes, this.angle, scale, middle, table);
+      panel.paint();
+    };
+    paint(truth, this.truth, top / white, 0, this.tables.grey);
+    paint(estimate, this.estimate, top / white, 0, this.tables.grey);
+    paint(difference, this.difference, top / 2 / this.spread, top / 2, this.tables.diverging);
+    this.root.querySelectorAll(".white").forEach((label) => { label.textContent = number(white); });
+    this.root.dataset.white = white;
+  }
+
+  tell() {
+    const { x, y } = this.view.pick, i = this.where[y * this.scene.width + x];
+    if (i < 0) this.readout.nothing("No object at this pixel");
+    else {
+      const pixel = (stokes) => stokes.map((plane) => plane[i]);
+      this.readout.show(this.view.pick, pixel(this.truth), pixel(this.estimate), this.angle);
+    }
+    this.root.dataset.shown = this.angle;
+  }
+
+  pick(pixel) {
+    this.view.pick = pixel;
+    this.ask("draw");
+  }
+
+  step(x, y) {
+    const { pick } = this.view, { width, height } = this.scene;
+    this.view.locked = true;
+    this.pick({
+      x: Math.min(width - 1, Math.max(0, pick.x + x)),
+      y: Math.min(height - 1, Math.max(0, pick.y + y)),
+    });
+  }
+
+  turn(degrees) {
+    this.angle = Math.min(180, Math.max(0, degrees));
+    const slider = this.find("angle"), text = this.angle.toFixed(1).replace(/\.0$/, "") + "°";
+    slider.value = this.angle;
+    slider.setAttribute("aria-valuetext", text + " anticlockwise from the vertical");
+    this.find("angle-text").textContent = text;
+    this.find("axis").setAttribute("transform", `rotate(${-this.angle})`);
+    this.ask("paint");
+  }
+
+  zoom(factor) {
+    if (factor) this.view.zoomBy(factor, 0.5, 0.5);
+    else this.view.reset();
+    this.ask("draw");
+  }
+
+  play(on) {
+    this.playing = on;
+    const button = this.find("play");
+    button.setAttribute("aria-pressed", String(on));
+    button.textContent = on ? "❚❚ Stop" : "▶ Play";
+    if (!on) return;
+    let before = performance.now();
+    const next = (now) => {
+      if (!this.playing) return;
+      this.turn((this.angle + (now - before) / 1000 * DEGREES_A_SECOND) % 180);
+      before = now;
+      requestAnimationFrame(next);
+    };
+    requestAnimationFrame(next);
+  }
+}
+
+/** The legend of angles: the colour at a place on the rim is that of its direction. */
+function drawWheel(canvas, table) {
+  const size = canvas.width, context = canvas.getContext("2d");
+  const image = context.createImageData(size, size);
+  const out = new Uint32Array(image.data.buffer), middle = (size - 1) / 2;
+  for (let y = 0; y < size; y++) {
+    for (let x = 0; x < size; x++) {
+      const r = Math.hypot(x - middle, y - middle) / middle;
+      if (r > 1 || r < 0.45) continue;
+      const angle = (Math.atan2(middle - y, x - middle) * 180 / Math.PI + 360) % 180;
+      out[y * size + x] = table[Math.floor(angle / 180 * table.length) % table.length];
+    }
+  }
+  context.putImageData(image, 0, 0);
+}

@@ -1,0 +1,81 @@
+"""Every figure of a report with its caption and the numbers behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from malus.reports.tables import PAPER_BODY, in_order, only_body, whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure: the stem of its files' names, a caption, both formats and its numbers."""
+
+    name: str
+    title: str
+    caption: str
+    svg: str
+    png: bytes
+    numbers: pd.DataFrame
+
+
+def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
+    """Figure 5, Figure 5 by light, and error over the polariser angle, for every body.
+
+    Examples
+    --------
+    >>> from malus.reports.sample import table
+    >>> [drawing.name for drawing in drawings(table())]
+    ['figure5', 'figure5_by_light', 'angles']
+    """
+    # Matplotlib takes its time: it is loaded when there is something to draw.
+    from malus.reports.angles import angle_numbers, figure_angles
+    from malus.reports.figure5 import both_panels, figure5, figure5_by_light
+
+    for body in in_order(whole(table, "nmse")["body"]):
+        end = "" if body == PAPER_BODY else f"_{body}_body"
+        note = f" Body {body}." if end else " The paper's assumption: the body is unpolarised."
+        rows = only_body(table, body)
+        yield _drawing(
+            f"figure5{end}", f"Figure 5{_of(body)}",
+            "Error against refractive index (top) and roughness (bottom), mean and standard"
+            " deviation over the dataset." + note,
+            figure5, table, body, both_panels(rows),
+        )  # fmt: skip
+        yield _drawing(
+            f"figure5{end}_by_light", f"Figure 5 by light{_of(body)}",
+            "The same for every light for itself: no mean over lights hides where a method fails."
+            + note,
+            figure5_by_light, table, body, both_panels(rows, by_light=True),
+        )  # fmt: skip
+        yield _drawing(
+            f"angles{end}", f"Error over the polariser angle{_of(body)}",
+            "Mean and standard deviation over the scenes of a light." + note,
+            figure_angles, table, body, angle_numbers(rows),
+        )  # fmt: skip
+
+
+def _of(body: str) -> str:
+    return "" if body == PAPER_BODY else f", {body} body"
+
+
+def _drawing(
+    name: str,
+    title: str,
+    caption: str,
+    draw: Callable[[pd.DataFrame, str], Figure],
+    table: pd.DataFrame,
+    body: str,
+    numbers: pd.DataFrame,
+) -> Drawing:
+    from malus.reports.style import png, svg
+
+    figure = draw(table, body)
+    return Drawing(name, title, caption, svg(figure), png(figure), numbers)

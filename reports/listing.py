@@ -1,0 +1,116 @@
+"""The tables of a report as plain cells; Markdown and HTML each escape them their own way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import pandas as pd
+
+from malus.reports.skills import by_light_and_body, negative, unreported
+from malus.reports.tables import PAPER_NMSE, TRIVIAL, in_order, methods_of, whole
+from malus.reports.text import NOTHING, scientific, worth
+
+
+@dataclass(frozen=True)
+class Listing:
+    """Heads and lines of cells, not escaped."""
+
+    heads: tuple[str, ...]
+    lines: list[list[str]]
+
+    def __bool__(self) -> bool:
+        """Whether there is a line."""
+        return bool(self.lines)
+
+
+def beside_paper(table: pd.DataFrame) -> Listing:
+    """NMSE of every method and body as the paper's Figure 5 averages it.
+
+    Examples
+    --------
+    >>> from malus.reports.sample import table
+    >>> beside_paper(table()).lines[1][:3]
+    ['unpolarised', 'eq8', '6.7e-5 … 8.0e-5']
+    """
+    rows = whole(table, "nmse")
+    lines = []
+    for body, method in product(in_order(rows["body"]), methods_of(table)):
+        found = rows[(rows["method"] == method) & (rows["body"] == body)]
+        if len(found):
+            below = bool(found["value"].max() < PAPER_NMSE[0])
+            ranges = [range_of_means(found, by) for by in ("material", "surface")]
+            worst = scientific(float(found["value"].max()))
+            lines.append([body, method, *ranges, worst, "yes" if below else "no"])
+    heads = ("body", "method", "mean by material", "mean by surface", "worst scene")
+    return Listing((*heads, f"every scene below {PAPER_NMSE[0]:g}"), lines)
+
+
+def range_of_means(rows: pd.DataFrame, by: str) -> str:
+    """Smallest and largest mean of the groups of a column, as text."""
+    means = rows.groupby(by)["value"].mean()
+    return f"{scientific(float(means.min()))} … {scientific(float(means.max()))}"
+
+
+def errors(table: pd.DataFrame) -> Listing:
+    """NMSE and skill of every method per light and body."""
+    heads = (
+        "body", "light", "method", "scenes", "NMSE mean", "NMSE max", "noise in it",
+        "skill median", "skill min", "skill < 0", "no skill to report",
+    )  # fmt: skip
+    return Listing(heads, [_error_line(row) for row in _records(by_light_and_body(table))])
+
+
+def _error_line(row: dict[str, Any]) -> list[str]:
+    names = [str(row[name]) for name in ("body", "light", "method")]
+    if row["inapplicable"] == row["scenes"]:
+        return [*names, "0", "not applicable", *[NOTHING] * 6]
+    numbers = [scientific(row[name]) for name in ("nmse_mean", "nmse_max", "noise")]
+    skills = [worth(row[name]) for name in ("skill_median", "skill_min")]
+    if row["method"] == TRIVIAL:  # it is what skill is measured against
+        skills = [NOTHING, NOTHING]
+    counts = [str(row[name]) for name in ("negative", "unreported")]
+    return [*names, str(row["scenes"] - row["inapplicable"]), *numbers, *skills, *counts]
+
+
+def left_out(table: pd.DataFrame) -> Listing:
+    """Methods that could not work on some scenes, and why."""
+    groups = whole(table, "inapplicable").groupby(["method", "note"], sort=False)["scene"]
+    lines = [[str(method), str(note), str(found.nunique())] for (method, note), found in groups]
+    return Listing(("method", "reason", "scenes left out"), lines)
+
+
+def negatives(table: pd.DataFrame, method: str) -> Listing:
+    """Where a method's skill is below zero, the worst places first."""
+    heads = ("light", "surface (α)", "body", "scenes", "worst skill", "worst scene")
+    lines = [
+        [
+            row["light"], f"{row['surface']} ({row['alpha']:g})", row["body"],
+            f"{row['negative']} of {row['scenes']}", worth(row["worst"]),
+            f"{row['material']}, {row['shape']}",
+        ]
+        for row in _records(negative(table, method))
+    ]  # fmt: skip
+    return Listing(heads, lines)
+
+
+def without_skill(table: pd.DataFrame) -> Listing:
+    """Where the trivial guess is inside the noise, for every method."""
+    lines = [
+        [name, row["light"], row["surface"], row["body"], f"{row['unreported']} of {row['scenes']}"]
+        for name in methods_of(table)
+        if name != TRIVIAL
+        for row in _records(unreported(table, name))
+    ]
+    return Listing(("method", "light", "surface", "body", "scenes"), lines)
+
+
+def stages(run: dict[str, Any]) -> Listing:
+    """Seconds of every stage."""
+    lines = [[name, f"{value:.2f}"] for name, value in run["seconds"].items()]
+    return Listing(("stage", "seconds"), lines)
+
+
+def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]

@@ -1,0 +1,87 @@
+"""A tiny results table, made up, for examples and tests of this folder."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import pandas as pd
+
+_MATERIALS = (("water", 1.33), ("pmma", 1.49), ("polystyrene", 1.59))
+_SURFACES = (("carbon", 0.4), ("obsidian", 0.15))
+_LIGHTS = (("uniform", None), ("distant 60°", 60.0))
+_FACTORS = {"unpolarised": 1.0, "eq8": 0.05, "half_vector": 0.001}
+
+
+def table() -> pd.DataFrame:
+    """Three materials, two surfaces, two lights; "half_vector" cannot work under uniform light.
+
+    Examples
+    --------
+    >>> len(table()["scene"].unique())
+    12
+    """
+    records: list[dict[str, Any]] = []
+    for number, (light, surface, material) in enumerate(
+        itertools.product(_LIGHTS, _SURFACES, _MATERIALS)
+    ):
+        scene = {
+            "scene": f"{number:016x}",
+            "shape": "sphere",
+            "material": material[0],
+            "eta": material[1],
+            "surface": surface[0],
+            "alpha": surface[1],
+            "body": "unpolarised",
+            "light": light[0],
+            "incidence_deg": light[1],
+        }
+        for method in _FACTORS:
+            records += _rows(scene, method)
+    return pd.DataFrame.from_records(records)
+
+
+def _rows(scene: dict[str, Any], method: str) -> list[dict[str, Any]]:
+    common = scene | {"method": method, "knowledge": "everything", "note": ""}
+    nowhere = {"band_nm": float("nan"), "angle_deg": float("nan"), "noise": 0.0}
+    if method == "half_vector" and scene["light"] == "uniform":
+        reason = {"note": "needs a distant light, found uniform"}
+        return [common | nowhere | reason | {"metric": "inapplicable", "value": 1.0}]
+    error = 1e-3 * scene["eta"] * _FACTORS[method]
+    skill = 1.0 - _FACTORS[method]
+    return [
+        common | nowhere | {"metric": metric, "value": value, "noise": noise} | angle
+        for angle in ({}, {"angle_deg": 0.0}, {"angle_deg": 90.0})
+        for metric, value, noise in (("nmse", error, 1e-7), ("skill", skill, 0.0))
+    ]
+
+
+def run() -> dict[str, Any]:
+    """What `run.json` of such a run would say.
+
+    Examples
+    --------
+    >>> run()["suite"]["name"]
+    'sample'
+    """
+    return {
+        "suite": {
+            "name": "sample",
+            "description": "made up",
+            "renderer": "mitsuba",
+            "sampling": {"samples": 64, "seed": 1},
+            "camera": {"resolution": 48, "half_width": 1.05},
+            "wavelengths_nm": [450.0, 550.0],
+            "methods": list(_FACTORS),
+        },
+        "suite_id": "0123456789abcdef",
+        "finished": "2026-01-02T03:04:05+00:00",
+        "versions": {"malus": "0.1.0", "python": "3.11"},
+        "machine": {"system": "Linux", "processor": "x86_64"},
+        "variant": {"name": "scalar_spectral_polarized", "reason": "no LLVM"},
+        "seconds": {"render": 1.5, "reconstruct and score": 0.5, "total": 2.25},
+        "families": 4,
+        "families_taken_over": 0,
+        "scenes": 12,
+        "interpolation_rms": 2e-6,
+    }

@@ -1,0 +1,176 @@
+"""The page's sections. Each is a function of the source and gives None without its data.
+
+To add one, write such a function (over the table, or over a file in `source.folder`) and name it
+in `SECTIONS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import pandas as pd
+
+from malus.reports import facts, listing
+from malus.reports.drawings import Drawing
+from malus.reports.heat import maps
+from malus.reports.html import Markup, folded, join, scrolling, table, tag
+from malus.reports.inline import inlined
+from malus.reports.listing import Listing, range_of_means
+from malus.reports.source import Source
+from malus.reports.tables import (
+    PAPER_BODY,
+    PAPER_METHOD,
+    PAPER_RANGE,
+    TRIVIAL,
+    in_order,
+    only_body,
+    whole,
+)
+from malus.reports.text import counted, scientific, worth
+from malus.reports.viewer import place_of_scenes, viewer
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page: the name in its address, a title and what it shows."""
+
+    name: str
+    title: str
+    content: Markup
+
+
+def headline(source: Source) -> Section:
+    """The numbers of the paper's method beside the paper's own."""
+    body = PAPER_BODY if PAPER_BODY in in_order(source.table["body"]) else ""
+    rows = only_body(source.table, body) if body else source.table
+    tiles = [tag("li", tag("b", number), label) for number, label in _tiles(rows)]
+    paper = f"the paper’s method, {PAPER_METHOD}" + (f"; {body} body" if body else "")
+    return Section(
+        "headline",
+        "In short",
+        join(
+            tag("p", f"Everything known to the method: {paper}.", class_="note"),
+            tag("ul", *tiles, class_="tiles"),
+            tag("p", facts.SKILL),
+            *(tag("p", fact, class_="warning") for fact in facts.doubts(source.table)),
+        ),
+    )
+
+
+def _tiles(rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
+    error, skill = (_of(whole(rows, metric), PAPER_METHOD) for metric in ("nmse", "skill"))
+    trivial = _of(whole(rows, "nmse"), TRIVIAL)
+    if len(error):
+        for by in ("material", "surface"):
+            yield range_of_means(error, by), f"mean NMSE by {by}. The paper: {PAPER_RANGE}"
+    if len(trivial):
+        yield range_of_means(trivial, "material"), "the same of the trivial guess I(ϑ) = I/2"
+    if len(skill):
+        values = skill["value"]
+        yield worth(float(values.median())), "median skill; the paper reports none"
+        share = f"{int((values < 0).sum())} of {len(values)}"
+        yield share, "scenes with negative skill: worse than no model"
+        without = int(values.isna().sum())
+        yield str(without), "scenes without a skill: trivial guess inside the noise"
+    if len(error):
+        yield scientific(float(error["noise"].mean())), "Monte Carlo noise in the mean NMSE"
+
+
+def _of(rows: pd.DataFrame, method: str) -> pd.DataFrame:
+    return rows[rows["method"] == method]
+
+
+def look(source: Source) -> Section | None:
+    """The viewer, where the run kept images."""
+    if not any(example.methods for example in source.examples):
+        return None
+    content = viewer(source.examples, source.table)
+    return Section("look", "Turn the polariser", content)
+
+
+def figures(source: Source) -> Section | None:
+    """Every figure with the numbers behind it."""
+    if not source.drawings:
+        return None
+    return Section("figures", "Errors", join(*map(_figure, source.drawings)))
+
+
+def _figure(drawing: Drawing) -> Markup:
+    label = f"{drawing.title}: {drawing.caption}"
+    picture = scrolling(inlined(drawing.svg, drawing.name, label), drawing.title)
+    return tag(
+        "figure",
+        tag("h3", drawing.title),
+        picture,
+        tag("figcaption", drawing.caption),
+        folded("Numbers behind the figure", table(_numbers(drawing), f"{drawing.name}.csv")),
+        class_="drawing",
+    )
+
+
+def _numbers(drawing: Drawing) -> Listing:
+    """A line a place on the axis, a column a method: mean ± standard deviation."""
+    rows = drawing.numbers
+    cells = rows["mean"].map(scientific) + " ± " + rows["std"].map(scientific)
+    keys = [name for name in ("panel", "light", "name", "x") if name in rows]
+    wide = rows.assign(cell=cells).pivot(index=keys, columns="method", values="cell")
+    methods = in_order(rows["method"])
+    wide = wide[methods].fillna("not applicable").reset_index()
+    wide["x"] = wide["x"].map("{:.4g}".format)
+    return Listing((*keys, *methods), [[str(v) for v in line] for line in wide.to_numpy()])
+
+
+def skill(source: Source) -> Section:
+    """The skill map and where the paper's method is worse than no model."""
+    note = (
+        "Median over shapes and materials. Blue is better than the trivial guess, orange worse;"
+        " a dash: no skill to report or not applicable."
+    )
+    places = place_of_scenes(source.examples, source.table)
+    more = " A framed number opens an example in the viewer." if places else ""
+    negative = listing.negatives(source.table, PAPER_METHOD)
+    without = listing.without_skill(source.table)
+    title = f"Where the skill of {PAPER_METHOD} is negative"
+    content = join(
+        tag("p", note + more, class_="note"),
+        tag("div", *maps(source.table, places), class_="maps"),
+        folded(f"{title}: {counted(len(negative.lines), 'place')}", table(negative, title))
+        if negative
+        else tag("p", facts.NEVER_NEGATIVE),
+        table(without, facts.NO_SKILL) if without else tag("p", facts.ALL_SKILLS),
+    )
+    return Section("skill", "Skill", content)
+
+
+def noise(source: Source) -> Section:
+    """Errors of every method with the noise in them, and the interpolation error."""
+    title = "NMSE, Monte Carlo noise and skill of every method per light and body"
+    rms = scientific(source.run["interpolation_rms"])
+    content = join(
+        tag("p", facts.NOISE),
+        tag("p", f"Interpolation in η adds at most {rms} of the peak (rms, measured)."),
+        table(listing.errors(source.table), title),
+        *(
+            tag("p", f"{method} left out {counted(int(scenes), 'scene')}: {reason}.")
+            for method, reason, scenes in listing.left_out(source.table).lines
+        ),
+    )
+    return Section("noise", "All errors, and the noise in them", content)
+
+
+def provenance(source: Source) -> Section:
+    """What was run, where, and how long it took."""
+    machine = source.run["machine"]
+    about = f"Machine: {', '.join(str(value) for value in machine.values())}."
+    lines = [*facts.what_was_run(source.table, source.run), about]
+    content = join(
+        tag("ul", *(tag("li", line) for line in lines)),
+        table(listing.stages(source.run), "Seconds of every stage"),
+    )
+    return Section("provenance", "How this came about", content)
+
+
+SECTIONS: tuple[Callable[[Source], Section | None], ...] = (
+    headline, look, figures, skill, noise, provenance,
+)  # fmt: skip

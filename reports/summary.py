@@ -1,0 +1,86 @@
+"""The summary in Markdown: what was run, what came out, and what it does not say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pandas as pd
+
+from malus.reports import facts, listing
+from malus.reports.listing import Listing
+from malus.reports.skills import negative
+from malus.reports.tables import PAPER_METHOD, in_order
+from malus.reports.text import counted, markdown
+
+
+def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = ()) -> str:
+    """The whole summary.
+
+    Parameters
+    ----------
+    table, run
+        Of the results.
+    figures : sequence of str
+        Names of image files beside the summary.
+
+    Examples
+    --------
+    >>> from malus.reports import sample
+    >>> summary(sample.table(), sample.run()).splitlines()[0]
+    '# Results of the suite sample'
+    """
+    blocks = [
+        f"# Results of the suite {markdown(run['suite']['name'])}",
+        markdown(run["suite"].get("description", "")),
+        *(f"![{markdown(name)}]({name})" for name in figures),
+        "## Beside the paper",
+        facts.PAPER,
+        _table(listing.beside_paper(table)),
+        facts.SKILL,
+        "## Errors and skill",
+        _table(listing.errors(table)),
+        facts.NOISE,
+        *_left_out(table),
+        f"## Where the skill of {PAPER_METHOD} is negative",
+        *_negative(table),
+        "## Where there is no skill to report",
+        *_without_skill(table),
+        "## What was run",
+        "\n".join(f"- {markdown(fact)}" for fact in facts.what_was_run(table, run)),
+        _table(listing.stages(run)),
+    ]
+    return "\n\n".join(filter(None, blocks)) + "\n"
+
+
+def _left_out(table: pd.DataFrame) -> Iterator[str]:
+    for method, reason, scenes in listing.left_out(table).lines:
+        yield f"- {markdown(method)} left out {counted(int(scenes), 'scene')}: {markdown(reason)}."
+
+
+def _negative(table: pd.DataFrame) -> Iterator[str]:
+    if PAPER_METHOD not in in_order(table["method"]):
+        yield f"{PAPER_METHOD} was not run."
+        return
+    places = negative(table, PAPER_METHOD)
+    if places.empty:
+        yield facts.NEVER_NEGATIVE
+        return
+    scenes = counted(int(places["negative"].sum()), "scene")
+    yield f"{scenes} in {counted(len(places), 'place')}: there the model is worse than no model."
+    yield _table(listing.negatives(table, PAPER_METHOD))
+
+
+def _without_skill(table: pd.DataFrame) -> Iterator[str]:
+    places = listing.without_skill(table)
+    if places:
+        yield facts.NO_SKILL
+        yield _table(places)
+    else:
+        yield facts.ALL_SKILLS
+
+
+def _table(found: Listing) -> str:
+    lines = [[markdown(cell) for cell in line] for line in (found.heads, *found.lines)]
+    rows = [lines[0], ["---"] * len(found.heads), *lines[1:]]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
