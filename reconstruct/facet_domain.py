@@ -27,10 +27,12 @@ FloatArray = NDArray[np.float64]
 
 G1_END = 1.6  # Mitsuba's microfacet.h: G1 = 1 where a = 1/(alpha tan θ_L) >= 1.6
 _FAR = 1e300
+# √σ r that parts the bulk of the weight from what happens near a horizon much closer to r = 0.
+_BULK = 1.0
 
 
 class Surfaces(NamedTuple):
-    """Points (θ, η, σ) to integrate at, as flat arrays of one length or of shape (…, 1)."""
+    """Points (θ, η, σ) to integrate at, as flat arrays of one length."""
 
     zenith: FloatArray
     cosine: FloatArray
@@ -42,10 +44,6 @@ class Surfaces(NamedTuple):
     def take(self, index: NDArray[np.intp] | slice) -> Surfaces:
         """The same fields at `index`."""
         return Surfaces(*(field[index] for field in self))
-
-    def column(self) -> Surfaces:
-        """Fields with a trailing axis of length one, to broadcast against nodes."""
-        return Surfaces(*(field[:, None] for field in self))
 
 
 def g1_end_cosine(sigma: FloatArray) -> FloatArray:
@@ -91,7 +89,9 @@ def slope_breaks(surfaces: Surfaces, measure: Measure, reach: FloatArray) -> Flo
         breaks += _shadow_slopes(surfaces)
         last = np.minimum(last, np.tan(np.pi / 4 + surfaces.zenith / 2))
     else:
-        breaks.append(surfaces.cosine / surfaces.sine)  # r = cot θ
+        horizon = surfaces.cosine / surfaces.sine  # r = cot θ
+        bulk = _BULK / np.sqrt(surfaces.sigma)
+        breaks += [horizon, np.where(horizon < 0.2 * bulk, bulk, 0.0)]
     if np.any(surfaces.critical):
         touching = _touching(surfaces.zenith, np.arccos(surfaces.critical))
         breaks += [np.where(surfaces.critical > 0.0, slope, 0.0) for slope in touching]

@@ -3,8 +3,8 @@
 Two families serve the microfacet integrals. Both are applied between breakpoints, so that
 whatever is not smooth happens at the ends of an interval.
 
-* `gauss` and `bent` (Gauss-Legendre, plain or with nodes bent towards both ends by 3t² − 2t³,
-  which turns the square roots that a tangency leaves at an end into polynomials): cheap.
+* `gauss` (Gauss-Legendre): cheap. Over slopes its nodes are bent by `stretched`, which turns the
+  square root that a tangency leaves at the start into a polynomial.
 * `double_exponential` (tanh-sinh: Takahasi and Mori, Publ. RIMS Kyoto Univ. 9, 1974): its nodes
   lie as densely in the logarithm of the distance to an end as elsewhere, so that a layer of
   width 1e-9 costs no more than one of width 0.1.
@@ -32,22 +32,32 @@ class Rule(NamedTuple):
 
 
 class Rung(NamedTuple):
-    """The rules of one step of a ladder: `outer` for the slope r, `inner` for the azimuth φ."""
+    """The rules of one step of a ladder: `outer` for the slope r, `inner` for the azimuth φ.
+
+    `bend` says whether the outer nodes are to be bent (see `stretched`).
+    """
 
     outer: Rule
     inner: Rule
+    bend: bool
+
+
+class Ladder(NamedTuple):
+    """Rungs of growing density, about 1.4 times from one to the next in each direction.
+
+    `trust` is the smallest factor by which one step may be believed to shrink the error, and
+    `memory` the same for two steps at once.
+    """
+
+    rungs: tuple[Rung, ...]
+    trust: float
+    memory: float
 
 
 def gauss(count: int) -> Rule:
     """Gauss-Legendre: for integrands that are analytic beyond both ends."""
     x, w = np.polynomial.legendre.leggauss(count)
     return Rule((1.0 + x) / 2.0, w / 2.0)
-
-
-def bent(count: int) -> Rule:
-    """Gauss-Legendre in t with s = 3t² − 2t³: for square roots at the ends."""
-    t, w = gauss(count)
-    return Rule(t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) * w)
 
 
 def double_exponential(count: int) -> Rule:
@@ -59,14 +69,33 @@ def double_exponential(count: int) -> Rule:
     return Rule(nodes, weights / weights.sum())
 
 
-@cache
-def cheap_ladder() -> tuple[Rung, ...]:
-    """Rungs for integrands whose features are as wide as the intervals, each 1.5 times denser."""
-    return tuple(Rung(bent(n), gauss(m)) for n, m in ((8, 6), (12, 9), (18, 14), (27, 21), (40, 32)))
+def stretched(low: FloatArray, width: FloatArray, rung: Rung) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of the outer rule on intervals from `low`, shape (nodes, intervals).
+
+    Bent nodes are r = low cosh t. Near `low` that is quadratic in t, for the square root of a
+    tangency; far from it, it is exponential, because what happens at r = low goes on for r of the
+    order of low, however far the interval reaches. An interval from 0 is only bent.
+    """
+    nodes, weights = rung.outer.nodes[:, None], rung.outer.weights[:, None]
+    if not rung.bend:
+        return low + width * nodes, width * weights
+    scale = np.where(low > 0.0, np.maximum(low, 1e-6 * width), width)
+    last = 2.0 * np.arcsinh(np.sqrt(0.5 * width / scale))
+    r = low + 2.0 * scale * np.square(np.sinh(0.5 * last * nodes))
+    return r, scale * np.sinh(last * nodes) * last * weights
 
 
 @cache
-def robust_ladder() -> tuple[Rung, ...]:
-    """Rungs for layers and singularities."""
+def cheap_ladder() -> Ladder:
+    """For integrands whose features are as wide as the intervals: errors shrink regularly."""
+    counts = ((9, 5), (13, 7), (18, 9), (26, 12), (38, 17), (54, 24))
+    rungs = tuple(Rung(gauss(outer), gauss(inner), bend=True) for outer, inner in counts)
+    return Ladder(rungs, trust=0.1, memory=0.003)
+
+
+@cache
+def robust_ladder() -> Ladder:
+    """For layers and singularities: the last rung keeps 13 digits, on the way errors jump about."""
     rules = [double_exponential(count) for count in (27, 41, 61, 91, 137, 205)]
-    return tuple(Rung(rule, rule) for rule in rules)
+    rungs = tuple(Rung(rule, rule, bend=False) for rule in rules)
+    return Ladder(rungs, trust=1.0, memory=0.003)

@@ -12,6 +12,8 @@ eq8: dr dφ = dω/(m² sin α); visible: (cos γ/m) dω/m³; both times exp(−�
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from mpmath import mp, mpf
 
@@ -23,7 +25,9 @@ RATIO = 4.0  # of neighbouring pieces
 def _graded(order: int, depth: float) -> tuple[np.ndarray, np.ndarray]:
     """Offsets from the start of a unit interval to its middle, and weights."""
     x, w = np.polynomial.legendre.leggauss(order)
-    edges = 0.5 * np.r_[0.0, RATIO ** -np.arange(np.ceil(np.log(1 / depth) / np.log(RATIO)), -1, -1)]
+    edges = (
+        0.5 * np.r_[0.0, RATIO ** -np.arange(np.ceil(np.log(1 / depth) / np.log(RATIO)), -1, -1)]
+    )
     half = np.diff(edges) / 2
     nodes = edges[:-1, None] + half[:, None] * (1 + x)
     return nodes.ravel(), (half[:, None] * w).ravel()
@@ -48,7 +52,7 @@ def _outer_nodes(anchors: list[mpf], order: int) -> tuple[list[mpf], np.ndarray]
     offsets, weights = _graded(order, 1e-16)
     nodes: list[mpf] = []
     out: list[np.ndarray] = []
-    for low, high in zip(anchors[:-1], anchors[1:], strict=True):
+    for low, high in pairwise(anchors):
         width = high - low
         nodes += [low + width * mpf(t) for t in offsets]
         nodes += [high - width * mpf(t) for t in offsets]
@@ -105,7 +109,7 @@ def _ring(
 
 
 def specular_dolp(
-    zenith: float, eta: complex, sigma: float, measure: str = "eq8", order: int = 12
+    zenith: float, eta: complex, sigma: float, measure: str = "eq8", order: int = 18
 ) -> float:
     """ρ = (I_⊥ − I_∥)/(I_⊥ + I_∥) of physics.md, Equations 4 to 8."""
     theta = mpf(float(zenith))
