@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from malus.bench.metrics import Error, Residuals, peak, skill, stokes_difference, violations
+from malus.bench.agreement import Agreement, TrueField
+from malus.bench.metrics import Error, Image, Residuals, peak, skill, stokes_difference, violations
 from malus.bench.view import observe
-from malus.reconstruct import Method, get_method
+from malus.reconstruct import Components, Method, get_method
 from malus.renderers.truth import Truth
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
@@ -25,6 +24,10 @@ class Value:
     angle_deg: float | None = None
 
 
+Metric = Callable[[Components, Truth], Iterable[Value]]
+"""A further metric: what it says of an estimate, given the truth. See `extra_metrics`."""
+
+
 @dataclass(frozen=True)
 class Score:
     """A method's residuals on one truth and their noise, with those of the trivial guess.
@@ -38,6 +41,10 @@ class Score:
         The same for the guess I(ϑ) = I/2.
     violations : int
         Pixels whose estimate is unphysical.
+    agreement : Agreement
+        Slope and rotation of the estimated against the true field.
+    extra : tuple of Value
+        Of the further metrics that were asked for.
     """
 
     residuals: Residuals
@@ -46,6 +53,8 @@ class Score:
     trivial_noise: Residuals
     violations: int
     wavelengths_nm: tuple[float, ...]
+    agreement: Agreement
+    extra: tuple[Value, ...] = ()
 
     @property
     def nmse(self) -> float:
@@ -63,11 +72,16 @@ class Score:
         """Everything for the results table."""
         everything = PAPER_ANGLES_DEG
         yield from self._values(everything, None, None)
+        yield Value("gain", *self.agreement.gain)
+        yield Value("rotation", *self.agreement.rotation)
+        yield Value("facing_skill", *self.agreement.facing_skill)
+        yield Value("signal", *self.agreement.signal)
         for angle in everything:
             yield from self._values((angle,), None, angle)
         for band, wavelength in enumerate(self.wavelengths_nm):
             yield from self._values(everything, band, None, wavelength)
         yield Value("violations", float(self.violations))
+        yield from self.extra
 
     def _values(
         self,
@@ -104,27 +118,35 @@ class Judge:
         self.truth = truth
         self.half = truth.halves()[0]
         self.peak = peak(truth)
-        self.trivial = self._residuals(get_method("unpolarised"))
+        self.field = TrueField(truth, self.peak)
+        guess = get_method("unpolarised")
+        known = observe(truth, guess.needs)
+        difference, change = self._differences(guess, guess.reconstruct(known))
+        self.trivial = Residuals.of(difference, self.peak), Residuals.of(change, self.peak)
 
-    def score(self, method: Method) -> Score:
-        """The score of one method; raises Inapplicable where it cannot work on this truth."""
-        residuals, noise, wrong = self._residuals(method)
-        trivial, trivial_noise, _ = self.trivial
-        bands = self.truth.scene.wavelengths_nm
-        return Score(residuals, noise, trivial, trivial_noise, wrong, bands)
+    def score(self, method: Method, metrics: Sequence[Metric] = ()) -> Score:
+        """The score of one method; raises Inapplicable where it cannot work on this truth.
 
-    def _residuals(self, method: Method) -> tuple[Residuals, Residuals, int]:
+        `metrics` are further ones that cost more than those that every score has.
+        """
         estimate = method.reconstruct(observe(self.truth, method.needs))
+        difference, change = self._differences(method, estimate)
+        return Score(
+            Residuals.of(difference, self.peak),
+            Residuals.of(change, self.peak),
+            *self.trivial,
+            violations(estimate, self.truth.image, self.truth.mask),
+            self.truth.scene.wavelengths_nm,
+            self.field.agreement(difference, change),
+            tuple(value for metric in metrics for value in metric(estimate, self.truth)),
+        )
+
+    def _differences(self, method: Method, estimate: Components) -> tuple[Image, Image]:
+        """Estimated minus true Stokes vectors, and what one draw of the noise changes in them."""
         difference = stokes_difference(estimate, self.truth)
-        wrong = violations(estimate, self.truth.image, self.truth.mask)
         # The half truth is this truth plus one draw of its noise, seen through the method.
         shifted = method.reconstruct(observe(self.half, method.needs))
-        change = stokes_difference(shifted, self.half) - difference
-        return (
-            Residuals.of(np.asarray(difference), self.peak),
-            Residuals.of(np.asarray(change), self.peak),
-            wrong,
-        )
+        return difference, stokes_difference(shifted, self.half) - difference
 
 
 def score(truth: Truth, method: Method | str) -> Score:

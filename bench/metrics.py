@@ -110,8 +110,7 @@ def stokes_difference(estimate: Components, truth: Truth) -> Image:
     mask = truth.mask
     true = truth.specular[mask] + truth.diffuse[mask]
     estimated = np.stack([estimate.image[mask], estimate.s1[mask], estimate.s2[mask]], axis=-1)
-    result: Image = estimated - true
-    return result
+    return estimated - true
 
 
 def peak(truth: Truth) -> float:

@@ -41,6 +41,9 @@ MAX_IMAGE_BYTES = 1 << 31
 _PREVIEW = ("R", "G", "B")
 _LOSSLESS = ("NO_COMPRESSION", "RLE_COMPRESSION", "ZIPS_COMPRESSION", "ZIP_COMPRESSION")
 _PIXEL_BYTES = 4
+_STUMBLES = (
+    RuntimeError, ValueError, TypeError, AttributeError, LookupError, MemoryError, OSError,
+)  # fmt: skip
 _OVERHEAD = 1 << 20
 """Bytes that a header and a table of chunks may add to the pixels."""
 
@@ -207,7 +210,7 @@ def _guarded(path: Path, read: Callable[[], Any]) -> Any:
     try:
         return read()
     # OpenEXR's binding has no exception of its own: what it throws depends on where it stumbles.
-    except (RuntimeError, ValueError, TypeError, IndexError, KeyError, MemoryError) as error:
+    except _STUMBLES as error:
         hint = "the file is damaged: write it again"
         raise InputError(str(path), "an OpenEXR file", _reason(error), hint) from None
 
@@ -215,14 +218,23 @@ def _guarded(path: Path, read: Callable[[], Any]) -> Any:
 def _check_header(
     path: Path, file: Any, shape: tuple[int, int], required: set[str], allowed: set[str]
 ) -> None:
-    header = _guarded(path, file.header)
+    # Names and attributes are decoded when they are looked at, so that looking may fail too.
+    for holds, expected, found in _guarded(path, lambda: _judged(file, shape, required, allowed)):
+        if not holds:
+            raise InputError(str(path), expected, found, "write the file again")
+
+
+def _judged(
+    file: Any, shape: tuple[int, int], required: set[str], allowed: set[str]
+) -> list[tuple[bool, str, str]]:
+    """Whether it holds, what was expected and what was found, for everything in a header."""
+    header = file.header()
     low, high = header["dataWindow"]
     window = tuple(int(b) - int(a) + 1 for a, b in zip(low[::-1], high[::-1], strict=True))
-    channels = header["channels"]
-    names = {channel.name for channel in channels}
-    dense = all((c.xSampling, c.ySampling) == (1, 1) for c in channels)
+    names = {channel.name for channel in header["channels"]}
+    dense = all((c.xSampling, c.ySampling) == (1, 1) for c in header["channels"])
     compression = header["compression"].name
-    complaints = (
+    return [
         (len(file.parts) == 1, "one part", f"{len(file.parts)}"),
         (header["type"] == OpenEXR.scanlineimage, "a scan-line image", str(header["type"])),
         (compression in _LOSSLESS, f"one of {', '.join(_LOSSLESS)}", compression),
@@ -230,10 +242,7 @@ def _check_header(
         (not required - names, f"channel {_first(required - names)}", "no such channel"),
         (not names - allowed, "no further channel", f"channel {_first(names - allowed)}"),
         (dense, "a value a pixel", "subsampled channels"),
-    )
-    for holds, expected, found in complaints:
-        if not holds:
-            raise InputError(str(path), expected, found, "write the file again")
+    ]
 
 
 def _first(names: set[str]) -> str:
@@ -241,4 +250,6 @@ def _first(names: set[str]) -> str:
 
 
 def _reason(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
+    first = (str(error).splitlines() or [type(error).__name__])[0]
+    # OpenEXR repeats the file's name in quotes before it comes to the point.
+    return first.rsplit('". ', 1)[-1]

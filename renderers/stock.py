@@ -10,7 +10,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from malus.renderers.coverage import inside
 from malus.renderers.lobes import Floats, Lobes, unit
 from malus.renderers.translate import body_bsdf, emitter, interface_bsdf, sensor, shape_object
 from malus.renderers.variant import SCALAR, Variant, mitsuba
@@ -52,8 +54,8 @@ def render_lobes(
         sampling,
         stream=1,
     )
-    normals, coverage = _geometry(mi, window, sampling)
-    pixels = np.flatnonzero(coverage > 0)
+    normals, touched, covered = _geometry(mi, window, sampling)
+    pixels = np.flatnonzero(touched)
     mirrored, scattered = specular[:, :, pixels], scattered[:, :, pixels]
     return Lobes(
         specular=_halves(mirrored),
@@ -64,7 +66,7 @@ def render_lobes(
         covariance=np.zeros(mirrored.shape[1:], dtype=np.float32),
         pixels=pixels,
         normals=unit(normals[pixels]),
-        covered=coverage[pixels] > 1 - 0.5 / sampling.samples,
+        covered=covered[pixels],
     )
 
 
@@ -162,12 +164,16 @@ def _response(mi: ModuleType, window: dict[str, Any], light: Light) -> float:
     return float(_stokes(np.asarray(mi.render(scene, spp=64, seed=0)))[..., 0].mean())
 
 
-def _geometry(mi: ModuleType, window: dict[str, Any], sampling: Sampling) -> tuple[Floats, Floats]:
-    """Shading normals summed over rays (pixels, 3) and the fraction of rays that hit."""
+def _geometry(
+    mi: ModuleType, window: dict[str, Any], sampling: Sampling
+) -> tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Shading normals summed over rays (pixels, 3); pixels that are touched, and covered."""
     views = {"type": "aov", "aovs": "normal:sh_normal,hit:shape_index"}
     scene = _load(mi, window, {"type": "diffuse"}, integrator=views)
     raw = np.asarray(mi.render(scene, spp=sampling.samples, seed=sampling.seed))
     names = list(scene.integrator().aov_names())
     channels = raw[..., raw.shape[-1] - len(names) :].reshape(-1, len(names))
     normals = channels[:, [names.index(f"normal.{axis}") for axis in "XYZ"]]
-    return normals, channels[:, names.index("hit.I")]
+    hits = channels[:, names.index("hit.I")]
+    all_hit = hits > 1 - 0.5 / sampling.samples
+    return normals, hits > 0, all_hit & inside(mi, scene, window["sensor"]["film"]["width"])

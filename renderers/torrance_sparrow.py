@@ -96,8 +96,8 @@ def sphere_normals(camera: Camera) -> tuple[Floats, NDArray[np.bool_]]:
 
     Examples
     --------
-    >>> sphere_normals(Camera(resolution=3))[0][1, 1].tolist()
-    [0.0, 0.0, 1.0]
+    >>> sphere_normals(Camera(resolution=3))[0][1, 1, 2].item()
+    1.0
     """
     step = 2.0 * camera.half_width / camera.resolution
     centre = (np.arange(camera.resolution) + 0.5) * step - camera.half_width

@@ -40,8 +40,9 @@ class Truth:
     --------
     >>> from malus.renderers import render
     >>> from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
-    >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3),
-    ...               light=Distant(incidence_deg=60), camera=Camera(resolution=8))
+    >>> surface = Dielectric(eta=1.5, alpha=0.3, body="unpolarised")
+    >>> scene = Scene(shape=Sphere(), surface=surface, light=Distant(incidence_deg=60),
+    ...               camera=Camera(resolution=8))
     >>> render(scene, renderer="torrance-sparrow").polarised(angle_deg=30).shape
     (8, 8, 1)
     """

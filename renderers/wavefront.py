@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.renderers.coverage import inside
 from malus.renderers.lighting import Sampler, sampler
 from malus.renderers.lobes import HALVES, Floats, Layout, Lobes, lobes_from_sums
 from malus.renderers.translate import CONVEX, sensor, shape_object
@@ -68,6 +69,7 @@ class Stage:
         )
         self.sensor = self.scene.sensors()[0]
         self.context = mi.BSDFContext()
+        self.inside = inside(mi, self.scene, self.resolution)
 
     def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:
         """Shade every hit with every BSDF of `shading` under `light`."""
@@ -81,7 +83,7 @@ class Stage:
         return lobes_from_sums(sums, shading.layout, half_samples, pixels, covered)
 
     def _coverage(self, sampling: Sampling) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Pixels with at least one hit among the very rays to be shaded, and those with all."""
+        """Pixels with at least one hit among the very rays to be shaded, and the covered ones."""
         mi, dr = self.mi, self.dr
         total = self.resolution**2
         hits = np.zeros(total, dtype=np.int64)
@@ -91,7 +93,8 @@ class Stage:
             counts = [self._count_hits(pixel, half, sampling) for half in range(HALVES)]
             hits[start : start + PIXELS_A_LAUNCH] = sum(np.asarray(c, np.int64) for c in counts)
         touched = np.flatnonzero(hits)
-        return touched, hits[touched] == sampling.samples
+        covered = self.inside & (hits == sampling.samples)
+        return touched, covered[touched]
 
     def _count_hits(self, pixel: Any, half: int, sampling: Sampling) -> Any:
         mi, dr = self.mi, self.dr

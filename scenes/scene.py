@@ -111,6 +111,7 @@ class Scene(Model):
 
     Examples
     --------
+    >>> from malus.scenes import Sphere, Uniform
     >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3), light=Uniform())
     >>> len(scene.id)
     16

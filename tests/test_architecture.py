@@ -74,19 +74,21 @@ def test_modules_and_functions_stay_small(folder: str) -> None:
 
 
 def test_conventions_are_coded_once() -> None:
-    """Only scenes/polarisation.py turns a polariser angle into Stokes weights."""
+    """Only scenes/polarisation.py does trigonometry with a polariser's angle."""
     for folder in ORDER:
         for path in sources(folder):
             if path.name == "polarisation.py":
                 continue
-            called = {
-                node.func.attr
-                for node in ast.walk(ast.parse(path.read_text("utf-8")))
-                if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
-            }
-            trigonometry = called & {"cos", "sin"}
-            text = path.read_text("utf-8")
-            assert not (trigonometry and "angle_deg" in text), path
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.FunctionDef):
+                    named = {a.arg for a in node.args.args + node.args.kwonlyargs}
+                    called = {
+                        inner.func.attr
+                        for inner in ast.walk(node)
+                        if isinstance(inner, ast.Call) and isinstance(inner.func, ast.Attribute)
+                    }
+                    angle = named & {"angle_deg", "angles_deg", "polariser_angle"}
+                    assert not (angle and called & {"cos", "sin"}), f"{path}: {node.name}"
 
 
 def test_the_command_line_imports_nothing_heavy() -> None:

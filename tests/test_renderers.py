@@ -76,7 +76,7 @@ def test_interpolated_truth_equals_direct_renders(light: Light, surface: str) ->
 
 
 def test_measured_interpolation_error_sees_too_few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("malus.renderers.nodes.node_count", lambda low, high: 2)
+    monkeypatch.setattr("malus.renderers.nodes.node_count", lambda *_: 2)
     assert family(Uniform(), 1.33, 1.69).interpolation_error["rms"] > 1e-4
 
 
@@ -171,6 +171,16 @@ def test_same_seed_same_bits() -> None:
     assert first.stokes.tobytes() != other.stokes.tobytes()
 
 
+def test_the_mask_does_not_depend_on_the_samples() -> None:
+    scene = scene_at(1.5, Uniform(), Torus())
+    masks = [
+        render_family([scene], Sampling(samples=8, seed=seed)).truth(scene).mask
+        for seed in range(6)
+    ]
+    assert all((mask == masks[0]).all() for mask in masks)
+    assert 0.2 < masks[0].mean() < 0.6
+
+
 def test_halves_average_to_the_truth() -> None:
     scene = scene_at(1.5, Uniform())
     truth = render_family([scene], FEW).truth(scene)
@@ -233,7 +243,7 @@ class TestTorranceSparrow:
         scene, theirs, ours, lit = self.pair()
         normals, _ = sphere_normals(scene.camera)
         light = np.array(self.LIGHT.direction)
-        half = light + [0, 0, 1]
+        half = light + np.array([0, 0, 1])
         half /= np.linalg.norm(half)
         n_l, n_v, n_h = (np.clip(normals @ v, 1e-9, 1) for v in (light, np.array([0, 0, 1]), half))
         cavities = masking(n_h, n_v, n_l, float(half[2]))
