@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -115,7 +116,8 @@ def _or_none(value: Any) -> float | None:
 
 def _table(results: Results) -> Table:
     """One row a light, body and method; narrow enough for 80 columns."""
-    table = Table(title="skill: 1 is perfect, 0 no better than guessing “unpolarised”")
+    title = "skill: 1 is perfect, 0 no better than guessing “unpolarised”"
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("light", "body", "method"):
         table.add_column(name, no_wrap=True)
     for name in ("NMSE", "skill", "worst"):
