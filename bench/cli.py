@@ -7,6 +7,9 @@ from pathlib import Path
 
 import click
 
+from malus.bench.cli_dataset import export_command, render_command, score_command
+from malus.bench.cli_gate import gate_command
+
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
@@ -69,6 +72,21 @@ def list_command(what: str) -> None:
 
 
 @cli.command()
+@click.argument("suite")
+@click.option("--backend", default="auto", help="auto, cuda, llvm or scalar.")
+def plan(suite: str, backend: str) -> None:
+    """Say what a run of SUITE will do, what it leaves out and why, and what it will cost.
+
+    \b
+    Example:
+      malus plan fig5
+    """
+    from malus.bench.command_plan import plan_command
+
+    plan_command(suite, backend)
+
+
+@cli.command()
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def doctor(as_json: bool) -> None:
     """Say what this machine renders with, what is missing, and the command that mends it.
@@ -80,6 +98,10 @@ def doctor(as_json: bool) -> None:
     from malus.bench.doctor import report
 
     sys.exit(DONE if report(as_json) else FAILED)
+
+
+for _command in (render_command, export_command, score_command, gate_command):
+    cli.add_command(_command)
 
 
 def main() -> None:

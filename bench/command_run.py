@@ -41,7 +41,7 @@ def run_command(
     if as_json:
         sys.stdout.write(json.dumps({"out": str(folder), "methods": headline(results)}) + "\n")
         return
-    Console().print(_table(results))
+    Console().print(final_table(results))
     console.print(f"written to {folder}", highlight=False)
 
 
@@ -114,7 +114,7 @@ def _or_none(value: Any) -> float | None:
     return None if pd.isna(value) else float(value)
 
 
-def _table(results: Results) -> Table:
+def final_table(results: Results) -> Table:
     """One row a light, body and method; narrow enough for 80 columns."""
     title = "skill: 1 is perfect, 0 no better than guessing “unpolarised”"
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))

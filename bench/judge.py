@@ -5,8 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from malus.bench.agreement import Agreement, TrueField
-from malus.bench.metrics import Error, Image, Residuals, peak, skill, stokes_difference, violations
+from malus.bench.metrics import (
+    Error,
+    Floats,
+    Image,
+    Residuals,
+    Target,
+    peak,
+    skill,
+    violations,
+)
 from malus.bench.view import observe
 from malus.reconstruct import Components, Method, get_method
 from malus.renderers.truth import Truth
@@ -70,34 +81,29 @@ class Score:
 
     def values(self) -> Iterator[Value]:
         """Everything for the results table."""
-        everything = PAPER_ANGLES_DEG
-        yield from self._values(everything, None, None)
+        sets = [PAPER_ANGLES_DEG, *((angle,) for angle in PAPER_ANGLES_DEG)]
+        parts = (self.residuals, self.noise, self.trivial, self.trivial_noise)
+        errors = np.stack([part.nmse_by(sets) for part in parts])
+        yield from self._values(errors[:, 0].mean(axis=-1))
         yield Value("gain", *self.agreement.gain)
         yield Value("rotation", *self.agreement.rotation)
         yield Value("facing_skill", *self.agreement.facing_skill)
         yield Value("signal", *self.agreement.signal)
-        for angle in everything:
-            yield from self._values((angle,), None, angle)
+        for row, angle in enumerate(PAPER_ANGLES_DEG, start=1):
+            yield from self._values(errors[:, row].mean(axis=-1), angle_deg=angle)
         for band, wavelength in enumerate(self.wavelengths_nm):
-            yield from self._values(everything, band, None, wavelength)
+            yield from self._values(errors[:, 0, band], band_nm=wavelength)
         yield Value("violations", float(self.violations))
         yield from self.extra
 
     def _values(
-        self,
-        angles: tuple[float, ...],
-        band: int | None,
-        angle: float | None,
-        wavelength: float | None = None,
+        self, errors: Floats, band_nm: float | None = None, angle_deg: float | None = None
     ) -> Iterator[Value]:
-        chosen = slice(None) if band is None else slice(band, band + 1)
-        parts = (self.residuals, self.noise, self.trivial, self.trivial_noise)
-        nmse, noise, trivial, trivial_noise = (
-            float(part.nmse_of_bands(angles)[chosen].mean()) for part in parts
-        )
+        """NMSE and skill from the four errors of method, noise, trivial guess and its noise."""
+        nmse, noise, trivial, trivial_noise = (float(error) for error in errors)
         worth = skill(Error(nmse, noise), Error(trivial, trivial_noise), self.residuals.pixels)
-        yield Value("nmse", nmse, noise, wavelength, angle)
-        yield Value("skill", worth, 0.0, wavelength, angle)
+        yield Value("nmse", nmse, noise, band_nm, angle_deg)
+        yield Value("skill", worth, 0.0, band_nm, angle_deg)
 
 
 class Judge:
@@ -117,20 +123,19 @@ class Judge:
     def __init__(self, truth: Truth) -> None:
         self.truth = truth
         self.half = truth.halves()[0]
+        self.targets = Target.of(truth), Target.of(self.half)
         self.peak = peak(truth)
         self.field = TrueField(truth, self.peak)
         guess = get_method("unpolarised")
-        known = observe(truth, guess.needs)
-        difference, change = self._differences(guess, guess.reconstruct(known))
-        self.trivial = Residuals.of(difference, self.peak), Residuals.of(change, self.peak)
+        _, *differences = self._differences(guess)
+        self.trivial = tuple(Residuals.of(values, self.peak) for values in differences)
 
     def score(self, method: Method, metrics: Sequence[Metric] = ()) -> Score:
         """The score of one method; raises Inapplicable where it cannot work on this truth.
 
         `metrics` are further ones that cost more than those that every score has.
         """
-        estimate = method.reconstruct(observe(self.truth, method.needs))
-        difference, change = self._differences(method, estimate)
+        estimate, difference, change = self._differences(method)
         return Score(
             Residuals.of(difference, self.peak),
             Residuals.of(change, self.peak),
@@ -141,12 +146,15 @@ class Judge:
             tuple(value for metric in metrics for value in metric(estimate, self.truth)),
         )
 
-    def _differences(self, method: Method, estimate: Components) -> tuple[Image, Image]:
-        """Estimated minus true Stokes vectors, and what one draw of the noise changes in them."""
-        difference = stokes_difference(estimate, self.truth)
+    def _differences(self, method: Method) -> tuple[Components, Image, Image]:
+        """The estimate, what it misses by, and what one draw of the noise changes in that."""
+        whole, half = self.targets
+        estimate = method.reconstruct(observe(self.truth, method.needs))
+        difference = whole.missed_by(estimate)
         # The half truth is this truth plus one draw of its noise, seen through the method.
-        shifted = method.reconstruct(observe(self.half, method.needs))
-        return difference, stokes_difference(shifted, self.half) - difference
+        shifted = half.missed_by(method.reconstruct(observe(self.half, method.needs)))
+        shifted -= difference
+        return estimate, difference, shifted
 
 
 def score(truth: Truth, method: Method | str) -> Score:

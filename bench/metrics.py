@@ -8,6 +8,7 @@ no image per angle is ever made.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -60,14 +61,14 @@ class Residuals:
         >>> round(one.nmse(), 12)
         0.01
         """
-        return float(self.nmse_of_bands(angles_deg).mean())
+        return float(self.nmse_by([angles_deg]).mean())
 
-    def nmse_of_bands(self, angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> Floats:
-        """The same for every band, shape (bands,)."""
+    def nmse_by(self, angle_sets: Sequence[tuple[float, ...]]) -> Floats:
+        """The same for several sets of angles and every band apart, shape (sets, bands)."""
         if self.pixels == 0:
-            return np.full(len(self.moments), np.nan)
-        form = np.einsum("ij,bij->b", angle_weights(angles_deg), self.moments)
-        return form / self.pixels
+            return np.full((len(angle_sets), len(self.moments)), np.nan)
+        forms = np.stack([angle_weights(angles).ravel() for angles in angle_sets])
+        return forms @ self.moments.reshape(-1, 9).T / self.pixels
 
 
 @dataclass(frozen=True)
@@ -105,12 +106,29 @@ def skill(method: Error, trivial: Error, pixels: int) -> float:
     return 1.0 - method.bias / trivial.bias
 
 
-def stokes_difference(estimate: Components, truth: Truth) -> Image:
-    """Estimated minus true Stokes vectors at the mask's pixels, (pixels, bands, 3)."""
-    mask = truth.mask
-    true = truth.specular[mask] + truth.diffuse[mask]
-    estimated = np.stack([estimate.image[mask], estimate.s1[mask], estimate.s2[mask]], axis=-1)
-    return estimated - true
+@dataclass(frozen=True)
+class Target:
+    """The pixels of a truth's mask and the Stokes vectors (pixels, bands, 3) to be met there."""
+
+    pixels: NDArray[np.intp]
+    stokes: Image
+
+    @classmethod
+    def of(cls, truth: Truth) -> Self:
+        """The target that a truth sets."""
+        pixels = np.flatnonzero(truth.mask)
+        bands = truth.specular.shape[2]
+        lobes = (lobe.reshape(-1, bands, 3)[pixels] for lobe in (truth.specular, truth.diffuse))
+        return cls(pixels, sum(lobes, np.zeros((), truth.specular.dtype)))
+
+    def missed_by(self, estimate: Components) -> Image:
+        """Estimated minus true Stokes vectors, (pixels, bands, 3)."""
+        difference = np.empty_like(self.stokes)
+        bands = self.stokes.shape[1]
+        for k, component in enumerate((estimate.image, estimate.s1, estimate.s2)):
+            plane = component.reshape(-1, bands)[self.pixels]
+            np.subtract(plane, self.stokes[..., k], out=difference[..., k])
+        return difference
 
 
 def peak(truth: Truth) -> float:

@@ -16,6 +16,7 @@ from typing import Any
 import pandas as pd
 
 from malus.bench.examples import chosen, keep
+from malus.bench.extra_metrics import get_metrics
 from malus.bench.judge import Judge
 from malus.bench.plan import FamilyPlan, plan
 from malus.bench.results import (
@@ -35,6 +36,9 @@ from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, choose
 from malus.scenes.model import content_id
 from malus.scenes.suite import Suite
+
+SCHEMA = 1
+"""Counts up when the rows of a part change their meaning: older parts are then made again."""
 
 Progress = Callable[[int, int, str], None]
 
@@ -102,7 +106,9 @@ class Job:
     def part(self, family: FamilyPlan) -> pd.DataFrame:
         """The table of one family, from an earlier run where that is there."""
         names = [method.name for method in self.methods]
-        content = [family.id, self.suite.renderer, names, self.variant.name, version("malus")]
+        suite = self.suite
+        content = [family.id, suite.renderer, names, suite.metrics, self.variant.name]
+        content += [version("malus"), SCHEMA]
         path = self.folder / PARTS / f"{content_id(content)}.parquet"
         part = _stored(path)
         if part is not None:
@@ -129,10 +135,11 @@ class Job:
 
     def _rows(self, truth: Truth) -> list[dict[str, Any]]:
         judge = Judge(truth)
+        metrics = get_metrics(self.suite.metrics)
         records: list[dict[str, Any]] = []
         for method in self.methods:
             try:
-                records += score_rows(truth.scene, method.name, judge.score(method))
+                records += score_rows(truth.scene, method.name, judge.score(method, metrics))
             except Inapplicable as reason:
                 records += inapplicable_rows(truth.scene, method.name, str(reason))
         return records

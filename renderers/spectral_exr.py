@@ -5,9 +5,8 @@ Channels are 32-bit floats `S0.550,000000nm`: the Stokes component, then the ban
 authors' library prints it. That library wants all four components, so S3 is there and zero: malus
 renders linear Stokes vectors only. R, G and B are a preview.
 
-Reading is for files from anywhere: the header is checked against what is expected, size included,
-before a pixel is decoded, and every failure is one InputError. Only lossless scan-line files of
-one part are read.
+Files from anywhere may be read: the header is checked against what is expected, size included,
+before a pixel is decoded, and every failure is one InputError.
 """
 
 from __future__ import annotations
@@ -87,14 +86,7 @@ def stokes_channels(
 def stokes_from_channels(
     channels: Mapping[str, NDArray[Any]], wavelengths_nm: Sequence[float], prefix: str = ""
 ) -> Image:
-    """The Stokes image (height, width, bands, 3) of `stokes_channels`, in the channels' type.
-
-    Examples
-    --------
-    >>> image = np.arange(12.0).reshape(2, 2, 1, 3)
-    >>> bool(np.all(stokes_from_channels(stokes_channels(image, [550.0]), [550.0]) == image))
-    True
-    """
+    """The Stokes image (height, width, bands, 3) of `stokes_channels`, in the channels' type."""
     bands = [
         np.stack([channels[prefix + channel_name(part, nm)] for part in range(3)], axis=-1)
         for nm in wavelengths_nm

@@ -15,6 +15,8 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -206,11 +208,28 @@ def choose(backend: str = "auto") -> Variant:
 
 def mitsuba(variant: Variant) -> ModuleType:
     """Mitsuba with `variant` active; the only place in malus that imports it for rendering."""
-    if variant.llvm:
-        os.environ["DRJIT_LIBLLVM_PATH"] = variant.llvm
-    import mitsuba as mi
-
+    if "mitsuba" in sys.modules:
+        import mitsuba as mi
+    else:
+        # Without a path Dr.Jit would load the first libLLVM it finds, whatever its version.
+        os.environ["DRJIT_LIBLLVM_PATH"] = variant.llvm or os.devnull
+        with nullcontext() if variant.llvm else _silence():
+            import mitsuba as mi
     if mi.variant() != variant.name:
         mi.set_variant(variant.name)
         mi.set_log_level(mi.LogLevel.Error)
     return mi
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Hide what a C library writes to the error stream: its complaint that there is no LLVM."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with open(os.devnull, "wb") as nothing:
+        os.dup2(nothing.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

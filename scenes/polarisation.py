@@ -11,6 +11,7 @@ Every other folder calls these functions and none repeats them.
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any
 
@@ -68,6 +69,7 @@ def _double_angle(angle_deg: float) -> tuple[float, float]:
     return math.cos(math.radians(turns)), math.sin(math.radians(turns))
 
 
+@functools.cache
 def angle_weights(angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> NDArray[np.float64]:
     """Matrix A of the mean squared error over polariser angles, a quadratic form in Stokes.
 
@@ -84,7 +86,9 @@ def angle_weights(angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> NDArray[n
     """
     rows = [(0.5, -0.5 * c, -0.5 * s) for c, s in map(_double_angle, angles_deg)]
     analyser = np.array(rows)
-    return analyser.T @ analyser / len(angles_deg)
+    weights: NDArray[np.float64] = analyser.T @ analyser / len(angles_deg)
+    weights.flags.writeable = False  # shared by all callers
+    return weights
 
 
 def polarised_intensity(stokes: Array) -> Array:

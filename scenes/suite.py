@@ -69,6 +69,7 @@ class Suite(Model):
     bodies: tuple[Body, ...] = Field(default=("unpolarised",), min_length=1)
     wavelengths_nm: Wavelengths
     methods: tuple[str, ...] = Field(min_length=1)
+    metrics: tuple[str, ...] = ()
     renderer: Renderer = "mitsuba"
     camera: Camera = Camera()
     sampling: Sampling = Sampling()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from malus.bench.judge import Judge, score
-from malus.bench.metrics import Error, Residuals, peak, skill, stokes_difference, violations
+from malus.bench.metrics import Error, Residuals, Target, peak, skill, violations
 from malus.bench.view import observe
 from malus.reconstruct import Components, Method, Observation, get_method
 from malus.renderers.truth import Truth
@@ -77,7 +77,7 @@ def brute_force_nmse(estimate: Components, truth: Truth, angles: tuple[float, ..
 def test_nmse_equals_brute_force(angles: tuple[float, ...]) -> None:
     truth = made_up_truth()
     estimate = constant_guess(observe(truth, frozenset()))
-    residuals = Residuals.of(stokes_difference(estimate, truth), peak(truth))
+    residuals = Residuals.of(Target.of(truth).missed_by(estimate), peak(truth))
     assert residuals.nmse(angles) == pytest.approx(
         brute_force_nmse(estimate, truth, angles), rel=1e-10
     )

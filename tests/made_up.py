@@ -1,0 +1,48 @@
+"""Truths that nobody rendered: random, small, physical, in the precision that is asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from malus.renderers import Truth
+from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+
+BANDS = (450.0, 532.1234567, 650.0)
+
+
+def made_up_truth(
+    seed: int = 0,
+    dtype: type[np.floating] = np.float32,
+    side: int = 6,
+    bands: tuple[float, ...] = BANDS,
+) -> Truth:
+    """A truth of random numbers; every seed is another scene."""
+    random = np.random.default_rng(seed)
+    scene = Scene(
+        shape=Sphere(),
+        surface=Dielectric(eta=1.3 + 0.001 * seed, alpha=0.3),
+        light=Distant(incidence_deg=60),
+        camera=Camera(resolution=side),
+        wavelengths_nm=bands,
+    )
+    shape = (side, side, len(bands), 3)
+
+    def stokes(scale: float) -> np.ndarray:
+        values = scale * random.normal(size=shape)
+        values[..., 0] = 2.0 * np.hypot(values[..., 1], values[..., 2]) + 0.1 * scale
+        return values.astype(dtype)
+
+    normals = random.normal(size=(side, side, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    mask = random.random((side, side)) < 0.7
+    return Truth(
+        scene=scene,
+        specular=stokes(1.0),
+        diffuse=stokes(0.5),
+        normals=normals.astype(dtype),
+        mask=mask,
+        standard_error=np.abs(stokes(1e-3)),
+        specular_noise=stokes(1e-3),
+        diffuse_noise=-stokes(1e-3),
+        interpolation_error={"rms": 0.1 + seed, "worst": 1 / 3},
+    )
