@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import functools
+import importlib
+import importlib.metadata
+import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,6 +20,7 @@ from malus.reconstruct.observation import Components, Observation
 from malus.scenes.errors import InputError
 
 LOBES = frozenset({"specular", "diffuse"})
+ENTRY_POINTS = "malus.methods"
 
 
 @dataclass(frozen=True)
@@ -72,9 +77,13 @@ _SPECULAR: dict[str, tuple[LobeModel, frozenset[str], str]] = {
 }
 
 
+TRIVIAL = Method(
+    "unpolarised", frozenset(), _unpolarised, "the trivial guess: half of I at every angle"
+)
+
+
 def _methods() -> list[Method]:
-    trivial = "the trivial guess: half of I at every angle"
-    found = [Method("unpolarised", frozenset(), _unpolarised, trivial)]
+    found = [TRIVIAL]
     for name, (model, needs, summary) in _SPECULAR.items():
         plain = functools.partial(from_lobes, specular_model=model, body_model=None)
         mended = functools.partial(from_lobes, specular_model=model, body_model=lobes.body)
@@ -86,32 +95,60 @@ def _methods() -> list[Method]:
 
 @functools.cache
 def methods() -> dict[str, Method]:
-    """Every method that malus brings, by name.
+    """Every method that malus brings, and those of the entry-point group `malus.methods`.
+
+    Raises
+    ------
+    InputError
+        If an installed entry point does not load, or is no Method.
 
     Examples
     --------
     >>> sorted(methods())[0]
     'eq8'
     """
-    return {method.name: method for method in _methods()}
+    found = {method.name: method for method in _methods()}
+    for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
+        found[entry.name] = _loaded(f"entry point {entry.name}", entry.value)
+    return found
 
 
 def get_method(name: str) -> Method:
-    """The method of that name.
+    """The method of that name, or the object `package.module:object`.
 
     Raises
     ------
     InputError
-        If there is none.
+        If there is none, or the object is no Method.
 
     Examples
     --------
     >>> get_method("eq8").needs == {"specular", "diffuse", "normals", "eta", "alpha"}
     True
+    >>> get_method("malus.reconstruct.methods:TRIVIAL").name
+    'unpolarised'
     """
+    if ":" in name:
+        return _loaded(f"method {name}", name)
     known = methods()
     if name not in known:
-        raise InputError(
-            "method", f"one of {', '.join(known)}", name, "`malus list methods` shows them"
-        )
+        hint = "`malus list methods` shows them; your own is package.module:object"
+        raise InputError("method", f"one of {', '.join(known)}", name, hint)
     return known[name]
+
+
+def _loaded(where: str, reference: str) -> Method:
+    module, _, attribute = reference.partition(":")
+    # What is asked for by name on the command line may lie in the folder that one stands in.
+    sys.path.insert(0, os.getcwd())
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        hint = "check that it can be imported"
+        raise InputError(where, "package.module:object", str(error), hint) from None
+    finally:
+        sys.path.pop(0)
+    if not isinstance(found, Method):
+        expected = "a malus.reconstruct.Method"
+        raise InputError(where, expected, type(found).__name__, "see README, a method of your own")
+    return found

@@ -155,6 +155,10 @@ def load_suite(name_or_path: str | Path) -> Suite:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(where, "a TOML file", str(error), "correct the syntax") from None
     suite = Suite.parse(data, where)
+    code = [name for name in suite.methods if ":" in name]
+    if code:
+        hint = "code is named on the command line: --method package.module:object"
+        raise InputError(f"{where}, key methods", "names of methods", code[0], hint)
     folder = Path(where).parent
     shapes = tuple(_located(shape, folder) for shape in suite.shapes)
     return suite.model_copy(update={"shapes": shapes})
