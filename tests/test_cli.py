@@ -47,7 +47,7 @@ def test_a_run_leaves_results_report_and_record(finished: Path) -> None:
     assert set(inapplicable.light) == {"uniform"}
     assert set(inapplicable.method) == {"half_vector"}
     assert "distant" in inapplicable.note.iloc[0]
-    assert not [path for path in finished.rglob(".*")], "temporary files left behind"
+    assert not list(finished.rglob(".*")), "temporary files left behind"
 
 
 def test_a_second_run_takes_over_what_is_there(finished: Path) -> None:
