@@ -127,8 +127,8 @@ class Judge:
         self.peak = peak(truth)
         self.field = TrueField(truth, self.peak)
         guess = get_method("unpolarised")
-        _, *differences = self._differences(guess)
-        self.trivial = tuple(Residuals.of(values, self.peak) for values in differences)
+        _, difference, change = self._differences(guess)
+        self.trivial = Residuals.of(difference, self.peak), Residuals.of(change, self.peak)
 
     def score(self, method: Method, metrics: Sequence[Metric] = ()) -> Score:
         """The score of one method; raises Inapplicable where it cannot work on this truth.

@@ -6,6 +6,7 @@ import itertools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from malus.renderers.family import render_family
 from malus.renderers.profile import Profile, profiled
 from malus.renderers.variant import Variant
 from malus.scenes.lights import Distant, Light, Uniform
+from malus.scenes.materials import materials, surfaces
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 from malus.scenes.scene import Camera, Sampling, Scene
 from malus.scenes.shapes import Sphere
@@ -40,8 +42,8 @@ def matrix(light: Light, camera: Camera, sampling: Sampling) -> Suite:
     return Suite(
         name="speed",
         shapes=(Sphere(),),
-        materials="all",  # type: ignore[arg-type]  # the validator turns it into names
-        surfaces="all",  # type: ignore[arg-type]
+        materials=tuple(materials()),
+        surfaces=tuple(surfaces()),
         lights=(light,),
         bodies=("polarised",),
         wavelengths_nm=(400, 443, 486, 529, 571, 614, 657, 700),
@@ -67,8 +69,8 @@ def compare(
     plates, hands, ours = [], [], []
     profile, parts = Profile(), dict[str, float]()
     for turn, scene in enumerate(picks):
-        plates.append(_timed(lambda s=scene: plate_image(variant, s, 3, 30.0, sampling)))
-        hands.append(_timed(lambda s=scene: stokes.images(s, 3, ANGLES, sampling)))
+        plates.append(_timed(partial(plate_image, variant, scene, 3, 30.0, sampling)))
+        hands.append(_timed(partial(stokes.images, scene, 3, ANGLES, sampling)))
         if turn < 3:  # the first one warms up
             profile, parts, seconds = _whole_matrix(variant, suite)
             ours.append(seconds)
