@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 SUITE ?= fig5
 
-.PHONY: run test lint types wheel check clean
+.PHONY: run test lint types wheel gate check clean
 
 run: $(VENV)/.ready
 	$(BIN)/malus run $(SUITE)
@@ -28,7 +28,12 @@ types: $(VENV)/.ready-dev
 wheel: $(VENV)/.ready
 	PYTHON=$(abspath $(BIN)/python) sh tests/wheel.sh
 
-check: lint types test wheel
+# Accuracy against the reviewed baseline: exit 1 where it got worse by more than the noise.
+gate: $(VENV)/.ready
+	$(BIN)/malus run gate --out build/gate
+	$(BIN)/malus gate build/gate --baseline bench/baselines/gate.toml --summary build/gate.md
+
+check: lint types test wheel gate
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "malus: expected Python 3.11 or later on the PATH, found none; install one"; exit 2; }
