@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from pathlib import Path
 
@@ -9,8 +10,10 @@ import click
 
 from malus.bench.cli_dataset import export_command, render_command, score_command
 from malus.bench.cli_gate import gate_command
+from malus.bench.cli_status import status_command
 
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+STOPPED = "stopped; the same command goes on where it was"
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -32,6 +35,9 @@ def cli() -> None:
 @click.option("--seed", type=int, help="Seed, instead of the suite's.")
 @click.option("--method", "methods", multiple=True, help="Methods, instead of the suite's.")
 @click.option("--backend", default="auto", help="auto, cuda, llvm or scalar.")
+@click.option("--workers", type=int, help="Processes to spread over, instead of this one.")
+@click.option("--scheduler", help="Address of a Dask cluster to spread over.")
+@click.option("--retry-failed", is_flag=True, help="Try again what failed in an earlier run.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
 def run(
     suite: str,
@@ -41,20 +47,40 @@ def run(
     seed: int | None,
     methods: tuple[str, ...],
     backend: str,
+    workers: int | None,
+    scheduler: str | None,
+    retry_failed: bool,
     as_json: bool,
 ) -> None:
     """Render, reconstruct, score and report SUITE: one that malus brings, or a TOML file.
 
-    Stopped half-way, the same command goes on where it was.
+    Stopped half-way, the same command goes on where it was. What fails is recorded and left out,
+    and the exit code is 1 then; `malus status` tells why.
 
     \b
     Example:
       malus run quick --out /tmp/quick
     """
-    from malus.bench.command_run import run_command
+    from malus.bench.command_run import How, run_command
 
     overrides = {"samples": samples, "resolution": resolution, "seed": seed, "methods": methods}
-    run_command(suite, out, overrides, backend, as_json)
+    how = How(workers, scheduler, retry_failed)
+    if run_command(suite, out, overrides, backend, as_json, how):
+        sys.exit(FAILED)
+
+
+@cli.command()
+@click.argument("results", type=click.Path(path_type=Path))
+def report(results: Path) -> None:
+    """Make the figures, summary and page of a finished run again, from its folder RESULTS.
+
+    \b
+    Example:
+      malus report results/fig5
+    """
+    from malus.bench.command_run import report_again
+
+    report_again(results)
 
 
 @cli.command("list")
@@ -95,21 +121,26 @@ def doctor(as_json: bool) -> None:
     Example:
       malus doctor
     """
-    from malus.bench.doctor import report
+    from malus.bench.doctor import report as examine
 
-    sys.exit(DONE if report(as_json) else FAILED)
+    sys.exit(DONE if examine(as_json) else FAILED)
 
 
-for _command in (render_command, export_command, score_command, gate_command):
+for _command in (render_command, export_command, score_command, gate_command, status_command):
     cli.add_command(_command)
 
 
 def main() -> None:
     """Entry point: a user's mistake ends in one line and exit code 2, never in a traceback."""
+    signal.signal(signal.SIGTERM, _terminate)
     try:
         cli.main(standalone_mode=False)
     except click.exceptions.Abort:
-        _stop("stopped", INTERRUPTED)
+        _stop(STOPPED, INTERRUPTED)
+    except SystemExit as leaving:
+        if leaving.code == TERMINATED:
+            _stop(STOPPED, TERMINATED)
+        raise
     except click.exceptions.Exit as leaving:
         sys.exit(leaving.exit_code)
     except click.ClickException as mistake:
@@ -123,10 +154,15 @@ def main() -> None:
             raise
         _stop(str(mistake), BAD_INPUT)
     except KeyboardInterrupt:
-        _stop("stopped; the same command goes on where it was", INTERRUPTED)
+        _stop(STOPPED, INTERRUPTED)
     except OSError as error:
         where = f" {error.filename}" if error.filename else ""
         _stop(f"{error.strerror or error}{where}", BAD_INPUT)
+
+
+def _terminate(number: int, frame: object) -> None:
+    """Leave as after Ctrl-C: what is half written is removed on the way out."""
+    sys.exit(TERMINATED)
 
 
 def _path(mistake: click.ClickException) -> str:

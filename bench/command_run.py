@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +14,32 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from malus.bench.results import Results
+from malus.bench.cluster import engine
+from malus.bench.results import Results, read_results
 from malus.bench.runner import run
+from malus.bench.work import Engine
 from malus.renderers.variant import Variant, choose
 from malus.scenes.suite import Suite, load_suite
 
 
+@dataclass(frozen=True)
+class How:
+    """How a run shall be done: where the work goes, and whether earlier failures are tried."""
+
+    workers: int | None = None
+    scheduler: str | None = None
+    retry_failed: bool = False
+
+
 def run_command(
-    name: str, out: Path | None, overrides: dict[str, Any], backend: str, as_json: bool
-) -> None:
-    """Run a suite for the command line."""
+    name: str,
+    out: Path | None,
+    overrides: dict[str, Any],
+    backend: str,
+    as_json: bool,
+    how: How = How(),
+) -> int:
+    """Run a suite for the command line; the number of families of which something failed."""
     suite = load_suite(name)
     variant = choose(backend)
     suite = overridden(suite, overrides, variant)
@@ -34,15 +51,41 @@ def run_command(
         f"{suite.sampling.samples} samples a pixel",
         highlight=False,
     )
-    results = _with_progress(suite, folder, variant, console)
+    with engine(variant, how.workers, how.scheduler) as chosen:
+        results = _with_progress(suite, folder, variant, console, chosen, how.retry_failed)
     from malus.reports.write import write_report
 
     write_report(results, folder)
+    failed = int(results.run["families_failed"])
     if as_json:
-        sys.stdout.write(json.dumps({"out": str(folder), "methods": headline(results)}) + "\n")
-        return
-    Console().print(final_table(results))
-    console.print(f"written to {folder}", highlight=False)
+        numbers = {"out": str(folder), "methods": headline(results), "families_failed": failed}
+        sys.stdout.write(json.dumps(numbers) + "\n")
+    else:
+        Console().print(final_table(results))
+        console.print(f"written to {folder}", highlight=False)
+    if failed:
+        _tell_failed(failed, results, folder, console)
+    return failed
+
+
+def _tell_failed(failed: int, results: Results, folder: Path, console: Console) -> None:
+    console.print(
+        f"{failed} of {results.run['families']} families failed, wholly or for a method; the first:"
+        f" {results.run['failures'][0]}. `malus status {folder}` tells all; a next run leaves them"
+        " out, with --retry-failed it tries them again",
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def report_again(folder: Path) -> None:
+    """Write the report of finished results again."""
+    from malus.reports.write import write_report
+
+    results = read_results(folder)
+    written = write_report(results, folder)
+    Console().print(f"{len(written)} files written to {folder}", highlight=False)
 
 
 def overridden(suite: Suite, overrides: dict[str, Any], variant: Variant) -> Suite:
@@ -67,7 +110,14 @@ def overridden(suite: Suite, overrides: dict[str, Any], variant: Variant) -> Sui
     return Suite.parse(data, "command line")
 
 
-def _with_progress(suite: Suite, folder: Path, variant: Variant, console: Console) -> Results:
+def _with_progress(
+    suite: Suite,
+    folder: Path,
+    variant: Variant,
+    console: Console,
+    chosen: Engine,
+    retry_failed: bool,
+) -> Results:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -80,7 +130,7 @@ def _with_progress(suite: Suite, folder: Path, variant: Variant, console: Consol
         def show(done: int, total: int, label: str) -> None:
             bar.update(task, completed=done, total=total, description=label)
 
-        return run(suite, folder, variant, show)
+        return run(suite, folder, variant, show, chosen, retry_failed)
 
 
 def headline(results: Results) -> list[dict[str, Any]]:
