@@ -25,6 +25,7 @@ def render_family(
     sampling: Sampling,
     variant: Variant | None = None,
     errors: bool = True,
+    nodes: int | None = None,
 ) -> Family:
     """Render what all of `scenes` need; they must share a FamilyKey.
 
@@ -36,6 +37,8 @@ def render_family(
         By default the fastest that works.
     errors : bool
         False leaves out what only standard errors need; halves and noise remain.
+    nodes : int, optional
+        Number of nodes in η; by default as many as the range of indices asks for.
 
     Raises
     ------
@@ -49,15 +52,15 @@ def render_family(
     key = keys.pop()
     eta = np.concatenate([scene.eta for scene in scenes])
     low, high = float(eta.min()), float(eta.max())
-    nodes = chebyshev_nodes(low, high)
+    points = chebyshev_nodes(low, high, nodes)
     extra = held_out(low, high)
     started = time.perf_counter()
     chosen = variant or choose()
-    rendered = [*nodes, extra] if np.isfinite(extra) else list(nodes)
+    rendered = [*points, extra] if np.isfinite(extra) else list(points)
     lobes = _render(key, rendered, sampling, chosen, errors)
     seconds = time.perf_counter() - started
-    error = _measure(lobes, nodes, extra) if np.isfinite(extra) else {"rms": 0.0, "worst": 0.0}
-    return Family(key, nodes, _without_held_out(lobes, len(nodes)), chosen.name, seconds, error)
+    error = _measure(lobes, points, extra) if np.isfinite(extra) else {"rms": 0.0, "worst": 0.0}
+    return Family(key, points, _without_held_out(lobes, len(points)), chosen.name, seconds, error)
 
 
 def _render(

@@ -39,9 +39,9 @@ def node_count(low: float, high: float) -> int:
     return count
 
 
-def chebyshev_nodes(low: float, high: float) -> Floats:
-    """Chebyshev nodes of the first kind on [low, high], as many as `node_count` says."""
-    count = node_count(low, high)
+def chebyshev_nodes(low: float, high: float, count: int | None = None) -> Floats:
+    """Chebyshev nodes of the first kind on [low, high], as many as `node_count` says or `count`."""
+    count = node_count(low, high) if count is None else count
     if count == 1:
         return np.array([0.5 * (low + high)])
     angle = np.pi * (np.arange(count) + 0.5) / count
