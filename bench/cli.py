@@ -8,9 +8,13 @@ from pathlib import Path
 
 import click
 
+from malus.bench.cli_bench import bench_command
 from malus.bench.cli_dataset import export_command, render_command, score_command
 from malus.bench.cli_gate import gate_command
 from malus.bench.cli_status import status_command
+
+STUDIES = ("stress", "precision")
+"""What `malus run` knows besides suites of scenes: see `malus.bench.studies`."""
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 STOPPED = "stopped; the same command goes on where it was"
@@ -54,6 +58,8 @@ def run(
 ) -> None:
     """Render, reconstruct, score and report SUITE: one that malus brings, or a TOML file.
 
+    `stress` and `precision` are studies that make tables of their own.
+
     Stopped half-way, the same command goes on where it was. What fails is recorded and left out,
     and the exit code is 1 then; `malus status` tells why.
 
@@ -61,6 +67,12 @@ def run(
     Example:
       malus run quick --out /tmp/quick
     """
+    if suite in STUDIES:
+        from malus.bench.studies import run_study
+
+        if not run_study(suite, out, backend):
+            sys.exit(FAILED)
+        return
     from malus.bench.command_run import How, run_command
 
     overrides = {"samples": samples, "resolution": resolution, "seed": seed, "methods": methods}
@@ -126,7 +138,14 @@ def doctor(as_json: bool) -> None:
     sys.exit(DONE if examine(as_json) else FAILED)
 
 
-for _command in (render_command, export_command, score_command, gate_command, status_command):
+for _command in (
+    render_command,
+    export_command,
+    score_command,
+    gate_command,
+    bench_command,
+    status_command,
+):
     cli.add_command(_command)
 
 

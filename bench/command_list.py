@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from malus.bench.studies import STUDIES
 from malus.reconstruct import methods
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Light
@@ -54,6 +55,8 @@ def _suites() -> Table:
     for name in suite_names():
         suite = load_suite(name)
         table.add_row(name, str(sum(1 for _ in suite.scenes())), suite.description)
+    for study in STUDIES.values():
+        table.add_row(study.name, "", study.description)
     return table
 
 

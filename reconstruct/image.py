@@ -14,7 +14,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct.lobes import Block, BlockModel, LobeModel
 from malus.reconstruct.observation import Components, Image, Observation
@@ -38,8 +37,9 @@ def from_lobes(
     Returns
     -------
     Components
-        Of the image's dtype. Pixels with an intensity that is negative or not finite, or with a
-        normal that is not one, carry zeros and are False in `valid`.
+        Of the image's dtype. Pixels with an intensity that is negative, not finite or above
+        half the largest number (the sum of both lobes must be a number), or with a normal that
+        is not one, carry zeros and are False in `valid`.
 
     Raises
     ------
@@ -57,8 +57,9 @@ def from_lobes(
 
     def work(rows: slice) -> None:
         block = Block(_rows(observation, rows))
-        valid[rows] = good = _valid(block)
-        _fill(block, good, mirrored, scattered, (image[rows], s1[rows], s2[rows]))
+        valid[rows] = block.valid
+        _add_lobes(block, image[rows])
+        _polarise(block, mirrored, scattered, s1[rows], s2[rows])
 
     blocks = list(_blocks(specular.shape[:2]))
     if len(blocks) > 2:
@@ -70,30 +71,43 @@ def from_lobes(
     return Components(image, s1, s2, valid)
 
 
-def _fill(
+def _add_lobes(block: Block, out: Image) -> None:
+    """I = I_d + I_s, Equation 7; zero where a pixel is not valid."""
+    lobes = (block.observation.require("specular"), block.observation.require("diffuse"))
+    if block.all_valid:
+        np.add(*lobes, out=out)
+        return
+    out[...] = 0
+    np.add(*lobes, out=out, where=block.valid[..., None])
+
+
+def _polarise(
     block: Block,
-    good: NDArray[np.bool_],
     specular_model: BlockModel,
     body_model: BlockModel | None,
-    out: tuple[Image, Image, Image],
+    s1: Image,
+    s2: Image,
 ) -> None:
-    """Write a block; band by band, because inner loops over three bands would be all overhead."""
-    image, s1, s2 = out
-    specular = block.observation.require("specular")
-    diffuse = block.observation.require("diffuse")
-    shape = (image.shape[-1], *image.shape[:-1])
-    mirrored = [np.broadcast_to(p, shape) for p in specular_model(block)]
-    scattered = [np.broadcast_to(p, shape) for p in body_model(block)] if body_model else None
-    np.add(specular, diffuse, out=image)
-    for band in range(image.shape[-1]):
-        for component, stokes in enumerate((s1, s2)):
-            polarised = specular[..., band] * mirrored[component][band]
-            if scattered is not None:
-                polarised += diffuse[..., band] * scattered[component][band]
-            stokes[..., band] = polarised
-    if not good.all():
-        for values in out:
-            values[~good] = 0
+    """Write s1 and s2; plane by plane, as loops over three bands would be all overhead."""
+    specular, mirrored = block.lobe("specular"), specular_model(block)
+    diffuse, scattered = [], None
+    if body_model is not None:
+        diffuse, scattered = block.lobe("diffuse"), body_model(block)
+    for band, lobe in enumerate(specular):
+        polarised = lobe * mirrored.degree[band]
+        cos2, sin2 = mirrored.cos2[band], mirrored.sin2[band]
+        if scattered is None:
+            np.multiply(polarised, cos2, out=s1[..., band])
+            np.multiply(polarised, sin2, out=s2[..., band])
+            continue
+        other = diffuse[band] * scattered.degree[band]
+        if scattered.cos2[band] is cos2:  # one frame for both lobes
+            polarised += other
+            np.multiply(polarised, cos2, out=s1[..., band])
+            np.multiply(polarised, sin2, out=s2[..., band])
+        else:
+            np.add(polarised * cos2, other * scattered.cos2[band], out=s1[..., band])
+            np.add(polarised * sin2, other * scattered.sin2[band], out=s2[..., band])
 
 
 def _blocks(shape: tuple[int, int]) -> Iterator[slice]:
@@ -114,25 +128,3 @@ def _rows(observation: Observation, rows: slice) -> Observation:
         if value is not None and np.ndim(value) > flat:
             images[name] = value[rows]
     return replace(observation, **images)
-
-
-def _valid(block: Block) -> NDArray[np.bool_]:
-    """Pixels whose intensities are physical and whose normal, where given, is one."""
-    part = block.observation
-    specular, diffuse = part.require("specular"), part.require("diffuse")
-    bands = [image[..., band] for image in (specular, diffuse) for band in range(image.shape[-1])]
-    least, most = bands[0].copy(), bands[0].copy()
-    for values in bands[1:]:
-        np.minimum(least, values, out=least)
-        np.maximum(most, values, out=most)
-    # NaN passes through both, and compares False.
-    good: NDArray[np.bool_] = (least >= 0) & (most < np.inf)
-    if part.normals is not None:
-        x, y, z = block.normal
-        excess = x * x
-        excess += y * y
-        excess += z * z
-        excess -= 1
-        # float32 normals that were averaged and normalised again are unit to 1e-6
-        good &= (np.abs(excess, out=excess) < 1e-3) & (z >= 0)
-    return good

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct.fresnel import reflectances
-from malus.reconstruct.lobes import Block, BlockModel, Polarisation, one_index
+from malus.reconstruct.lobes import Block, BlockModel, Polarisation, below_one, one_alpha, one_index
 from malus.reconstruct.observation import Image, Observation
 from malus.scenes.environment import directions, radiance_map, solid_angles
 from malus.scenes.lights import Area, Distant, Environment, Light
@@ -34,6 +34,10 @@ give 1e-4; the test halves the spacing and compares."""
 
 BLOCK = 1 << 24
 """Largest number of pixel-direction pairs in memory at once."""
+
+DARK = 1e-30
+"""Mirrored light below this share of the brightest direction is none: nearer to the smallest
+float32 its polarisation would be rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,21 +116,24 @@ def known_lights(observation: Observation) -> BlockModel:
     """The lobe model: light mirrored by the facets that stand right for each direction."""
     light = observation.require("light")
     observation.require("normals")
-    alpha = float(observation.require("alpha"))
+    alpha = one_alpha(observation)
     eta = np.array(one_index(observation))
     lamp = quadrature(light, alpha)
     stokes = _mirrored(lamp, eta)
 
     def model(block: Block) -> Polarisation:
-        part = block.observation
-        summed = _gather(part.require("normals")[part.mask], lamp, alpha, stokes)
+        seen = block.observation.mask & block.valid
+        normals = np.stack([plane[seen] for plane in block.normal], axis=-1)
+        summed = _gather(normals, lamp, alpha, stokes)
         summed = summed.reshape(len(summed), len(eta), 3)
-        dark = summed[..., 0] <= 0
-        total = np.where(dark, 1.0, summed[..., 0])
-        planes = np.zeros((2, len(eta), *part.mask.shape), dtype=part.image.dtype)
+        dark = summed[..., 0] < DARK
+        # Rounding must not lift a degree of polarisation above one.
+        total = np.where(dark, np.inf, summed[..., 0] / below_one(summed.dtype))
+        planes = np.zeros((2, len(eta), *seen.shape), dtype=block.dtype)
         for component, plane in enumerate(planes, start=1):
-            plane[:, part.mask] = (np.where(dark, 0.0, summed[..., component]) / total).T
-        return planes[0], planes[1]
+            plane[:, seen] = (summed[..., component] / total).T
+        one = np.ones((), dtype=block.dtype)
+        return Polarisation([one] * len(eta), list(planes[0]), list(planes[1]))
 
     return model
 

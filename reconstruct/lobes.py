@@ -1,10 +1,10 @@
 """How each lobe of the reflected light is polarised, pixel by pixel and band by band.
 
 A lobe model is given an observation once and prepares what the whole image shares, such as
-tables. What it returns is called with one block of the image after another and gives the pair
-(s1/s0, s2/s0) of the lobe, arrays that broadcast to (bands, height, width): one plane a band.
+tables. What it returns is called with one block of the image after another and says how the lobe
+is polarised there, in planes: one array (height, width) a band, contiguous in memory.
 Specular light polarises perpendicular to the plane of reflection and light that left the body
-parallel to the plane of N and V, so that with φ the azimuth of the plane
+parallel to the plane of N and V, so that with φ the azimuth of the plane (s1/s0, s2/s0) is
 
     specular: (−ρ cos 2φ, −ρ sin 2φ)        body: (+ρ_d cos 2φ, +ρ_d sin 2φ).
 """
@@ -14,7 +14,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,24 +25,98 @@ from malus.reconstruct.ratio import Measure
 from malus.reconstruct.table import BodyTable, DolpTable
 from malus.scenes.lights import Distant
 
-Polarisation = tuple[Image, Image]
+Plane: TypeAlias = Image  # (height, width), or anything that broadcasts to it
+
+
+class Polarisation(NamedTuple):
+    """s1/s0 = degree · cos2 and s2/s0 = degree · sin2 of one lobe; each has one plane a band."""
+
+    degree: Sequence[Plane]
+    cos2: Sequence[Plane]
+    sin2: Sequence[Plane]
 
 
 @dataclass(frozen=True)
 class Block:
-    """Some rows of an observation, with what several models read computed once."""
+    """Some rows of an observation as planes, with what several models read computed once.
+
+    The planes hold numbers that one can calculate with: where a pixel is not `valid` they say
+    that it is black and faces the viewer.
+    """
 
     observation: Observation
 
     @functools.cached_property
-    def normal(self) -> tuple[Image, Image, Image]:
-        """Components of the normals as contiguous planes (height, width)."""
-        normals = self.observation.require("normals")
-        x, y, z = (np.ascontiguousarray(normals[..., k]) for k in range(3))
-        return x, y, z
+    def dtype(self) -> np.dtype[Any]:
+        """Precision of the result: float32, or float64 for float64 intensities."""
+        return np.result_type(self.observation.require("specular"), np.float32)
 
     @functools.cached_property
-    def double_azimuth(self) -> Polarisation:
+    def valid(self) -> NDArray[np.bool_]:
+        """Pixels whose intensities are physical and whose normal, where given, is one."""
+        lobes = [self.observation.require(name) for name in ("specular", "diffuse")]
+        good = np.ones(self.observation.mask.shape, dtype=bool)
+        most = np.finfo(self.dtype).max / 2  # the sum of both lobes must be a number as well
+        for lobe in lobes:
+            # NaN passes through both extremes and compares False.
+            if lobe.size and not (lobe.min() >= 0 and lobe.max() <= most):
+                good &= np.all((lobe >= 0) & (lobe <= most), axis=-1)
+        if self.observation.normals is not None:
+            good &= self._unit_normals
+        return good
+
+    @functools.cached_property
+    def _unit_normals(self) -> NDArray[np.bool_]:
+        """Normals of length one that face the viewer."""
+        x, y, z = self._raw_normal
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no unit vector
+            excess = x * x
+            excess += y * y
+            excess += z * z
+            excess -= 1
+        # float32 normals that were averaged and normalised again are unit to 1e-6
+        good: NDArray[np.bool_] = np.abs(excess, out=excess) < 1e-3
+        good &= z >= 0
+        return good
+
+    @functools.cached_property
+    def _raw_normal(self) -> list[Plane]:
+        normals = self.observation.require("normals")
+        return [np.ascontiguousarray(normals[..., k], dtype=self.dtype) for k in range(3)]
+
+    @functools.cached_property
+    def all_valid(self) -> bool:
+        """Whether every pixel is."""
+        return bool(self.valid.all())
+
+    def lobe(self, name: str) -> list[Plane]:
+        """Planes of the intensity "specular" or "diffuse"."""
+        values = self.observation.require(name)
+        planes = [
+            np.ascontiguousarray(values[..., k], dtype=self.dtype) for k in range(values.shape[-1])
+        ]
+        return planes if self.all_valid else [self._filled(plane, 0) for plane in planes]
+
+    @functools.cached_property
+    def normal(self) -> tuple[Plane, Plane, Plane]:
+        """Components of the normals."""
+        x, y, z = self._raw_normal
+        if not self.all_valid:
+            x, y, z = (
+                self._filled(plane, to) for plane, to in zip((x, y, z), (0, 0, 1), strict=True)
+            )
+        return x, y, z
+
+    def _filled(self, plane: Plane, value: float) -> Plane:
+        return np.where(self.valid, plane, plane.dtype.type(value))
+
+    @functools.cached_property
+    def root_cosine(self) -> Plane:
+        """√cos θ of the zenith angle, in which tables are read."""
+        return np.sqrt(self.normal[2])
+
+    @functools.cached_property
+    def double_azimuth(self) -> tuple[Plane, Plane]:
         """(cos 2φ, sin 2φ) of the normals."""
         return double_azimuth(*self.normal[:2])
 
@@ -51,17 +125,28 @@ BlockModel = Callable[[Block], Polarisation]
 LobeModel = Callable[[Observation], BlockModel]
 
 
-def double_azimuth(x: Image, y: Image) -> Polarisation:
+def below_one(dtype: np.dtype[Any]) -> float:
+    """The largest degree of polarisation that rounding cannot lift above one."""
+    return 1.0 - 4.0 * float(np.finfo(dtype).eps)
+
+
+def double_azimuth(x: Plane, y: Plane) -> tuple[Plane, Plane]:
     """(cos 2φ, sin 2φ) of the azimuth of (x, y) without trigonometry; (0, 0) at the origin.
+
+    Shorter than one by a few roundings, so that no degree of polarisation exceeds one.
 
     Examples
     --------
-    >>> [v.item() for v in double_azimuth(np.array(0.0), np.array(2.0))]
+    >>> [round(v.item(), 12) for v in double_azimuth(np.array(0.0), np.array(2.0))]
     [-1.0, 0.0]
     """
-    squared = x * x + y * y
-    inverse = np.divide(1, squared, out=np.zeros_like(squared), where=squared > 0)
-    return (x * x - y * y) * inverse, 2 * x * y * inverse
+    dtype = np.result_type(x, y)
+    x2, y2 = x * x, y * y
+    # Where the squares underflow, both numerators are zero as well.
+    inverse = dtype.type(below_one(dtype)) / (x2 + y2 + 16 * np.finfo(dtype).tiny)
+    sine = x * y
+    sine += sine
+    return (x2 - y2) * inverse, sine * inverse
 
 
 def microfacets(measure: Measure) -> LobeModel:
@@ -69,7 +154,7 @@ def microfacets(measure: Measure) -> LobeModel:
 
     def prepare(observation: Observation) -> BlockModel:
         observation.require("normals")
-        sigma = observation.sigma
+        sigma = one_alpha(observation) ** -2.0
         tables = [DolpTable(eta, sigma, measure) for eta in one_index(observation)]
         return functools.partial(_about_normals, tables=tables, sign=-1)
 
@@ -84,19 +169,19 @@ def body(observation: Observation) -> BlockModel:
 
 
 def _about_normals(
-    block: Block, tables: Sequence[Callable[[Image], Image]], sign: int
+    block: Block, tables: Sequence[DolpTable | BodyTable], sign: int
 ) -> Polarisation:
-    """± ρ of one table a band times (cos 2φ, sin 2φ) of the normals, in the normals' dtype."""
-    cos2, sin2 = block.double_azimuth
-    cosine = block.normal[2]
-    rho = np.empty((len(tables), *cosine.shape), dtype=cosine.dtype)
-    for plane, table in zip(rho, tables, strict=True):
-        plane[...] = table(cosine)
+    """± ρ of one table a band in the frame of the normals."""
+    degree = [table.at_root(block.root_cosine) for table in tables]
     if sign < 0:
-        np.negative(rho, out=rho)
-    second = rho * sin2
-    rho *= cos2
-    return rho, second
+        for plane in degree:
+            np.negative(plane, out=plane)
+    return _in_frame(block, degree)
+
+
+def _in_frame(block: Block, degree: Sequence[Plane]) -> Polarisation:
+    cos2, sin2 = block.double_azimuth
+    return Polarisation(degree, [cos2] * len(degree), [sin2] * len(degree))
 
 
 def smooth(observation: Observation) -> BlockModel:
@@ -106,13 +191,11 @@ def smooth(observation: Observation) -> BlockModel:
     model", IEEE TPAMI 13 (1991).
     """
     observation.require("normals")
-    eta = _per_band(np.asarray(observation.require("eta")))
+    eta = one_index(observation)
 
     def model(block: Block) -> Polarisation:
-        cos2, sin2 = block.double_azimuth
-        cosine = block.normal[2]
-        rho = smooth_dolp(np.clip(cosine, 0, 1), eta).astype(cosine.dtype)
-        return -rho * cos2, -rho * sin2
+        cosine = np.minimum(block.normal[2], 1)
+        return _in_frame(block, [-smooth_dolp(cosine, n).astype(block.dtype) for n in eta])
 
     return model
 
@@ -125,19 +208,37 @@ def half_vector(observation: Observation) -> BlockModel:
     half = np.array(light.direction) + np.array([0.0, 0.0, 1.0])
     half /= np.linalg.norm(half)
     cos2, sin2 = double_azimuth(half[0], half[1])
-    rho = smooth_dolp(half[2], _per_band(np.asarray(observation.require("eta"))))
-    dtype = observation.image.dtype
-    polarisation = (-rho * cos2).astype(dtype), (-rho * sin2).astype(dtype)
-    return lambda _: polarisation
+    rho = smooth_dolp(half[2], np.array(one_index(observation)))
+
+    def model(block: Block) -> Polarisation:
+        # Here too rounding must not lift a degree above one.
+        degree = (-below_one(block.dtype) * rho).astype(block.dtype)
+        frame = (np.asarray(part, block.dtype) for part in (cos2, sin2))
+        first, second = ([part] * len(rho) for part in frame)
+        return Polarisation(list(degree), first, second)
+
+    return model
 
 
-def _per_band(eta: NDArray[Any]) -> NDArray[Any]:
-    """One index a band as (bands, 1, 1)."""
+def one_index(observation: Observation) -> list[Any]:
+    """The refractive index of every band; raises Inapplicable where it varies over the image."""
+    eta = np.asarray(observation.require("eta"))
     if eta.ndim != 1:
         raise Inapplicable("needs one index a band")
-    return eta[:, None, None]
+    return list(eta.tolist())
 
 
-def one_index(observation: Observation) -> list[float]:
-    """The refractive index of every band; raises Inapplicable where it varies over the image."""
-    return [float(value) for value in _per_band(np.asarray(observation.require("eta"))).ravel()]
+def one_alpha(observation: Observation) -> float:
+    """The roughness of the surface; raises Inapplicable where it varies over the image.
+
+    Raises
+    ------
+    ValueError
+        If it is not positive, or so small or large that its square is no number.
+    """
+    alpha = np.asarray(observation.require("alpha"), dtype=np.float64)
+    if alpha.ndim != 0:
+        raise Inapplicable("needs one roughness for the whole image")
+    if not 1e-150 < alpha < 1e150:
+        raise ValueError(f"alpha must be > 0 (1e-150 to 1e150), got {alpha}")
+    return float(alpha)

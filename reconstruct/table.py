@@ -30,27 +30,27 @@ _BLOCK = 1 << 14  # pixels at once: temporaries of 64 kB, which stay in cache
 
 
 class Lines(NamedTuple):
-    """y = intercept + slope · x on every cell of an even grid in x = √cos θ."""
+    """y = intercept + slope · x on every cell of an even grid in x = √cos θ.
 
-    intercept: NDArray[np.floating]
-    slope: NDArray[np.floating]
+    Both stand in one complex array, intercept + i slope: one look-up a pixel instead of two.
+    """
+
+    pairs: NDArray[np.complexfloating]
 
     @classmethod
-    def through(cls, values: FloatArray, dtype: type[np.floating]) -> Lines:
+    def through(cls, values: FloatArray, dtype: type[np.complexfloating]) -> Lines:
         """Lines between values at the edges of the cells; one cell more, for x = 1 itself."""
         cells = values.size - 1
         slope = np.append(np.diff(values), 0.0) * cells
         intercept = values - slope * (np.arange(values.size) / cells)
-        return cls(intercept.astype(dtype), slope.astype(dtype))
+        return cls((intercept + 1j * slope).astype(dtype))
 
-    def __call__(self, cosine: NDArray[np.floating], out: NDArray[np.floating]) -> None:
-        """Write y at flat cosines in [0, 1] into `out`, both of the dtype of the lines."""
-        cells = self.slope.size - 1
-        root = np.sqrt(np.minimum(np.fmax(cosine, 0.0), 1.0))
-        cell = (root * out.dtype.type(cells)).astype(np.int32)
-        np.take(self.slope, cell, out=out, mode="clip")
-        out *= root
-        out += np.take(self.intercept, cell, mode="clip")
+    def __call__(self, root: NDArray[np.floating], out: NDArray[np.floating]) -> None:
+        """Write y at x ≥ 0 of any shape into `out`, both of the precision of the lines."""
+        cell = (root * out.dtype.type(self.pairs.size - 1)).astype(np.int32)
+        line = np.take(self.pairs, cell, mode="clip")
+        np.multiply(line.imag, root, out=out)
+        out += line.real
 
 
 class _Table(NamedTuple):
@@ -68,12 +68,17 @@ class _Table(NamedTuple):
         out = np.empty(flat.shape, flat.dtype)
         for start in range(0, flat.size, _BLOCK):
             block = slice(start, start + _BLOCK)
-            if self.lines is None:
-                inside = np.clip(np.nan_to_num(flat[block]), 0.0, 1.0).astype(np.float64)
-                out[block] = self.function(np.sqrt(inside))
-            else:
-                self.lines[int(flat.dtype == np.float64)](flat[block], out[block])
+            root = np.sqrt(np.minimum(np.fmax(flat[block], 0.0), 1.0))
+            out[block] = self.at_root(root)
         return out.reshape(cosine.shape)
+
+    def at_root(self, root: NDArray[np.floating]) -> NDArray[np.floating]:
+        if self.lines is None:
+            exact = self.function(np.minimum(root.ravel(), 1.0).astype(np.float64))
+            return exact.reshape(root.shape).astype(root.dtype)
+        out = np.empty_like(root)
+        self.lines[int(root.dtype == np.float64)](root, out)
+        return out
 
 
 def _tabulated(function: Function, coefficients: int = 0) -> _Table:
@@ -84,7 +89,7 @@ def _tabulated(function: Function, coefficients: int = 0) -> _Table:
         # A chord over two cells lies four times as far from the curve as one over a single cell.
         bulge = 0.25 * float(np.max(np.abs(edges[1:-1] - 0.5 * (edges[:-2] + edges[2:]))))
         if bulge <= _PART_ERROR:
-            lines = Lines.through(edges, np.float32), Lines.through(edges, np.float64)
+            lines = Lines.through(edges, np.complex64), Lines.through(edges, np.complex128)
             return _Table(function, lines, coefficients)
         cells *= 1 << max(1, int(np.ceil(0.5 * np.log2(bulge / _PART_ERROR))))
     return _Table(function, None, coefficients)
@@ -163,6 +168,13 @@ class DolpTable:
         """
         return self._table.read(cos_zenith)
 
+    def at_root(self, root_cosine: NDArray[np.floating]) -> NDArray[np.floating]:
+        """ρ at √cos θ, float32 or float64, not negative and not NaN, 1 or a little more at most.
+
+        For images: what many tables are read at is computed and checked once.
+        """
+        return self._table.at_root(root_cosine)
+
 
 class BodyTable:
     """Degree of polarisation ρ_d of body light against the cosine of the zenith angle.
@@ -186,3 +198,10 @@ class BodyTable:
     def __call__(self, cos_zenith: ArrayLike) -> NDArray[np.floating]:
         """ρ_d at cosines in [0, 1], same shape and floating type."""
         return self._table.read(cos_zenith)
+
+    def at_root(self, root_cosine: NDArray[np.floating]) -> NDArray[np.floating]:
+        """ρ_d at √cos θ, float32 or float64, not negative and not NaN, 1 or a little more at most.
+
+        For images: what many tables are read at is computed and checked once.
+        """
+        return self._table.at_root(root_cosine)

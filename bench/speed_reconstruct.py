@@ -1,0 +1,147 @@
+"""`malus bench reconstruct`: pixels a second, beside copying the same bytes."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from malus.reconstruct import Components, Observation, get_method
+from malus.scenes import Distant
+
+METHODS = ("eq8", "eq8+body", "shadowed+body", "half_vector+body")
+BANDS_NM = (450.0, 550.0, 650.0)
+ETAS = (1.525, 1.519, 1.514)  # BK7: every band has tables of its own
+
+
+@dataclass(frozen=True)
+class ReconstructSpeed:
+    """Cost of one method on one image; seconds are medians of runs in turns with the copy.
+
+    `memory_ratio` is the largest memory held during a run, inputs included, over the bytes of
+    inputs and outputs.
+    """
+
+    method: str
+    megapixels: float
+    seconds: float
+    cpu_seconds: float
+    copy_seconds: float
+    copy_cpu_seconds: float
+    memory_ratio: float
+
+    @property
+    def pixels_a_second(self) -> float:
+        """By the clock."""
+        return self.megapixels * 1e6 / self.seconds
+
+    @property
+    def times_copy(self) -> float:
+        """By the clock, over copying everything read and written once."""
+        return self.seconds / self.copy_seconds
+
+
+def photograph(megapixels: float) -> Observation:
+    """A sphere that fills a square float32 RGB image, with random intensities."""
+    side = max(2, round((megapixels * 1e6) ** 0.5))
+    axis = np.linspace(-0.7, 0.7, side, dtype=np.float32)
+    x, y = axis[None, :], -axis[:, None]
+    normals = np.empty((side, side, 3), np.float32)
+    normals[..., 0], normals[..., 1] = x, y
+    normals[..., 2] = np.sqrt(1.0 - np.minimum(x * x + y * y, 1.0))
+    random = np.random.default_rng(0)
+    specular, diffuse = (random.random((side, side, 3), dtype=np.float32) for _ in range(2))
+    return Observation(
+        image=specular + diffuse,
+        mask=np.ones((side, side), dtype=bool),
+        wavelengths_nm=BANDS_NM,
+        specular=specular,
+        diffuse=diffuse,
+        normals=normals,
+        eta=np.array(ETAS),
+        alpha=0.3,
+        light=Distant(incidence_deg=60),
+    )
+
+
+def _read(observation: Observation) -> list[np.ndarray[Any, Any]]:
+    """What a reconstruction reads; it writes as many bytes: three images and a mask."""
+    names = ("specular", "diffuse", "normals", "mask")
+    return [getattr(observation, name) for name in names]
+
+
+def _copy(observation: Observation) -> list[np.ndarray[Any, Any]]:
+    return [values.copy() for values in _read(observation)]
+
+
+def _timed(work: Callable[[], object]) -> tuple[float, float]:
+    started = time.perf_counter(), time.process_time()
+    result = work()
+    ended = time.perf_counter(), time.process_time()
+    del result  # giving memory back is nobody's time
+    return ended[0] - started[0], ended[1] - started[1]
+
+
+def _memory_ratio(work: Callable[[], Components], read: list[np.ndarray[Any, Any]]) -> float:
+    """Largest memory during the work, with its inputs, over inputs and outputs."""
+    inputs = sum(values.nbytes for values in read)
+    tracemalloc.start()
+    try:
+        found = work()
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    written = [found.image, found.s1, found.s2, found.valid]
+    outputs = sum(values.nbytes for values in written if values is not None)
+    return float((inputs + peak) / (inputs + outputs))
+
+
+def measure(megapixels: float = 10.0, repeats: int = 5) -> list[ReconstructSpeed]:
+    """Time every method and the copy in turns, so that a busy machine slows all of them."""
+    observation = photograph(megapixels)
+    works: dict[str, Callable[[], Any]] = {
+        name: lambda name=name: get_method(name).reconstruct(observation)  # type: ignore[misc]
+        for name in METHODS
+    }
+    works["copy"] = lambda: _copy(observation)
+    seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in works}
+    for turn in range(repeats + 1):
+        for name, work in works.items():
+            spent = _timed(work)
+            if turn:  # the first one builds the tables
+                seconds[name].append(spent)
+    median = {name: np.median(spent, axis=0) for name, spent in seconds.items()}
+    pixels = observation.mask.size / 1e6
+    return [
+        ReconstructSpeed(
+            name,
+            pixels,
+            float(median[name][0]),
+            float(median[name][1]),
+            float(median["copy"][0]),
+            float(median["copy"][1]),
+            _memory_ratio(works[name], _read(observation)),
+        )
+        for name in METHODS
+    ]
+
+
+def report_lines(speeds: list[ReconstructSpeed]) -> list[str]:
+    """The figures in words, one line a method."""
+    first = speeds[0]
+    lines = [
+        f"{first.megapixels:.3g} megapixels, RGB, float32; copying what is read and written: "
+        f"{first.copy_seconds * 1e3:.1f} ms ({first.copy_cpu_seconds * 1e3:.1f} ms of processor)"
+    ]
+    lines += [
+        f"  {speed.method}: {speed.pixels_a_second / 1e6:.1f} Mpixel/s, "
+        f"{speed.seconds * 1e3:.1f} ms ({speed.cpu_seconds * 1e3:.1f} ms of processor), "
+        f"{speed.times_copy:.1f}x copying, "
+        f"memory {speed.memory_ratio:.2f}x inputs plus outputs"
+        for speed in speeds
+    ]
+    return lines
