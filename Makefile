@@ -1,7 +1,9 @@
 # Everything a newcomer types: `make run` and `make test`. Each makes its own environment.
 
-PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
+ifndef PYTHON
+PYTHON := $(shell for p in python3.13 python3.12 python3.11 python3; do \
 	"$$p" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$p"; break; }; done)
+endif
 VENV ?= .venv
 BIN := $(VENV)/bin
 SUITE ?= fig5

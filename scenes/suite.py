@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from malus.scenes.errors import InputError
-from malus.scenes.lights import Light
+from malus.scenes.lights import Environment, Light
 from malus.scenes.materials import material, materials, surface, surfaces
 from malus.scenes.model import Model
 from malus.scenes.scene import Body, Camera, Dielectric, Sampling, Scene, Wavelengths
@@ -160,8 +160,9 @@ def load_suite(name_or_path: str | Path) -> Suite:
         hint = "code is named on the command line: --method package.module:object"
         raise InputError(f"{where}, key methods", "names of methods", code[0], hint)
     folder = Path(where).parent
-    shapes = tuple(_located(shape, folder) for shape in suite.shapes)
-    return suite.model_copy(update={"shapes": shapes})
+    shapes = tuple(_mesh_file(shape, folder) for shape in suite.shapes)
+    lights = tuple(_map_file(light, folder) for light in suite.lights)
+    return suite.model_copy(update={"shapes": shapes, "lights": lights})
 
 
 def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
@@ -189,15 +190,26 @@ def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
         raise InputError(str(path), "UTF-8 text", "other bytes", "save it as UTF-8") from None
 
 
-def _located(shape: Shape, folder: Path) -> Shape:
-    """A mesh's path seen from the suite's folder, and the hash that makes it part of the id."""
+def _mesh_file(shape: Shape, folder: Path) -> Shape:
     if not isinstance(shape, MeshFile):
         return shape
-    path = folder / shape.path
+    path, digest = _known_by_content(folder / shape.path, "mesh file")
+    return shape.model_copy(update={"path": path, "digest": digest})
+
+
+def _map_file(light: Light, folder: Path) -> Light:
+    if not isinstance(light, Environment) or not light.name.lower().endswith(".exr"):
+        return light
+    path, digest = _known_by_content(folder / light.name, "radiance map")
+    return light.model_copy(update={"name": path, "digest": digest})
+
+
+def _known_by_content(path: Path, what: str) -> tuple[str, str]:
+    """A file's path seen from the suite's folder, and the hash that makes it part of the id."""
     try:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()[:16]
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InputError(str(path), "a readable mesh file", reason, "check the path") from None
-    return shape.model_copy(update={"path": str(path), "digest": digest})
+        raise InputError(str(path), f"a readable {what}", reason, "check the path") from None
+    return str(path), digest

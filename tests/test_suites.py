@@ -120,12 +120,21 @@ def test_unknown_suites_and_missing_meshes(suite_file: Path, tmp_path: Path) -> 
         load_suite(suite_file)
 
 
-def test_mesh_files_are_known_by_content(suite_file: Path, tmp_path: Path) -> None:
-    mesh = tmp_path / "a.obj"
-    text = GOOD.replace('kind = "sphere"', 'kind = "mesh", path = "a.obj"')
-    suite_file.write_text(text, "utf-8")
+@pytest.mark.parametrize(
+    ("old", "new", "name"),
+    [
+        ('kind = "sphere"', 'kind = "mesh", path = "a.obj"', "a.obj"),
+        ('kind = "uniform"', 'kind = "environment", name = "a.exr"', "a.exr"),
+    ],
+)
+def test_files_are_known_by_content(
+    suite_file: Path, tmp_path: Path, old: str, new: str, name: str
+) -> None:
+    suite_file.write_text(GOOD.replace(old, new), "utf-8")
+    with pytest.raises(InputError, match=name):
+        load_suite(suite_file)
     ids = []
     for content in ("v 0 0 0\n", "v 0 0 1\n"):
-        mesh.write_text(content, "utf-8")
+        (tmp_path / name).write_text(content, "utf-8")
         ids.append(next(load_suite(suite_file).scenes()).id)
     assert ids[0] != ids[1]
