@@ -9,7 +9,9 @@ from pathlib import Path
 import click
 
 from malus.bench.cli_bench import bench_command
+from malus.bench.cli_capture import capture_command
 from malus.bench.cli_dataset import export_command, render_command, score_command
+from malus.bench.cli_filter import filter_command
 from malus.bench.cli_gate import gate_command
 from malus.bench.cli_status import status_command
 
@@ -145,6 +147,8 @@ for _command in (
     gate_command,
     bench_command,
     status_command,
+    filter_command,
+    capture_command,
 ):
     cli.add_command(_command)
 

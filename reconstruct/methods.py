@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from malus.reconstruct import lobes
+from malus.reconstruct.blind import BLIND
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.known_lights import known_lights
 from malus.reconstruct.lobes import LobeModel
@@ -90,7 +91,7 @@ def _methods() -> list[Method]:
         found.append(Method(name, needs | LOBES, plain, summary))
         more = f"{summary}; body light polarised as it leaves"
         found.append(Method(f"{name}+body", needs | LOBES | _GEOMETRY, mended, more))
-    return found
+    return found + [Method(*entry) for entry in BLIND]
 
 
 @functools.cache

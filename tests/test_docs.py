@@ -22,16 +22,27 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
+import numpy as np
 import pandas as pd
 import pytest
 import trimesh
 from click.testing import CliRunner
+from PIL import Image
 
 from malus.bench import read_results
 from malus.bench.cli import cli
 from malus.bench.extra_metrics import METRICS
 from malus.reconstruct import methods
-from malus.scenes import load_suite, suite_names
+from malus.renderers import render
+from malus.scenes import (
+    Camera,
+    Dielectric,
+    Distant,
+    Scene,
+    Sphere,
+    load_suite,
+    suite_names,
+)
 from malus.scenes.suite import Suite
 
 ROOT = Path(__file__).parents[1]
@@ -99,10 +110,35 @@ def code_spans(document: Path) -> list[str]:
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of a user's: a mesh is there already, everything else the documents make."""
+    """A folder of a user's: a mesh and pictures are there, everything else the documents make."""
     folder = tmp_path_factory.mktemp("user")
     trimesh.creation.icosphere(subdivisions=2).export(folder / "vase.obj")
+    take_pictures(folder)
     return folder
+
+
+def take_pictures(folder: Path) -> None:
+    """A photograph of a ball, and four of it through a polariser, with their masks."""
+    scene = Scene(
+        shape=Sphere(),
+        surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
+        light=Distant(incidence_deg=40),
+        camera=Camera(resolution=48),
+        wavelengths_nm=(450.0, 550.0, 650.0),
+    )
+    truth = render(scene, renderer="torrance-sparrow")
+
+    def save(image: np.ndarray, name: str) -> None:
+        grey = np.clip(255 * image / truth.image.max(), 0, 255).astype(np.uint8)
+        Image.fromarray(grey[..., ::-1].copy()).save(folder / name)
+
+    save(truth.image, "vase.jpg")
+    (folder / "kettle").mkdir()
+    for horizontal in (0, 45, 90, 135):
+        save(truth.polarised(horizontal - 90.0), f"kettle/pol_{horizontal:03d}.png")
+    mask = Image.fromarray(255 * truth.mask.astype(np.uint8))
+    for name in ("vase_mask.png", "kettle_mask.png"):
+        mask.save(folder / name)
 
 
 @pytest.fixture

@@ -1,0 +1,210 @@
+"""Colour of the light, estimated from the picture itself, with what was assumed in words.
+
+A colour is an array (bands,) whose mean is 1. Dividing an image by it makes the light white, so
+that light mirrored by a dielectric has equal values in all bands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.util import view_as_blocks
+
+from malus.reconstruct.observation import Image, Inapplicable
+
+Mask = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+_PATCH = 8
+"""Side of a patch in pixels: small beside a highlight, large beside noise."""
+_STRAIGHT = 0.9
+"""Least squared correlation of a patch that counts as one highlight over one colour."""
+_FEWEST = 3
+"""Patches that must agree before their median is called an estimate."""
+
+
+class Illuminant(NamedTuple):
+    """Colour of the light (bands,), mean 1, and the assumption behind it in one sentence."""
+
+    colour: Floats
+    assumption: str
+
+
+def neutral(image: Image, mask: Mask | None = None) -> Illuminant:
+    """White light: the picture was balanced before.
+
+    Examples
+    --------
+    >>> neutral(np.ones((4, 4, 3))).colour.tolist()
+    [1.0, 1.0, 1.0]
+    """
+    return Illuminant(np.ones(image.shape[-1]), "the light is white: the image is balanced")
+
+
+def shades_of_grey(image: Image, mask: Mask | None = None, order: float = 6.0) -> Illuminant:
+    """Minkowski mean of every band, of which order 1 is Gray World and order ∞ is White Patch.
+
+    Parameters
+    ----------
+    image : (height, width, bands) array, linear radiance
+    mask : (height, width) bool array, optional
+    order : float >= 1
+
+    Raises
+    ------
+    Inapplicable
+        If a band is dark everywhere.
+
+    Notes
+    -----
+    Finlayson and Trezzi, "Shades of gray and colour constancy", Color Imaging Conference (2004).
+
+    Examples
+    --------
+    >>> shades_of_grey(np.full((4, 4, 2), [3.0, 1.0])).colour.round(6).tolist()
+    [1.5, 0.5]
+    """
+    pixels = _lit(image, mask)
+    peak = pixels.max()
+    mean = np.mean((pixels / peak) ** order, axis=0) ** (1.0 / order)
+    return _normalised(mean, f"the Minkowski mean of order {order:g} of the scene is grey")
+
+
+def gray_world(image: Image, mask: Mask | None = None) -> Illuminant:
+    """Mean of every band: the choice of Gu, Huynh and Robles-Kelly (their reference 23).
+
+    Arguments and errors as in `shades_of_grey`. On an object of one colour it returns the colour
+    of the object, and nothing is left for a separation by colour.
+
+    Notes
+    -----
+    Buchsbaum, "A spatial processor model for object colour perception", J. Franklin Inst. (1980).
+
+    Examples
+    --------
+    >>> gray_world(np.full((4, 4, 2), [3.0, 1.0])).colour.tolist()
+    [1.5, 0.5]
+    """
+    return _normalised(_lit(image, mask).mean(axis=0), "the mean of the scene is grey")
+
+
+def from_highlights(image: Image, mask: Mask | None = None) -> Illuminant:
+    """Colour of the picture's own highlights, in inverse-intensity chromaticity space.
+
+    Where the body's light hardly changes within a patch and the highlight does, the chromaticity
+    of a band is a straight line over 1 / (sum of the bands), and meets the axis at the light's
+    chromaticity. The median over all straight patches is the estimate.
+
+    Raises
+    ------
+    Inapplicable
+        If the image is dark or grey, or fewer than three patches hold a highlight over a colour.
+
+    Notes
+    -----
+    Tan, Nishino and Ikeuchi, "Color constancy through inverse-intensity chromaticity space",
+    JOSA A 21 (2004), Equation 11; medians of patches stand for their Hough transform.
+
+    Examples
+    --------
+    >>> glare = np.linspace(0, 3, 64).reshape(8, 8, 1) * [1.2, 0.8]
+    >>> picture = np.tile(glare + [0.3, 0.9], (2, 2, 1))
+    >>> from_highlights(picture).colour.round(3).tolist()
+    [1.2, 0.8]
+    """
+    _lit(image, mask)
+    patches = _patches(image, mask)
+    total = patches.sum(axis=-1, keepdims=True)
+    chromaticity = patches / np.maximum(total, np.finfo(np.float64).tiny)
+    intercepts, squared = _lines(1.0 / np.maximum(total, 1e-12 * total.max()), chromaticity)
+    physical = np.all(intercepts > 0, axis=-1) & np.all(intercepts < 1, axis=-1)
+    bright = total.mean(axis=(1, 2, 3)) > np.median(total)
+    straight = physical & (squared > _STRAIGHT) & bright
+    if straight.sum() < _FEWEST:
+        raise Inapplicable(
+            f"no highlight over a coloured body: {straight.sum()} of the {_FEWEST} patches needed"
+        )
+    return _normalised(
+        np.median(intercepts[straight], axis=0), "highlights have the colour of the light"
+    )
+
+
+def mirrored_tint(
+    wavelengths_nm: tuple[float, ...], eta: float = 1.5, abbe: float = 45.0
+) -> Floats:
+    """Colour (bands,), mean 1, that dispersion gives to light mirrored by a typical dielectric.
+
+    Separations take highlights for exactly as white as the light. A plastic mirrors blue a few
+    percent better than red, and this tint of a substance with Cauchy dispersion takes most of it
+    away without knowing the substance. Only for narrow bands whose wavelengths are known.
+
+    Notes
+    -----
+    F ∝ ((η − 1)/(η + 1))² at moderate incidence, so that d ln F / dη = 4 / (η² − 1).
+
+    Examples
+    --------
+    >>> mirrored_tint((450.0, 650.0)).round(3).tolist()
+    [1.024, 0.976]
+    """
+    inverse = 1.0 / np.square(np.asarray(wavelengths_nm, dtype=np.float64))
+    lines = 1.0 / 486.1**2 - 1.0 / 656.3**2
+    index = eta + (eta - 1.0) / abbe * (inverse - 1.0 / 587.6**2) / lines
+    reflectance = np.square((index - 1.0) / (index + 1.0))
+    return np.asarray(reflectance / reflectance.mean(), dtype=np.float64)
+
+
+ILLUMINANTS: dict[str, Callable[[Image, Mask | None], Illuminant]] = {
+    "neutral": neutral,
+    "gray-world": gray_world,
+    "shades-of-grey": shades_of_grey,
+    "highlights": from_highlights,
+}
+"""The estimators by name."""
+
+
+def _lit(image: Image, mask: Mask | None) -> Floats:
+    chosen = image[mask] if mask is not None else image.reshape(-1, image.shape[-1])
+    pixels = np.clip(np.asarray(chosen, dtype=np.float64), 0.0, None)
+    if pixels.size == 0 or not np.all(pixels.max(axis=0) > 0):
+        raise Inapplicable("the image is dark: no light to estimate a colour from")
+    return pixels
+
+
+def _normalised(colour: NDArray[Any], assumption: str) -> Illuminant:
+    return Illuminant(np.asarray(colour / colour.mean(), dtype=np.float64), assumption)
+
+
+def _patches(image: Image, mask: Mask | None) -> Floats:
+    """Patches (n, pixels, 1, bands) that lie wholly on the object."""
+    height, width = (side // _PATCH * _PATCH for side in image.shape[:2])
+    if min(height, width) == 0:
+        raise Inapplicable(f"the image is smaller than a patch of {_PATCH} pixels")
+    bands = image.shape[-1]
+    cut = np.ascontiguousarray(image[:height, :width], dtype=np.float64)
+    blocks = view_as_blocks(cut, (_PATCH, _PATCH, bands)).reshape(-1, _PATCH**2, 1, bands)
+    if mask is None:
+        return np.asarray(blocks)
+    whole = view_as_blocks(np.ascontiguousarray(mask[:height, :width]), (_PATCH, _PATCH))
+    chosen = np.asarray(blocks[whole.all(axis=(2, 3)).ravel()])
+    if not len(chosen):
+        raise Inapplicable(f"no patch of {_PATCH} pixels lies on the object")
+    return chosen
+
+
+def _lines(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Intercepts (n, bands) of y over x in every patch, and the least squared correlation (n,)."""
+    x, y = x[:, :, 0, :], y[:, :, 0, :]
+    dx, dy = x - x.mean(axis=1, keepdims=True), y - y.mean(axis=1, keepdims=True)
+    spread = (dx * dx).sum(axis=1)
+    cross = (dx * dy).sum(axis=1)
+    variance = (dy * dy).sum(axis=1)
+    slope = cross / np.maximum(spread, np.finfo(np.float64).tiny)
+    intercept = y.mean(axis=1) - slope * x.mean(axis=1)
+    moving = variance > 1e-8 * y.shape[1]
+    fit = cross**2 / np.maximum(spread * variance, np.finfo(np.float64).tiny)
+    # A band whose chromaticity does not move says nothing; the most telling band decides.
+    return intercept, np.where(moving, fit, 0.0).max(axis=-1)

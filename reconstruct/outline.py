@@ -1,0 +1,156 @@
+"""What an object's outline says about its normals, and derivatives on its pixels.
+
+At the occluding boundary the normal is known: it lies in the image plane, across the outline. A
+mask holds the pixels that the object covers entirely, so the outline runs through the ring of
+pixels just outside; there the normals are fixed, one unit vector a pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+from scipy.sparse.linalg import spsolve
+
+from malus.reconstruct.observation import Inapplicable
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_CROSS = ndimage.generate_binary_structure(2, 1)
+_SMOOTHING = 0.03
+"""Width of the Gaussian that gives the outline a direction, in square roots of its area."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The unknown pixels of an object, its ring, and derivatives that see both.
+
+    Attributes
+    ----------
+    mask, ring : (height, width) bool
+    across : (ring pixels, 2)
+        Outward unit normals of the outline, y up.
+    dx, dy : sparse (mask pixels, mask + ring pixels)
+        Central differences times `size`, y up; one-sided or zero at the picture's edge.
+    laplacian : sparse (pixels with all four neighbours, mask + ring pixels)
+        Times `size` squared.
+    size : float
+        Radius in pixels of the disc of equal area: makes derivatives dimensionless.
+    """
+
+    mask: Mask
+    ring: Mask
+    across: Floats
+    dx: sparse.csr_array
+    dy: sparse.csr_array
+    laplacian: sparse.csr_array
+    size: float
+
+    @property
+    def count(self) -> int:
+        """Number of unknown pixels."""
+        return int(self.mask.sum())
+
+    def inflated(self) -> Floats:
+        """Components x, y (mask pixels, 2) of normals that are harmonic between the outline.
+
+        A sphere's are linear in position, so that a disc becomes an exact sphere.
+
+        Examples
+        --------
+        >>> y, x = np.mgrid[20:-21:-1, -20:21]
+        >>> disc = np.hypot(x, y) < 18
+        >>> n = outline_of(disc).inflated()
+        >>> bool(np.abs(n[:, 0] - x[disc] / 18.5).max() < 0.1)
+        True
+        """
+        inner, outer = self.laplacian[:, : self.count], self.laplacian[:, self.count :]
+        right = -(outer @ self.across)
+        # Pixels at the picture's edge have no equation; a whiff of flatness keeps them finite.
+        normal = inner.T @ inner + 1e-8 * sparse.eye_array(self.count)
+        found = spsolve(sparse.csc_array(normal), inner.T @ right)
+        length = np.linalg.norm(found, axis=1, keepdims=True)
+        return np.asarray(found / np.maximum(length, 1.0))
+
+
+def outline_of(mask: Mask) -> Outline:
+    """The outline of a mask (height, width).
+
+    Raises
+    ------
+    Inapplicable
+        If the object has fewer than 16 pixels, or no outline within the picture.
+    """
+    area = int(mask.sum())
+    if area < 16:
+        raise Inapplicable(f"the object has {area} pixels: too few for a shape")
+    ring = ndimage.binary_dilation(mask, _CROSS) & ~mask
+    if not ring.any():
+        raise Inapplicable("the object fills the picture: no outline to start a shape from")
+    index = np.full(mask.shape, -1, dtype=np.int64)
+    index[mask] = np.arange(area)
+    index[ring] = area + np.arange(int(ring.sum()))
+    size = float(np.sqrt(area / np.pi))
+    neighbours = [_shifted(index, *step)[mask] for step in ((0, 1), (0, -1), (-1, 0), (1, 0))]
+    right, left, up, down = neighbours
+    columns = int(index.max()) + 1
+    here = index[mask]
+    return Outline(
+        mask,
+        ring,
+        _across(mask, ring),
+        _difference(right, left, here, columns, size),
+        _difference(up, down, here, columns, size),
+        _laplacian(neighbours, here, columns, size),
+        size,
+    )
+
+
+def _shifted(index: NDArray[np.int64], down: int, right: int) -> NDArray[np.int64]:
+    """Index of the neighbour `down` rows below and `right` columns to the right, −1 if none."""
+    padded = np.pad(index, 1, constant_values=-1)
+    height, width = index.shape
+    return padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
+
+
+def _difference(
+    ahead: NDArray[np.int64],
+    behind: NDArray[np.int64],
+    here: NDArray[np.int64],
+    columns: int,
+    size: float,
+) -> sparse.csr_array:
+    first, second = np.where(ahead >= 0, ahead, here), np.where(behind >= 0, behind, here)
+    step = (ahead >= 0).astype(float) + (behind >= 0)
+    scale = size / np.maximum(step, 1.0)
+    rows = np.arange(len(here))
+    return sparse.csr_array(
+        (np.concatenate([scale, -scale]), (np.tile(rows, 2), np.concatenate([first, second]))),
+        shape=(len(here), columns),
+    )
+
+
+def _laplacian(
+    neighbours: list[NDArray[np.int64]], here: NDArray[np.int64], columns: int, size: float
+) -> sparse.csr_array:
+    whole = np.all([n >= 0 for n in neighbours], axis=0)
+    count = int(whole.sum())
+    rows = np.tile(np.arange(count), 5)
+    where = np.concatenate([*(n[whole] for n in neighbours), here[whole]])
+    values = np.concatenate([np.ones(4 * count), np.full(count, -4.0)]) * size**2
+    return sparse.csr_array((values, (rows, where)), shape=(count, columns))
+
+
+def _across(mask: Mask, ring: Mask) -> Floats:
+    """Outward unit vectors (ring pixels, 2), y up, from the blurred mask's gradient."""
+    width = max(1.0, _SMOOTHING * float(np.sqrt(mask.sum())))
+    down = ndimage.gaussian_filter1d(mask.astype(float), width, axis=0, order=1)
+    down = ndimage.gaussian_filter1d(down, width, axis=1)
+    right = ndimage.gaussian_filter1d(mask.astype(float), width, axis=1, order=1)
+    right = ndimage.gaussian_filter1d(right, width, axis=0)
+    outward = np.stack([-right[ring], down[ring]], axis=-1)
+    length = np.linalg.norm(outward, axis=1, keepdims=True)
+    return np.asarray(outward / np.maximum(length, 1e-12))

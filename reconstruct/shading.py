@@ -1,0 +1,138 @@
+"""Image irradiance of a rough dielectric under one distant light: the dichromatic microfacet model.
+
+Per unit irradiance of the light,
+
+    I = a · body(N) + F(γ, η) · mirrored(N),    mirrored = D(N·H) G1(N·L) G1(N·V) / (4 N·V),
+
+with Beckmann's D and the rational G1 of Walter et al., "Microfacet models for refraction through
+rough surfaces", EGSR (2007). H, and with it Fresnel's F, is the same at every pixel. The body is
+Lambertian ('unpolarised'), or its light crosses the interface twice ('polarised').
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from malus.reconstruct.fresnel import reflectances
+from malus.reconstruct.observation import Inapplicable
+
+Floats = NDArray[np.float64]
+BodyKind = Literal["unpolarised", "polarised"]
+
+ETA_RANGE = (1.05, 3.0)
+"""Indices of dielectrics that a level of mirrored light may be explained with."""
+
+
+def half_vector(direction: Floats) -> Floats:
+    """Unit vector halfway between the light (3,) and the viewer (0, 0, 1).
+
+    Raises
+    ------
+    Inapplicable
+        If the light shines from exactly behind the object.
+
+    Examples
+    --------
+    >>> half_vector(np.array([0.0, 0.0, 1.0])).tolist()
+    [0.0, 0.0, 1.0]
+    """
+    half = direction + np.array([0.0, 0.0, 1.0])
+    length = float(np.linalg.norm(half))
+    if length < 1e-6:
+        raise Inapplicable("the light is exactly behind the object")
+    return np.asarray(half / length)
+
+
+def body_shading(normals: Floats, direction: Floats, kind: BodyKind, eta: float = 1.5) -> Floats:
+    """Body light of a white body per unit irradiance, 1/sr.
+
+    Parameters
+    ----------
+    normals : (..., 3) unit normals in the image frame
+    direction : (3,) unit vector towards the light
+    kind : 'unpolarised' (Lambertian) or 'polarised' (transmitted twice by the interface)
+    eta : float
+        Index of the interface; only a polarised body asks for it.
+
+    Examples
+    --------
+    >>> facing = np.array([0.0, 0.0, 1.0])
+    >>> round(float(body_shading(facing, facing, "unpolarised")) * math.pi, 6)
+    1.0
+    """
+    n_l = np.clip(normals @ direction, 0.0, 1.0)
+    if kind == "unpolarised":
+        return np.asarray(n_l / math.pi)
+    n_v = np.clip(normals[..., 2], 0.0, 1.0)
+    return np.asarray(n_l / math.pi * _transmitted(n_l, eta) * _transmitted(n_v, eta))
+
+
+def mirrored_shading(normals: Floats, direction: Floats, alpha: float) -> Floats:
+    """Light mirrored by facets of reflectance 1 per unit irradiance, 1/sr; shapes as above.
+
+    Examples
+    --------
+    >>> facing = np.array([0.0, 0.0, 1.0])
+    >>> round(float(mirrored_shading(facing, facing, 0.5)) * math.pi, 6)
+    1.0
+    """
+    half = half_vector(direction)
+    n_h = np.maximum(normals @ half, 1e-6)
+    n_l, n_v = np.clip(normals @ direction, 0.0, 1.0), np.clip(normals[..., 2], 0.0, 1.0)
+    squared = np.minimum(n_h * n_h, 1.0)
+    tan2 = (1.0 - squared) / squared
+    facets = np.exp(-tan2 / alpha**2) / (math.pi * alpha**2 * squared**2)
+    return np.asarray(facets * _unmasked(n_l, alpha) * _unmasked_over_cosine(n_v, alpha) / 4.0)
+
+
+def facet_reflectance(direction: Floats, eta: float) -> float:
+    """F = (F_⊥ + F_∥)/2 of the facets that mirror the light to the viewer.
+
+    Examples
+    --------
+    >>> round(facet_reflectance(np.array([0.0, 0.0, 1.0]), 1.5), 12)
+    0.04
+    """
+    perpendicular, parallel = reflectances(half_vector(direction)[2], eta)
+    return float(0.5 * (perpendicular + parallel))
+
+
+def index_of(direction: Floats, reflectance: float) -> float:
+    """η whose facets reflect that much, clipped to `ETA_RANGE`; inverse of `facet_reflectance`.
+
+    Examples
+    --------
+    >>> round(index_of(np.array([0.0, 0.0, 1.0]), 0.04), 9)
+    1.5
+    """
+    low, high = (facet_reflectance(direction, eta) for eta in ETA_RANGE)
+    if reflectance <= low:
+        return ETA_RANGE[0]
+    if reflectance >= high:
+        return ETA_RANGE[1]
+    root = brentq(lambda eta: facet_reflectance(direction, eta) - reflectance, *ETA_RANGE)
+    return float(root)
+
+
+def _transmitted(cosine: Floats, eta: float) -> Floats:
+    perpendicular, parallel = reflectances(cosine, eta)
+    return np.asarray(1.0 - 0.5 * (perpendicular + parallel))
+
+
+def _unmasked(cosine: Floats, alpha: float) -> Floats:
+    """Smith's G1 of a direction: 3.535 a + …, a = 1/(alpha tan θ), 1 from a = 1.6 on."""
+    sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 1e-300))
+    a = np.minimum(cosine / (alpha * sine), 1.6)
+    rational = (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a)
+    return np.asarray(np.where(a < 1.6, rational, 1.0))
+
+
+def _unmasked_over_cosine(cosine: Floats, alpha: float) -> Floats:
+    """G1(cos θ) / cos θ, finite at the rim, where it tends to 3.535 / alpha."""
+    floor = np.maximum(cosine, 1e-6)
+    return _unmasked(floor, alpha) / floor

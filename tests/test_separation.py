@@ -1,0 +1,130 @@
+"""Separation by colour: exact dichromatic images, truths, and where it must say no."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from malus.reconstruct.observation import Inapplicable
+from malus.reconstruct.separation import SEPARATIONS, separate
+from malus.renderers import render
+from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
+
+METHODS = sorted(SEPARATIONS)
+BODY = np.array([0.25, 0.45, 1.0])
+
+
+def dichromatic(bands: int = 3, side: int = 48) -> tuple[np.ndarray, np.ndarray]:
+    """Body light and mirrored white light of a shaded patch with a round highlight."""
+    y, x = np.mgrid[-1 : 1 : side * 1j, -1 : 1 : side * 1j]
+    colour = np.linspace(0.4, 1.6, bands)
+    body = (0.8 - 0.3 * x)[..., None] * colour
+    glare = 0.6 * np.clip(1 - 4 * ((x - 0.2) ** 2 + y**2), 0, None)
+    return body, np.repeat(glare[..., None], bands, axis=-1)
+
+
+def relative_rmse(estimated: np.ndarray, true: np.ndarray, mask: np.ndarray) -> float:
+    error = (estimated - true)[mask]
+    return float(np.sqrt(np.mean(error**2)) / true[mask].max())
+
+
+def coloured_sphere(alpha: float = 0.3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(I_d, I_s, mask) of a sphere: the body's lobe times a colour, as Stokes lobes are linear."""
+    scene = Scene(
+        shape=Sphere(),
+        surface=Dielectric(eta=1.5, alpha=alpha, body="unpolarised"),
+        light=Distant(incidence_deg=45),
+        camera=Camera(resolution=64),
+        wavelengths_nm=(450, 550, 650),
+    )
+    truth = render(scene, renderer="torrance-sparrow")
+    return truth.diffuse[..., 0] * BODY, truth.specular[..., 0], truth.mask
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("bands", [2, 3, 8])
+def test_one_colour_is_separated_for_any_number_of_bands(method: str, bands: int) -> None:
+    body, glare = dichromatic(bands)
+    mask = np.ones(body.shape[:2], bool)
+    parts = separate(body + glare, mask, method=method)
+    # Noise-free, so only the stops of each search remain; erosion stops at a slope of 1e-5.
+    assert relative_rmse(parts.specular, glare, mask) < 0.01
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_lobes_add_up_and_none_is_negative(method: str) -> None:
+    rng = np.random.default_rng(0)
+    image, mask = rng.random((40, 40, 3)).astype(np.float32), rng.random((40, 40)) > 0.2
+    parts = separate(image, mask, method=method)
+    np.testing.assert_allclose((parts.diffuse + parts.specular)[mask], image[mask], rtol=1e-6)
+    assert parts.diffuse.min() >= 0
+    assert parts.specular.min() >= 0
+    assert not parts.specular[~mask].any()
+    assert parts.specular.dtype == np.float32
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_exposure_and_the_colour_of_the_light_change_nothing(method: str) -> None:
+    body, glare = dichromatic()
+    mask = np.ones(body.shape[:2], bool)
+    light = np.array([0.8, 1.0, 1.2])
+    plain = separate(body + glare, mask, method=method).specular
+    tinted = separate(7.0 * (body + glare) * light, mask, light, method).specular
+    np.testing.assert_allclose(tinted, 7.0 * plain * light, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_body_colours_keep_their_own(method: str) -> None:
+    body, glare = dichromatic()
+    # Another hue and half the saturation: one κ for both would turn body light into glare.
+    body[:, 18:30] = body[:, 18:30, 1:2] * [1.3, 1.0, 0.7]
+    body[:, 30:] = body[:, 30:, 1:2] * [0.9, 1.4, 0.7]
+    mask = np.ones(body.shape[:2], bool)
+    parts = separate(body + glare, mask, method=method)
+    assert relative_rmse(parts.specular, glare, mask) < 0.02
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_matt_object_has_no_highlight(method: str) -> None:
+    body, _ = dichromatic()
+    mask = np.ones(body.shape[:2], bool)
+    assert separate(body, mask, method=method).specular.max() < 0.01 * body.max()
+
+
+@pytest.mark.parametrize(("method", "alpha"), [(m, a) for m in METHODS for a in (0.15, 0.3, 0.5)])
+def test_lobes_of_a_rendered_sphere(method: str, alpha: float) -> None:
+    body, glare, mask = coloured_sphere(alpha)
+    parts = separate(body + glare, mask, method=method)
+    # Measured 0.003 to 0.012: rough lobes leave no pixel that is pure body light.
+    assert relative_rmse(parts.specular, glare, mask) < 0.02
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_grey_says_so(method: str) -> None:
+    _, glare = dichromatic()
+    mask = np.ones(glare.shape[:2], bool)
+    with pytest.raises(Inapplicable, match="grey image where colour is needed"):
+        separate(glare + 0.3, mask, method=method)
+    with pytest.raises(Inapplicable, match="grey image where colour is needed"):
+        separate(glare[..., :1] + 0.3, mask, method=method)
+
+
+def test_dark_images_and_empty_masks_say_so() -> None:
+    black, mask = np.zeros((8, 8, 3)), np.ones((8, 8), bool)
+    with pytest.raises(Inapplicable, match="dark"):
+        separate(black, mask)
+    with pytest.raises(Inapplicable, match="dark"):
+        separate(black + 1.0, np.zeros_like(mask))
+
+
+def test_one_pixel_works() -> None:
+    parts = separate(np.array([[[3.0, 1.0]]]), np.ones((1, 1), bool))
+    np.testing.assert_allclose(parts.diffuse + parts.specular, [[[3.0, 1.0]]])
+
+
+def test_wrong_arguments_name_themselves() -> None:
+    image, mask = np.ones((4, 4, 3)) * BODY, np.ones((4, 4), bool)
+    with pytest.raises(InputError, match="chromaticity, suv, ratio"):
+        separate(image, mask, method="magic")
+    with pytest.raises(ValueError, match="illuminant: expected 3 positive values"):
+        separate(image, mask, [1.0, 0.0, 1.0])
