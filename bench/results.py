@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from malus.bench.judge import Score, Value
+from malus.renderers.storage import remove_abandoned, replace_file
 from malus.scenes.errors import InputError
 from malus.scenes.scene import Scene
 
@@ -20,6 +20,7 @@ TABLE = "results.parquet"
 HEADLINES = "results.csv"
 RUN = "run.json"
 PARTS = "parts"
+EXAMPLES = "examples"
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def table_of(records: list[dict[str, Any]]) -> pd.DataFrame:
 
 
 def prepare_folder(out: Path) -> Path:
-    """Make the output folder and check that it can be written.
+    """Make the output folder, check that it can be written, and clear what a kill left there.
 
     Raises
     ------
@@ -108,8 +109,11 @@ def prepare_folder(out: Path) -> Path:
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=out):
-            pass
+        for folder in (out, out / PARTS, out / EXAMPLES):
+            remove_abandoned(folder)
+        # Without a name, so that a kill at this moment leaves nothing.
+        with tempfile.TemporaryFile(dir=out) as file:
+            file.write(bytes(4096))
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(
@@ -119,17 +123,15 @@ def prepare_folder(out: Path) -> Path:
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary name beside `path`, then rename: whole or not at all."""
+    """Call `write` with a temporary name beside `path`, then rename: whole or not at all.
+
+    Raises
+    ------
+    InputError
+        Where there is no room, or no permission to write.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        write(temporary)
-        temporary.chmod(0o644)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    replace_file(path, write)
 
 
 def write_results(out: Path, results: Results) -> None:

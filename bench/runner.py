@@ -5,8 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -15,32 +14,19 @@ from typing import Any
 
 import pandas as pd
 
-from malus.bench.examples import chosen, keep
-from malus.bench.extra_metrics import get_metrics
-from malus.bench.judge import Judge
+from malus.bench.examples import chosen
+from malus.bench.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
 from malus.bench.plan import FamilyPlan, plan
-from malus.bench.results import (
-    PARTS,
-    Results,
-    inapplicable_rows,
-    prepare_folder,
-    score_rows,
-    table_of,
-    write_results,
-    write_whole,
-)
-from malus.reconstruct import Inapplicable, Method, get_method
-from malus.renderers.family import render_family
-from malus.renderers.torrance_sparrow import render_torrance_sparrow
-from malus.renderers.truth import Truth
+from malus.bench.results import EXAMPLES, Results, prepare_folder, write_results, write_whole
+from malus.bench.work import Engine, Made, Task, here
+from malus.reconstruct import get_method
 from malus.renderers.variant import Variant, choose
-from malus.scenes.model import content_id
+from malus.scenes.errors import InputError
 from malus.scenes.suite import Suite
 
-SCHEMA = 1
-"""Counts up when the rows of a part change their meaning: older parts are then made again."""
-
 Progress = Callable[[int, int, str], None]
+REASONS_KEPT = 20
+"""Failures that `run.json` tells at most; the parts and `malus status` tell all."""
 
 
 def _silent(_done: int, _total: int, _label: str) -> None:
@@ -52,11 +38,14 @@ def run(
     out: Path | str,
     variant: Variant | None = None,
     progress: Progress = _silent,
+    engine: Engine | None = None,
+    retry_failed: bool = False,
 ) -> Results:
     """Render, reconstruct and score a suite; write the results to `out`.
 
     Families whose results are already there, from the same suite, seed and versions, are taken
-    over: a run that was stopped goes on where it was.
+    over: a run that was stopped goes on where it was. What cannot be done is recorded, and the run
+    goes on without it.
 
     Parameters
     ----------
@@ -65,29 +54,31 @@ def run(
     variant : Variant, optional
         By default the fastest that works.
     progress : function of (families done, families in all, label of the next)
+    engine : Engine, optional
+        What does the work; by default this process.
+    retry_failed : bool
+        Try again what failed in an earlier run. A failure that names a wrong input is always tried
+        again, because it may have been mended; any other would cost the same time for the same end.
 
     Raises
     ------
     InputError
-        Unknown method, folder that cannot be written.
+        Unknown method, folder that cannot be written, not a single family that can be rendered.
     """
     started = time.perf_counter()
+    chosen_variant = variant or choose()
     families = plan(suite)
-    job = Job(
-        suite,
-        [get_method(name) for name in suite.methods],
-        prepare_folder(Path(out)),
-        variant or choose(),
-        chosen(families),
-    )
-    parts = []
-    for done, family in enumerate(families):
-        progress(done, len(families), family.label)
-        parts.append(job.part(family))
+    methods = {get_method(reference).name: reference for reference in suite.methods}
+    folder = prepare_folder(Path(out))
+    job = Job(suite, families, methods, folder, chosen_variant, progress, retry_failed)
+    write_plan(folder, suite, families, methods, chosen_variant)
+    for task, made in (engine or here(chosen_variant))(job.tasks()):
+        job.keep(task, made)
     progress(len(families), len(families), "writing")
+    tables, failed = job.collect()
     job.seconds["total"] = time.perf_counter() - started
-    results = Results(pd.concat(parts, ignore_index=True), job.record(parts))
-    write_results(job.folder, results)
+    results = Results(pd.concat(tables, ignore_index=True), job.record(tables, failed))
+    write_results(folder, results)
     return results
 
 
@@ -96,75 +87,102 @@ class Job:
     """One run: what it is about, where it writes, and the seconds that its stages took."""
 
     suite: Suite
-    methods: Sequence[Method]
+    families: Sequence[FamilyPlan]
+    methods: dict[str, str]
     folder: Path
     variant: Variant
-    examples: frozenset[str]
+    progress: Progress = _silent
+    retry_failed: bool = False
     seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
-    reused: int = 0
+    taken_over: int = 0
+    finished: int = 0
 
-    def part(self, family: FamilyPlan) -> pd.DataFrame:
-        """The table of one family, from an earlier run where that is there."""
-        names = [method.name for method in self.methods]
-        suite = self.suite
-        content = [family.id, suite.renderer, names, suite.metrics, self.variant.name]
-        content += [version("malus"), SCHEMA]
-        path = self.folder / PARTS / f"{content_id(content)}.parquet"
-        part = _stored(path)
-        if part is not None:
-            self.reused += 1
-            return part
-        part = self._table(family)
-        write_whole(path, lambda temporary: part.to_parquet(temporary, index=False))
-        return part
+    @property
+    def parts(self) -> Parts:
+        """Where the families' results are kept."""
+        return Parts(self.folder)
 
-    def _table(self, family: FamilyPlan) -> pd.DataFrame:
-        records: list[dict[str, Any]] = []
-        worst = 0.0
-        for truth in self._truths(family):
-            with self._stage("reconstruct and score"):
-                records += self._rows(truth)
-            if truth.scene.id in self.examples:
-                with self._stage("write examples"):
-                    keep(self.folder, truth, self.methods)
-            worst = max(worst, truth.interpolation_error.get("rms", 0.0))
-        table = table_of(records)
-        # pandas stores attributes with the Parquet file: they come back when a run goes on
-        table.attrs["interpolation_rms"] = worst
-        return table
+    def tasks(self) -> Iterator[Task]:
+        """What is left to do; each is looked up when it is its turn, as others may do it too."""
+        examples = chosen(self.families)
+        for family in self.families:
+            name = part_id(family, self.suite, self.variant.name)
+            missing = self._missing(name)
+            if not missing:
+                self.finished += 1
+                continue
+            self.progress(self.finished, len(self.families), family.label)
+            mine = examples & {scene.id for scene in family.scenes}
+            yield Task(name, family, self.suite.renderer, missing, self.suite.metrics, mine)
 
-    def _rows(self, truth: Truth) -> list[dict[str, Any]]:
-        judge = Judge(truth)
-        metrics = get_metrics(self.suite.metrics)
-        records: list[dict[str, Any]] = []
-        for method in self.methods:
-            try:
-                records += score_rows(truth.scene, method.name, judge.score(method, metrics))
-            except Inapplicable as reason:
-                records += inapplicable_rows(truth.scene, method.name, str(reason))
-        return records
+    def _missing(self, name: str) -> dict[str, str]:
+        """The methods that a family lacks, without those that failed before."""
+        table = self.parts.table(name)
+        have = set() if table is None else set(table.attrs.get(METHODS, ()))
+        if have >= set(self.methods):
+            self.taken_over += 1
+            return {}
+        failed = {
+            failure.method
+            for failure in self.parts.failures(name)
+            if not (self.retry_failed or failure.mendable)
+        }
+        if None in failed:
+            return {}
+        return {
+            method: reference
+            for method, reference in self.methods.items()
+            if method not in have | failed
+        }
 
-    def _truths(self, family: FamilyPlan) -> Iterator[Truth]:
-        if self.suite.renderer == "torrance-sparrow":
-            for scene in family.scenes:
-                with self._stage("render"):
-                    truth = render_torrance_sparrow(scene)
-                yield truth
-            return
-        with self._stage("render"):
-            rendered = render_family(family.scenes, family.sampling, self.variant, errors=False)
-        for scene in family.scenes:
-            with self._stage("interpolate in eta"):
-                truth = rendered.truth(scene, standard_error=False)
-            yield truth
+    def keep(self, task: Task, made: Made) -> None:
+        """Store what came of a task: examples first, so that a part that is there has them."""
+        for name, content in made.examples.items():
+            _write_bytes(self.folder / EXAMPLES / name, content)
+        old = self.parts.table(task.id)
+        table = merged(old, made.table, task.methods)
+        if table is not None:
+            have = set() if old is None else set(old.attrs.get(METHODS, ()))
+            whole = (have - set(task.methods)) | made.whole(task.methods)
+            self.parts.write(task.id, table, whole)
+        others = [
+            failure
+            for failure in self.parts.failures(task.id)
+            if failure.method not in {None, *task.methods}
+        ]
+        self.parts.write_failures(task.id, task.family.label, [*others, *made.failures])
+        for stage, seconds in made.seconds.items():
+            self.seconds[stage] += seconds
+        self.finished += 1
 
-    @contextmanager
-    def _stage(self, name: str) -> Iterator[None]:
-        started = time.perf_counter()
-        yield
-        self.seconds[name] += time.perf_counter() - started
+    def collect(self) -> tuple[list[pd.DataFrame], list[Failure]]:
+        """The tables of all families and what failed in them.
 
-    def record(self, parts: Sequence[pd.DataFrame]) -> dict[str, Any]:
+        Raises
+        ------
+        InputError
+            If there is not a single row.
+        """
+        tables, failures = [], []
+        for family in self.families:
+            name = part_id(family, self.suite, self.variant.name)
+            table = self.parts.table(name)
+            if table is not None and table.method.isin(self.methods).any():
+                tables.append(in_order(table, family, self.methods))
+            have = set() if table is None else set(table.attrs.get(METHODS, ()))
+            lacking = set(self.methods) - have
+            if lacking:
+                failures.append(_reason(self.parts.failures(name), lacking, family))
+        if not tables:
+            raise InputError(
+                f"suite {self.suite.name}",
+                "a family that can be rendered and scored",
+                f"{len(failures)} that failed",
+                f"the first says: {failures[0].reason if failures else 'nothing'}",
+            )
+        return tables, failures
+
+    def record(self, tables: Sequence[pd.DataFrame], failures: Sequence[Failure]) -> dict[str, Any]:
         """What `run.json` says: how the results came about."""
         packages = ("malus", "mitsuba", "drjit", "numpy", "scipy", "pandas")
         versions = {name: version(name) for name in packages}
@@ -176,18 +194,23 @@ class Job:
             "machine": {"system": platform.platform(), "processor": platform.machine()},
             "variant": {"name": self.variant.name, "reason": self.variant.reason},
             "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
-            "families": len(parts),
-            "families_taken_over": self.reused,
-            "scenes": sum(part.scene.nunique() for part in parts),
-            "interpolation_rms": max(part.attrs["interpolation_rms"] for part in parts),
+            "families": len(self.families),
+            "families_taken_over": self.taken_over,
+            "families_failed": len(failures),
+            "failures": [failure.reason for failure in failures[:REASONS_KEPT]],
+            "scenes": sum(table.scene.nunique() for table in tables),
+            "interpolation_rms": max(table.attrs["interpolation_rms"] for table in tables),
         }
 
 
-def _stored(path: Path) -> pd.DataFrame | None:
-    """An earlier part, or None; parts are written whole, so that one that exists is complete."""
-    if not path.exists():
-        return None
-    try:
-        return pd.read_parquet(path)
-    except (OSError, ValueError):
-        return None
+def _reason(failures: Iterable[Failure], lacking: set[str], family: FamilyPlan) -> Failure:
+    """The first failure that tells why a family lacks these methods."""
+    for failure in failures:
+        if failure.method is None or failure.method in lacking:
+            return failure
+    hint = "give the command again: it makes the part again"
+    raise InputError(f"results of {family.label}", "a whole part", "a damaged or lost one", hint)
+
+
+def _write_bytes(path: Path, content: bytes) -> None:
+    write_whole(path, lambda temporary: temporary.write_bytes(content))

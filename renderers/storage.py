@@ -45,25 +45,57 @@ def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
             shutil.rmtree(aside, ignore_errors=True)
 
 
+def replace_file(final: Path, write: Callable[[Path], object]) -> None:
+    """Call `write` with a temporary name beside `final`, then rename: whole or not at all.
+
+    Raises
+    ------
+    InputError
+        Where there is no room, or no permission to write.
+
+    Examples
+    --------
+    >>> base = Path(tempfile.mkdtemp())
+    >>> replace_file(base / "a.txt", lambda path: path.write_text("whole"))
+    >>> [path.name for path in base.iterdir()]
+    ['a.txt']
+    """
+    temporary = None
+    try:
+        # The suffix stays: writers choose a format by it, or append it where it is missing.
+        handle, name = tempfile.mkstemp(dir=final.parent, prefix=_prefix(), suffix=final.suffix)
+        os.close(handle)
+        temporary = Path(name)
+        write(temporary)
+        temporary.chmod(0o644)
+        os.replace(temporary, final)
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise InputError(
+            str(final), "a file that can be written", reason, "mend that and give the command again"
+        ) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
 def replace_text(final: Path, text: str) -> None:
     """Write a text file under a temporary name, then rename it: whole or not at all."""
-    handle, name = tempfile.mkstemp(dir=final.parent, prefix=TEMPORARY)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.chmod(name, 0o644)
-        os.replace(name, final)
-    finally:
-        Path(name).unlink(missing_ok=True)
+    replace_file(final, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def remove_abandoned(folder: Path) -> None:
-    """Remove temporary folders of processes of this machine that are gone."""
+    """Remove temporary files and folders of processes of this machine that are gone."""
     mine = f"{TEMPORARY}{socket.gethostname()}-"
     for entry in folder.glob(f"{mine}*"):
         owner = entry.name.removeprefix(mine).split("-")[0]
-        if owner.isdigit() and not _runs(int(owner)) and not entry.is_symlink():
+        if not owner.isdigit() or _runs(int(owner)) or entry.is_symlink():
+            continue
+        if entry.is_dir():
             shutil.rmtree(entry, ignore_errors=True)
+        else:
+            # Of two runs that clean up at once, one comes too late.
+            entry.unlink(missing_ok=True)
 
 
 def read_json(path: Path, limit: int) -> tuple[Any, str]:
@@ -129,8 +161,12 @@ def check_digest(path: Path, size: int, sha256: str, hint: str) -> None:
 
 
 def _own_folder(parent: Path) -> Path:
-    prefix = f"{TEMPORARY}{socket.gethostname()}-{os.getpid()}-"
-    return Path(tempfile.mkdtemp(dir=parent, prefix=prefix))
+    return Path(tempfile.mkdtemp(dir=parent, prefix=_prefix()))
+
+
+def _prefix() -> str:
+    """How temporary names of this process begin: `remove_abandoned` knows whose they are."""
+    return f"{TEMPORARY}{socket.gethostname()}-{os.getpid()}-"
 
 
 def _runs(process: int) -> bool:
