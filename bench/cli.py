@@ -67,7 +67,7 @@ def run(
 
     \b
     Example:
-      malus run quick --out /tmp/quick
+      malus run quick --out results/quick
     """
     if suite in STUDIES:
         from malus.bench.studies import run_study

@@ -32,7 +32,7 @@ def render_command(
 
     \b
     Example:
-      malus render quick --out /tmp/quick-dataset
+      malus render quick --out quick-dataset
     """
     from malus.bench.command_render import render_for_command_line
 
@@ -62,7 +62,7 @@ def export_command(dataset: Path, layout: str, out: Path, pixels: str, as_json: 
 
     \b
     Example:
-      malus export /tmp/quick-dataset --format numpy --out /tmp/quick-numpy
+      malus export quick-dataset --format numpy --out quick-numpy
     """
     from malus.bench.export import export_for_command_line
 
@@ -93,8 +93,8 @@ def score_command(
 
     \b
     Example:
-      malus score /tmp/quick-dataset --method eq8 --method shadowed+body
-      malus score /tmp/quick-dataset --predictions /tmp/my-network --name mine
+      malus score quick-dataset --method eq8 --method shadowed+body
+      malus score quick-dataset --predictions my-network --name mine
     """
     from malus.bench.command_score import score_for_command_line
 
