@@ -120,7 +120,6 @@ def export(
 
 def write_numpy(folder: Path, truth: Truth) -> None:
     """The arrays of a truth as `truth.npz`, without pickle."""
-    surface = truth.scene.surface
     np.savez(
         folder / "truth.npz",
         stokes=truth.stokes,
@@ -133,8 +132,8 @@ def write_numpy(folder: Path, truth: Truth) -> None:
         normals=truth.normals,
         mask=truth.mask,
         wavelengths_nm=np.array(truth.scene.wavelengths_nm),
-        eta=truth.scene.eta,
-        alpha=np.array(surface.alpha),
+        eta=truth.eta,
+        alpha=np.array(truth.alpha),
     )
 
 

@@ -114,8 +114,8 @@ def chain_row(truth: Truth, level: str) -> Row:
     error, guess, noise = _errors(chain.components, truth)
     row |= {
         "normals_deg": float(np.degrees(np.arccos(cosine)).mean()),
-        "eta_error": abs(eta - float(np.mean(truth.scene.eta))),
-        "alpha_error": abs(alpha / truth.scene.surface.alpha - 1.0),
+        "eta_error": abs(eta - float(np.mean(truth.eta.real))),
+        "alpha_error": abs(alpha / float(np.mean(truth.alpha)) - 1.0),
         "body_right": float(chain.body == truth.scene.surface.body),
         "converged": float(chain.converged),
         "light_deg": _light_error(found.light, truth.scene.light),

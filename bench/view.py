@@ -12,8 +12,8 @@ _KNOWN: dict[str, Callable[[Truth], Any]] = {
     "specular": lambda truth: truth.specular[..., 0],
     "diffuse": lambda truth: truth.diffuse[..., 0],
     "normals": lambda truth: truth.normals,
-    "eta": lambda truth: truth.scene.eta,
-    "alpha": lambda truth: truth.scene.surface.alpha,
+    "eta": lambda truth: truth.eta,
+    "alpha": lambda truth: truth.alpha,
     "light": lambda truth: truth.scene.light,
 }
 

@@ -1,14 +1,14 @@
 """One truth as a folder of files, and back to the bit.
 
 `scene.json` holds the scene and the size and SHA-256 of every image, so that a file that was cut,
-changed or swapped is found before it is decoded. Truths in double precision (Torrance-Sparrow)
-are stored once more as their bits in `float64.exr`, because the spectral layout knows 32-bit
-floats only.
+changed or swapped is found before it is decoded. Arrays in double precision (Torrance-Sparrow)
+are stored once more as their bits in `float64.exr`.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,12 +16,27 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from malus.renderers.planes import (
+    ERRORS,
+    FIELDS,
+    LOBES,
+    MAPS,
+    Bands,
+    DType,
+    FieldName,
+    assembled,
+    channel_names,
+    doubles,
+    dtypes_of,
+    is_double,
+    planes,
+    word_names,
+    words,
+)
 from malus.renderers.spectral_exr import (
     Channels,
     read_exr,
     read_spectral,
-    stokes_channels,
-    stokes_from_channels,
     write_exr,
     write_spectral,
 )
@@ -42,13 +57,6 @@ IMAGES: tuple[FileName, ...] = (
 )  # fmt: skip
 EXACT: FileName = "float64.exr"
 
-FieldName = Literal[
-    "specular", "diffuse", "standard_error", "specular_noise", "diffuse_noise", "normals"
-]
-LOBES: tuple[FieldName, ...] = ("specular", "diffuse")
-ERRORS: tuple[FieldName, ...] = ("standard_error", "specular_noise", "diffuse_noise")
-STOKES: tuple[FieldName, ...] = (*LOBES, *ERRORS)
-FIELDS: tuple[FieldName, ...] = (*STOKES, "normals")
 MASK = "mask"
 _AGAIN = "render this scene again"
 
@@ -69,14 +77,19 @@ class SceneRecord(Model):
     scene: Scene
     origin: str = Field(default="", max_length=200)
     shape: tuple[Side, Side]
-    dtypes: dict[FieldName, Literal["float32", "float64"]]
+    dtypes: dict[FieldName, DType]
     interpolation_error: dict[str, float] = Field(default_factory=dict)
     files: dict[FileName, StoredFile]
 
     @property
     def doubles(self) -> tuple[FieldName, ...]:
         """Arrays in double precision."""
-        return tuple(name for name in FIELDS if self.dtypes[name] == "float64")
+        return tuple(name for name in self.dtypes if is_double(self.dtypes[name]))
+
+    @property
+    def geometry(self) -> tuple[FieldName, ...]:
+        """Arrays in `geometry.exr`: normals, and what varies over the image."""
+        return ("normals", *(name for name in MAPS if name in self.dtypes))
 
 
 def write_scene(folder: Path, truth: Truth, origin: str = "") -> None:
@@ -89,7 +102,7 @@ def write_scene(folder: Path, truth: Truth, origin: str = "") -> None:
     ValueError
         If an array has another shape or type than a truth has.
     """
-    dtypes = _checked(truth)
+    dtypes = dtypes_of(truth)
     replace_folder(folder, lambda temporary: _write_files(temporary, truth, origin, dtypes))
 
 
@@ -148,33 +161,18 @@ def is_whole(folder: Path, record: SceneRecord) -> bool:
     return all(sizes[name] == stored.bytes for name, stored in record.files.items())
 
 
-def _checked(truth: Truth) -> dict[FieldName, str]:
-    """Types of the arrays, whose shapes must be those of one truth."""
-    height, width = truth.mask.shape
-    stokes = (height, width, len(truth.scene.wavelengths_nm), 3)
-    for name in FIELDS:
-        array = getattr(truth, name)
-        expected = (height, width, 3) if name == "normals" else stokes
-        if array.shape != expected or array.dtype not in (np.float32, np.float64):
-            raise ValueError(
-                f"{name}: expected floats {expected}, found {array.dtype} {array.shape}"
-            )
-    return {name: str(getattr(truth, name).dtype) for name in FIELDS}
-
-
-def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName, str]) -> None:
+def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName, DType]) -> None:
     bands = truth.scene.wavelengths_nm
     write_spectral(folder / "stokes.exr", truth.stokes, bands)
     for name in LOBES:
         write_spectral(folder / f"{name}.exr", getattr(truth, name), bands)
-    errors = [_planes(name, getattr(truth, name), bands) for name in ERRORS]
-    write_exr(folder / "error.exr", {k: v for part in errors for k, v in part.items()})
-    geometry = _planes("normals", truth.normals, bands) | {MASK: truth.mask.astype(np.float32)}
-    write_exr(folder / "geometry.exr", geometry)
-    words = _words(truth, [name for name in FIELDS if dtypes[name] == "float64"])
-    if words:
-        write_exr(folder / EXACT, words)
-    names = (*IMAGES, *([EXACT] if words else []))
+    write_exr(folder / "error.exr", _planes(truth, ERRORS))
+    geometry = _planes(truth, [name for name in dtypes if name in ("normals", *MAPS)])
+    write_exr(folder / "geometry.exr", geometry | {MASK: truth.mask.astype(np.float32)})
+    exact = words(_planes(truth, [name for name in dtypes if is_double(dtypes[name])]))
+    if exact:
+        write_exr(folder / EXACT, exact)
+    names = (*IMAGES, *([EXACT] if exact else []))
     record = {
         "format": "malus scene 1",
         "scene": truth.scene.model_dump(mode="json"),
@@ -193,17 +191,14 @@ def _stored(path: Path) -> dict[str, Any]:
     return {"bytes": size, "sha256": sha256}
 
 
-def _planes(name: str, array: NDArray[Any], bands: tuple[float, ...]) -> Channels:
-    """Planes (height, width) of an array by channel name, the array's name first."""
-    if name == "normals":
-        return {f"normals.{axis}": array[..., index] for index, axis in enumerate("XYZ")}
-    return dict(stokes_channels(array, bands, prefix=f"{name}."))
-
-
-def _assembled(name: str, channels: Channels, bands: tuple[float, ...]) -> NDArray[Any]:
-    if name == "normals":
-        return np.stack([channels[f"normals.{axis}"] for axis in "XYZ"], axis=-1)
-    return stokes_from_channels(channels, bands, prefix=f"{name}.")
+def _planes(truth: Truth, names: Iterable[FieldName]) -> Channels:
+    """Planes (height, width) of several arrays of a truth by channel name."""
+    bands = truth.scene.wavelengths_nm
+    return {
+        channel: plane
+        for name in names
+        for channel, plane in planes(name, getattr(truth, name), bands).items()
+    }
 
 
 def _read_images(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
@@ -211,37 +206,27 @@ def _read_images(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {
         name: read_spectral(folder / f"{name}.exr", shape, bands) for name in LOBES
     }
-    for file, names, more in (("error.exr", ERRORS, ()), ("geometry.exr", ("normals",), (MASK,))):
-        channels = [c for name in names for c in _channel_names(name, bands)]
-        planes = read_exr(folder / file, shape, [*channels, *more])
-        arrays |= {name: _assembled(name, planes, bands) for name in names}
-        if more:
-            arrays[MASK] = planes[MASK] != 0
-    return arrays
-
-
-def _channel_names(name: str, bands: tuple[float, ...]) -> list[str]:
-    return list(_planes(name, np.empty((0, 0, len(bands), 3)), bands))
-
-
-def _words(truth: Truth, doubles: list[FieldName]) -> Channels:
-    """The bits of double precision arrays as pairs of 32-bit words, by channel name."""
-    words: Channels = {}
-    for name in doubles:
-        planes = _planes(name, getattr(truth, name), truth.scene.wavelengths_nm)
-        for channel, plane in planes.items():
-            pair = np.ascontiguousarray(plane, dtype="<f8").view("<u4").reshape(*plane.shape, 2)
-            words |= {f"{channel}.low": pair[..., 0], f"{channel}.high": pair[..., 1]}
-    return words
+    errors = read_exr(folder / "error.exr", shape, _channels(record, ERRORS, bands))
+    arrays |= _assembled(errors, record, ERRORS, bands)
+    names = [*_channels(record, record.geometry, bands), MASK]
+    geometry = read_exr(folder / "geometry.exr", shape, names)
+    return (
+        arrays | _assembled(geometry, record, record.geometry, bands) | {MASK: geometry[MASK] != 0}
+    )
 
 
 def _read_doubles(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
     bands = record.scene.wavelengths_nm
-    channels = [c for name in record.doubles for c in _channel_names(name, bands)]
-    names = [f"{channel}.{word}" for channel in channels for word in ("low", "high")]
-    words = read_exr(folder / EXACT, record.shape, names, dtype=np.uint32)
-    planes: Channels = {}
-    for channel in channels:
-        pair = np.stack([words[f"{channel}.low"], words[f"{channel}.high"]], axis=-1)
-        planes[channel] = pair.astype("<u4").view("<f8")[..., 0]
-    return {name: _assembled(name, planes, bands) for name in record.doubles}
+    names = _channels(record, record.doubles, bands)
+    stored = read_exr(folder / EXACT, record.shape, word_names(names), dtype=np.uint32)
+    return _assembled(doubles(stored, names), record, record.doubles, bands)
+
+
+def _channels(record: SceneRecord, names: Iterable[FieldName], bands: Bands) -> list[str]:
+    return [c for name in names for c in channel_names(name, bands, record.dtypes[name])]
+
+
+def _assembled(
+    channels: Channels, record: SceneRecord, names: Iterable[FieldName], bands: Bands
+) -> dict[str, NDArray[Any]]:
+    return {name: assembled(name, channels, bands, record.dtypes[name]) for name in names}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,11 @@ class Truth:
         and `diffuse`. What a method makes of it is the noise of its score.
     interpolation_error : dict
         Of the family in η, over the image's peak: 'rms' and 'worst' of a held-out render.
+    eta_map : (height, width, bands) or None
+        Relative refractive index where it varies over the image, complex where any is. None:
+        everywhere that of the scene's surface. `eta` is one or the other.
+    alpha_map : (height, width) or None
+        Beckmann roughness where it varies over the image, likewise; `alpha`.
 
     Examples
     --------
@@ -56,6 +61,18 @@ class Truth:
     specular_noise: Image
     diffuse_noise: Image
     interpolation_error: dict[str, float] = field(default_factory=dict)
+    eta_map: NDArray[np.inexact[Any]] | None = None
+    alpha_map: Image | None = None
+
+    @property
+    def eta(self) -> NDArray[np.inexact[Any]]:
+        """Relative refractive index, (bands,) or (height, width, bands); complex for metals."""
+        return self.scene.eta if self.eta_map is None else self.eta_map
+
+    @property
+    def alpha(self) -> float | Image:
+        """Beckmann roughness, one number or (height, width)."""
+        return self.scene.surface.alpha if self.alpha_map is None else self.alpha_map
 
     @property
     def stokes(self) -> Image:
@@ -77,14 +94,11 @@ class Truth:
 
     def _shifted(self, sign: float) -> Truth:
         # An independent half has twice the variance of the mean of two.
-        return Truth(
-            scene=self.scene,
+        return replace(
+            self,
             specular=self.specular + sign * self.specular_noise,
             diffuse=self.diffuse + sign * self.diffuse_noise,
-            normals=self.normals,
-            mask=self.mask,
             standard_error=self.standard_error * np.sqrt(2.0, dtype=self.standard_error.dtype),
             specular_noise=np.zeros_like(self.specular_noise),
             diffuse_noise=np.zeros_like(self.diffuse_noise),
-            interpolation_error=self.interpolation_error,
         )

@@ -26,7 +26,8 @@ from malus.bench.cli_dataset import render_command
 from malus.bench.command_render import render_dataset
 from malus.renderers import Truth, render
 from malus.renderers.dataset import DatasetWriter, open_dataset
-from malus.renderers.scene_folder import FIELDS, IMAGES
+from malus.renderers.planes import FIELDS, MAPS
+from malus.renderers.scene_folder import IMAGES
 from malus.renderers.spectral_exr import read_exr, write_exr
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, InputError, load_suite
@@ -37,8 +38,11 @@ Damage = Callable[[Path], None]
 def assert_same(found: Truth, expected: Truth) -> None:
     assert found.scene == expected.scene
     assert found.interpolation_error == expected.interpolation_error
-    for name in (*FIELDS, "mask"):
+    for name in (*FIELDS, *MAPS, "mask"):
         one, other = getattr(found, name), getattr(expected, name)
+        if other is None:
+            assert one is None, name
+            continue
         assert (one.dtype, one.shape) == (other.dtype, other.shape), name
         # Bytes, not values: the sign of zero counts too.
         assert one.tobytes() == other.tobytes(), name
@@ -61,6 +65,35 @@ def test_made_up_truths_come_back_to_the_bit(tmp_path: Path, dtype: type) -> Non
     for truth in truths:
         assert_same(dataset.truth(truth.scene.id), truth)
     assert len(list(dataset)) == len(dataset) == 3
+
+
+@pytest.mark.parametrize("index", [np.float32, np.float64, np.complex64, np.complex128])
+@pytest.mark.parametrize("rough", [np.float32, np.float64])
+def test_maps_of_the_material_come_back_to_the_bit(
+    tmp_path: Path, index: type, rough: type
+) -> None:
+    truth = made_up_truth()
+    shape = truth.specular.shape[:3]
+    eta = (np.random.default_rng(2).random(shape) + 1j * np.random.default_rng(3).random(shape)) / 3
+    eta_map = eta.astype(index) if np.issubdtype(index, np.complexfloating) else eta.real
+    mapped = dataclasses.replace(
+        truth,
+        eta_map=eta_map.astype(index),
+        alpha_map=(np.random.default_rng(4).random(shape[:2]) / 3).astype(rough),
+    )
+    assert mapped.eta is mapped.eta_map
+    assert mapped.alpha is mapped.alpha_map
+    found = open_dataset(stored(tmp_path, mapped)).truth(truth.scene.id)
+    assert_same(found, mapped)
+    for half in found.halves():
+        assert half.eta is found.eta
+        assert half.alpha is found.alpha
+
+
+def test_a_map_of_another_shape_is_not_stored(tmp_path: Path) -> None:
+    truth = dataclasses.replace(made_up_truth(), alpha_map=np.zeros((2, 3), np.float32))
+    with pytest.raises(ValueError, match="alpha_map: expected floats"):
+        stored(tmp_path, truth)
 
 
 @pytest.mark.parametrize("renderer", ["mitsuba", "torrance-sparrow"])

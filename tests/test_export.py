@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import OpenEXR
@@ -12,6 +14,7 @@ from made_up import BANDS, made_up_truth
 from PIL import Image
 
 from malus.bench.export import aolp_16bit, export
+from malus.bench.view import observe
 from malus.renderers import Truth
 from malus.renderers.dataset import Dataset, DatasetWriter, open_dataset
 
@@ -120,3 +123,19 @@ def test_an_export_replaces_an_older_one(tmp_path: Path, dataset: Dataset, truth
     names = {path.name for path in (tmp_path / "out" / truth.scene.id).iterdir()}
     assert names == {"truth.npz", "scene.json"}
     assert not list((tmp_path / "out").glob(".*"))
+
+
+def test_maps_of_the_material_are_handed_on(tmp_path: Path, truth: Truth) -> None:
+    """To methods and to NumPy, through a dataset, as they were."""
+    index = np.random.default_rng(1).random(truth.image.shape) + 0.5j
+    rough = np.random.default_rng(2).random(truth.mask.shape)
+    mapped = dataclasses.replace(truth, eta_map=index, alpha_map=rough)
+    with DatasetWriter(tmp_path / "dataset") as writer:
+        writer.add(mapped)
+    read_back = open_dataset(tmp_path / "dataset")
+    seen = observe(read_back.truth(truth.scene.id), frozenset({"eta", "alpha"}))
+    export(read_back, "numpy", tmp_path / "out")
+    with np.load(tmp_path / "out" / truth.scene.id / "truth.npz") as arrays:
+        for found in (seen, SimpleNamespace(eta=arrays["eta"], alpha=arrays["alpha"])):
+            np.testing.assert_array_equal(found.eta, index)
+            np.testing.assert_array_equal(found.alpha, rough)
