@@ -86,12 +86,33 @@ def lab(radiance: Image, weights: Floats) -> Floats:
 
 
 Found = Iterator[tuple[str, float | None, PixelSums]]
+Maps = Iterator[tuple[str, float | None, Floats]]
 
 
 def delta_e(
     estimated: Image, true: Image, wavelengths_nm: tuple[float, ...], method: str = "CIE 1976"
 ) -> Found:
     """Sums over pixels of the colour difference of I_max, I_min, every I(ϑ), and all I(ϑ).
+
+    Parameters as those of `delta_e_maps`.
+
+    Yields
+    ------
+    (suffix, polariser angle in degrees or None, PixelSums)
+    """
+    whole = PixelSums()
+    for suffix, angle, difference in delta_e_maps(estimated, true, wavelengths_nm, method):
+        sums = PixelSums.of(difference)
+        if angle is not None:
+            whole = whole + sums
+        yield suffix, angle, sums
+    yield "", None, whole
+
+
+def delta_e_maps(
+    estimated: Image, true: Image, wavelengths_nm: tuple[float, ...], method: str = "CIE 1976"
+) -> Maps:
+    """Colour difference (pixels,) of I_max, I_min and every I(ϑ).
 
     Parameters
     ----------
@@ -103,19 +124,14 @@ def delta_e(
 
     Yields
     ------
-    (suffix, polariser angle in degrees or None, PixelSums)
+    (suffix, polariser angle in degrees or None, (pixels,) differences)
     """
     import colour
 
     weights = band_weights(wavelengths_nm)
-    whole = PixelSums()
     for suffix, angle, image in _images():
         pair = (lab(image(stokes), weights) for stokes in (true, estimated))
-        sums = PixelSums.of(colour.delta_E(*pair, method=method))
-        if angle is not None:
-            whole = whole + sums
-        yield suffix, angle, sums
-    yield "", None, whole
+        yield suffix, angle, np.asarray(colour.delta_E(*pair, method=method))
 
 
 def _images() -> Iterator[tuple[str, float | None, Callable[[Image], Image]]]:

@@ -20,6 +20,10 @@ NOISE = (
     "Monte Carlo noise of the truth adds to every NMSE: the expected part stands beside it, and is"
     " subtracted from the method's and the trivial guess's NMSE before their skill is formed."
 )
+ERROR_MAPS = (
+    "Colour difference of every pixel between reconstruction and truth, scaled as in the paper's"
+    " Figures 6 to 8: black is no error, white is 10 just noticeable differences of 2.3 each."
+)
 NO_SKILL = "The trivial guess does not rise above the Monte Carlo noise in these scenes."
 ALL_SKILLS = "Every scene has a skill: the trivial guess rises above the noise everywhere."
 NEVER_NEGATIVE = f"The skill of {PAPER_METHOD} is negative nowhere in this suite."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from malus.reports.listing import Listing
 from malus.reports.text import markup
 
-_VOID = frozenset({"br", "input", "link", "meta"})
+_VOID = frozenset({"br", "img", "input", "link", "meta"})
 
 
 class Markup(str):
@@ -62,6 +62,6 @@ def table(found: Listing, caption: str) -> Markup:
     return scrolling(whole, caption)
 
 
-def folded(summary: str, *content: str) -> Markup:
+def folded(summary: str, *content: str, **attributes: str | bool) -> Markup:
     """Something to open."""
-    return tag("details", tag("summary", summary), *content)
+    return tag("details", tag("summary", summary), *content, **attributes)

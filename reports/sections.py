@@ -13,6 +13,7 @@ import pandas as pd
 
 from malus.reports import facts, listing
 from malus.reports.drawings import Drawing
+from malus.reports.error_maps import WHITE, gallery
 from malus.reports.heat import maps
 from malus.reports.html import Markup, folded, join, scrolling, table, tag
 from malus.reports.inline import inlined
@@ -87,6 +88,18 @@ def look(source: Source) -> Section | None:
         return None
     content = viewer(source.examples, source.table)
     return Section("look", "Turn the polariser", content)
+
+
+def colours(source: Source) -> Section | None:
+    """The error maps of the scenes whose images the run kept."""
+    maps = gallery([example for example in source.examples if example.methods])
+    if maps is None:
+        return None
+    legend = tag(
+        "div", "ΔE76: 0", tag("span", class_="grey-bar", role="img", aria_label="black to white"),
+        f"{WHITE:g} (10 JND) and more", class_="legend",
+    )  # fmt: skip
+    return Section("maps", "Error maps", join(tag("p", facts.ERROR_MAPS), legend, maps))
 
 
 def figures(source: Source) -> Section | None:
@@ -172,5 +185,5 @@ def provenance(source: Source) -> Section:
 
 
 SECTIONS: tuple[Callable[[Source], Section | None], ...] = (
-    headline, look, figures, skill, noise, provenance,
+    headline, look, colours, figures, skill, noise, provenance,
 )  # fmt: skip

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +16,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from malus.bench.colour_error import delta_e, delta_e_maps
 from malus.reports import sample, write_report
+from malus.reports.error_maps import gallery
 from malus.reports.examples import Example, read_example
 from malus.reports.pack import NOT_FINITE, fitted, quantised
 from malus.scenes.errors import InputError
@@ -398,6 +401,55 @@ def test_a_full_page_is_below_15_mb_and_interactive_within_two_seconds(
         browser.open(page)
         times.append(float(browser.js("return document.documentElement.dataset.ready")))
     assert min(times) < 2000
+
+
+def test_error_maps_are_those_of_the_metric_and_white_is_10_jnd(
+    browser: Browser, tmp_path: Path
+) -> None:
+    truth = stokes_image(1)
+    close = truth * np.array([1.0, 0.9, 0.7], np.float32)
+    save_example(tmp_path / "examples", "0", "a disc", eq8=close)
+    write_report(SimpleNamespace(table=sample.table(), run=sample.run()), tmp_path)
+    browser.open(tmp_path / "report.html")
+    drawn = np.array(
+        browser.driver.execute_async_script("""
+        const done = arguments[arguments.length - 1];
+        const pictures = [...document.querySelectorAll(".error-maps img")];
+        Promise.all(pictures.map((picture) => picture.decode())).then(() => done(
+          pictures.map((picture) => {
+            const canvas = document.createElement("canvas");
+            canvas.width = picture.naturalWidth;
+            canvas.height = picture.naturalHeight;
+            const context = canvas.getContext("2d");
+            context.drawImage(picture, 0, 0);
+            return [...context.getImageData(0, 0, canvas.width, canvas.height).data];
+          })));
+        """)
+    ).reshape(-1, SIZE, SIZE, 4)
+    inside = disc()
+    peak = truth[inside][..., 0].max()
+    fields = close[inside].astype(float) / peak, truth[inside].astype(float) / peak
+    maps = [values for _, _, values in delta_e_maps(*fields, WAVELENGTHS)]
+    assert len(drawn) == len(maps) == 7
+    for picture, values in zip(drawn, maps, strict=True):
+        np.testing.assert_array_equal(picture[..., 3] == 255, inside)
+        # Half a grey level, and as much again for a value that a rounding error puts on the edge.
+        wanted = 255 * np.clip(values / 23.0, 0, 1)
+        assert np.abs(picture[inside][:, 0] - wanted).max() < 0.51
+        assert wanted.min() < 40
+    assert max(values.max() for values in maps) > 23.0  # the test sees white
+    sums = [sums for _, _, sums in delta_e(*fields, WAVELENGTHS)][:7]
+    texts = browser.js(
+        "return [...document.querySelectorAll('.error-maps td span')].map(e => e.textContent)"
+    )
+    assert texts == [f"{one.mean:.2f} ± {one.std:.2f}" for one in sums]
+
+
+def test_error_maps_keep_to_the_budget_and_skip_what_no_eye_sees() -> None:
+    short = gallery([example(8, 2)] * 3, budget=6000)
+    assert short is not None
+    assert "further scene" in short
+    assert gallery([replace(example(8, 1), wavelengths_nm=(1550.0,))]) is None
 
 
 @pytest.mark.parametrize("values", [[0.0, 1.0], [-3.0, 0.0, 5.0], [7.0, 7.0], [0.0, 0.0], [-2.0]])
