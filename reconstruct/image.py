@@ -120,7 +120,7 @@ def _rows(observation: Observation, rows: slice) -> Observation:
     """The same observation of some rows; views, nothing is copied."""
     images: dict[str, Any] = {
         name: getattr(observation, name)[rows]
-        for name in ("image", "mask", "specular", "diffuse", "normals")
+        for name in ("image", "mask", "specular", "diffuse", "normals", "view")
         if getattr(observation, name) is not None
     }
     for name, flat in (("eta", 1), ("alpha", 0)):

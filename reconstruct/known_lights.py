@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from malus.reconstruct.fresnel import reflectances
 from malus.reconstruct.lobes import Block, BlockModel, Polarisation, below_one, one_alpha, one_index
-from malus.reconstruct.observation import Image, Observation
+from malus.reconstruct.observation import Image, Inapplicable, Observation
 from malus.scenes.environment import directions, radiance_map, solid_angles
 from malus.scenes.lights import Area, Distant, Environment, Light
 
@@ -116,6 +116,8 @@ def known_lights(observation: Observation) -> BlockModel:
     """The lobe model: light mirrored by the facets that stand right for each direction."""
     light = observation.require("light")
     observation.require("normals")
+    if observation.view is not None:
+        raise Inapplicable("needs an orthographic camera")
     alpha = one_alpha(observation)
     eta = np.array(one_index(observation))
     lamp = quadrature(light, alpha)

@@ -24,6 +24,7 @@ from malus.reconstruct.observation import Image, Inapplicable, Observation
 from malus.reconstruct.ratio import Measure
 from malus.reconstruct.table import BodyTable, DolpTable
 from malus.scenes.lights import Distant
+from malus.scenes.polarisation import viewing_frame
 
 Plane: TypeAlias = Image  # (height, width), or anything that broadcasts to it
 
@@ -63,6 +64,10 @@ class Block:
                 good &= np.all((lobe >= 0) & (lobe <= most), axis=-1)
         if self.observation.normals is not None:
             good &= self._unit_normals
+        if self.observation.view is not None:
+            # A frame of three unit vectors: it shows z at full length.
+            frame = viewing_frame(np.array([0.0, 0.0, 1.0]), self.observation.view)
+            good &= np.abs(np.sum(np.square(frame), axis=-1) - 1.0) < 1e-3
         return good
 
     @functools.cached_property
@@ -81,8 +86,21 @@ class Block:
 
     @functools.cached_property
     def _raw_normal(self) -> list[Plane]:
-        normals = self.observation.require("normals")
+        normals, view = self.observation.require("normals"), self.observation.view
+        if view is not None:
+            normals = viewing_frame(normals, view)
         return [np.ascontiguousarray(normals[..., k], dtype=self.dtype) for k in range(3)]
+
+    def to_frame(self, direction: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A direction (3,) of the image frame as the pixels see it, (height or 1, width or 1, 3).
+
+        Where a pixel is not `valid`, as an orthographic camera sees it.
+        """
+        view = self.observation.view
+        if view is None:
+            return direction[None, None]
+        seen = viewing_frame(direction, np.asarray(view, np.float64))
+        return np.where(self.valid[..., None], seen, direction)
 
     @functools.cached_property
     def all_valid(self) -> bool:
@@ -99,7 +117,7 @@ class Block:
 
     @functools.cached_property
     def normal(self) -> tuple[Plane, Plane, Plane]:
-        """Components of the normals."""
+        """Components of the normals in the frame that the pixel is seen in."""
         x, y, z = self._raw_normal
         if not self.all_valid:
             x, y, z = (
@@ -205,17 +223,17 @@ def half_vector(observation: Observation) -> BlockModel:
     light = observation.require("light")
     if not isinstance(light, Distant):
         raise Inapplicable(f"needs a distant light, found {light.kind}")
-    half = np.array(light.direction) + np.array([0.0, 0.0, 1.0])
-    half /= np.linalg.norm(half)
-    cos2, sin2 = double_azimuth(half[0], half[1])
-    rho = smooth_dolp(half[2], np.array(one_index(observation)))
+    eta = np.array(one_index(observation))[:, None, None]
 
     def model(block: Block) -> Polarisation:
+        half = block.to_frame(np.array(light.direction)) + np.array([0.0, 0.0, 1.0])
+        half /= np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-150)
+        turned = double_azimuth(half[..., 0], half[..., 1])
+        frame = [np.asarray(part, block.dtype) for part in turned]
         # Here too rounding must not lift a degree above one.
-        degree = (-below_one(block.dtype) * rho).astype(block.dtype)
-        frame = (np.asarray(part, block.dtype) for part in (cos2, sin2))
+        rho = below_one(block.dtype) * smooth_dolp(np.clip(half[..., 2], 0.0, 1.0), eta)
         first, second = ([part] * len(rho) for part in frame)
-        return Polarisation(list(degree), first, second)
+        return Polarisation(list(-rho.astype(block.dtype)), first, second)
 
     return model
 

@@ -34,6 +34,9 @@ class Observation:
         I_s and I_d, radiance of both lobes.
     normals : (height, width, 3) or None
         Unit surface normals in the image frame: x right, y up, z towards the viewer.
+    view : (height, width, 3) or None
+        Unit vectors from the surface to the camera in the image frame; None is an orthographic
+        camera, (0, 0, 1) everywhere.
     eta : (bands,) or (height, width, bands) or None
         Relative refractive index.
     alpha : float or (height, width) or None
@@ -48,6 +51,7 @@ class Observation:
     specular: Image | None = None
     diffuse: Image | None = None
     normals: Image | None = None
+    view: Image | None = None
     eta: Image | None = None
     alpha: float | Image | None = None
     light: Light | None = None
@@ -68,6 +72,7 @@ class Observation:
             "specular": [(height, width, bands)],
             "diffuse": [(height, width, bands)],
             "normals": [(height, width, 3)],
+            "view": [(height, width, 3)],
             "eta": [(bands,), (height, width, bands)],
             "alpha": [(), (height, width)],
         }

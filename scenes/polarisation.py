@@ -6,6 +6,7 @@ A polariser angle ϑ counts anticlockwise from the *vertical*, so that
 
     I(ϑ) = ½ (s0 − s1 cos 2ϑ − s2 sin 2ϑ).
 
+Under a perspective camera every pixel looks along a line of its own: see `viewing_frame`.
 Every other folder calls these functions and none repeats them.
 """
 
@@ -22,6 +23,41 @@ Array = NDArray[np.floating[Any]]
 
 PAPER_ANGLES_DEG = (0.0, 30.0, 45.0, 60.0, 90.0)
 """The five polariser angles of the paper's synthetic experiment (Section IV)."""
+
+
+def viewing_frame(vectors: Array, view: Array) -> Array:
+    """Vectors of the image frame in the frame that a pixel's Stokes vector is measured in.
+
+    Its z axis is the view v, its x axis the horizontal across the viewing ray: h = y × v
+    normalised, which is normalise(d × up) of the ray's direction d = −v; its y axis is v × h.
+
+    Parameters
+    ----------
+    vectors, view : (..., 3) arrays that broadcast
+        View: unit vectors from the surface towards the camera. For (0, 0, 1), as of an
+        orthographic camera, the frame is the image frame.
+
+    Returns
+    -------
+    (..., 3) array; NaN where the view is straight up or down, where no horizontal exists.
+
+    Examples
+    --------
+    Left of the centre the camera stands to the right, so that what faces the image plane leans
+    to the left:
+
+    >>> view = np.array([0.6, 0.0, 0.8])
+    >>> viewing_frame(np.array([0.0, 0.0, 1.0]), view).round(12).tolist()
+    [-0.6, 0.0, 0.8]
+    """
+    x, y, z = (vectors[..., k] for k in range(3))
+    v_x, v_y, v_z = (view[..., k] for k in range(3))
+    across = np.hypot(v_x, v_z)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        right = (x * v_z - z * v_x) / across
+        up = y * across - v_y * (x * v_x + z * v_z) / across
+        toward = x * v_x + y * v_y + z * v_z
+    return np.stack([right, up, toward], axis=-1)
 
 
 def polarised(stokes: Array, angle_deg: float) -> Array:

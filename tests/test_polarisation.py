@@ -85,3 +85,28 @@ def test_angle_must_be_finite() -> None:
 
 def test_dark_light_has_no_polarisation() -> None:
     assert polarisation.dolp(np.zeros((2, 3))).tolist() == [0.0, 0.0]
+
+
+def test_viewing_frame_is_the_camera_basis_of_the_ray() -> None:
+    """h = normalise(d × up), as renderers rotate their Stokes vectors to, and right-handed."""
+    random = np.random.default_rng(0)
+    view = random.normal(size=(50, 3))
+    view /= np.linalg.norm(view, axis=-1, keepdims=True)
+    horizontal = np.cross(-view, [0.0, 1.0, 0.0])
+    horizontal /= np.linalg.norm(horizontal, axis=-1, keepdims=True)
+    basis = np.stack([horizontal, np.cross(view, horizontal), view], axis=-2)
+    vectors = random.normal(size=(50, 3))
+    expected = np.einsum("nij,nj->ni", basis, vectors)
+    np.testing.assert_allclose(polarisation.viewing_frame(vectors, view), expected, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(basis), 1.0, atol=1e-14)
+
+
+def test_an_orthographic_view_is_the_image_frame() -> None:
+    vectors = np.random.default_rng(1).normal(size=(20, 3))
+    np.testing.assert_array_equal(
+        polarisation.viewing_frame(vectors, np.array([0.0, 0.0, 1.0])), vectors
+    )
+
+
+def test_no_horizontal_under_a_view_straight_down() -> None:
+    assert np.isnan(polarisation.viewing_frame(np.ones(3), np.array([0.0, 1.0, 0.0]))[:2]).all()
