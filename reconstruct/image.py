@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from malus.reconstruct.lobes import Block, BlockModel, LobeModel
+from malus.reconstruct.block import Block
+from malus.reconstruct.lobes import BlockModel, LobeModel
 from malus.reconstruct.observation import Components, Image, Observation
 
 BLOCK_PIXELS = 1 << 17

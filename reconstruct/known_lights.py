@@ -20,8 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.reconstruct.block import Block, below_one
 from malus.reconstruct.fresnel import reflectances
-from malus.reconstruct.lobes import Block, BlockModel, Polarisation, below_one, one_alpha, one_index
+from malus.reconstruct.lobes import BlockModel, Polarisation, one_alpha, one_index
 from malus.reconstruct.observation import Image, Inapplicable, Observation
 from malus.scenes.environment import directions, radiance_map, solid_angles
 from malus.scenes.lights import Area, Distant, Environment, Light

@@ -16,7 +16,7 @@ from malus.bench import stress
 from malus.bench.cli import cli
 from malus.bench.reference import reference_dolp, reflectances
 from malus.bench.stress_images import ImageCase, image_cases, image_faults, ordinary
-from malus.reconstruct import known_lights, lobes
+from malus.reconstruct import block, known_lights, lobes
 
 SOME = stress.rho_cases()[2::11]
 
@@ -47,10 +47,10 @@ def test_a_wrong_integral_fails(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_silent_repair_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    def all_good(block: lobes.Block) -> np.ndarray:
-        return np.ones(block.observation.mask.shape, dtype=bool)
+    def all_good(rows: block.Block) -> np.ndarray:
+        return np.ones(rows.observation.mask.shape, dtype=bool)
 
-    monkeypatch.setattr(lobes.Block, "valid", property(all_good))
+    monkeypatch.setattr(block.Block, "valid", property(all_good))
     table = stress.stress_table([], methods=("eq8+body",))
     failed = table[~table.passed]
     assert "NaN specular, one band, float32" in set(failed.case)
@@ -60,7 +60,7 @@ def test_silent_repair_fails(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_too_much_polarisation_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lobes, "below_one", lambda dtype: 1.0 + 1e-6)
+    monkeypatch.setattr(block, "below_one", lambda dtype: 1.0 + 1e-6)
     case = next(case for case in image_cases() if case.name == "complete polarisation")
     assert any("DoLP" in fault for fault in image_faults(case, "float32", "smooth"))
 
