@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from malus.renderers.coverage import inside
 from malus.renderers.lighting import Sampler, sampler
 from malus.renderers.lobes import HALVES, Floats, Layout, Lobes, lobes_from_sums
+from malus.renderers.rays import camera_ray, streams, to_camera_frame
 from malus.renderers.translate import CONVEX, sensor, shape_object
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.lights import Light
@@ -98,37 +99,17 @@ class Stage:
 
     def _count_hits(self, pixel: Any, half: int, sampling: Sampling) -> Any:
         mi, dr = self.mi, self.dr
-        random, _ = self._random(pixel, dr.opaque(mi.UInt32, half), sampling.seed)
+        random, _ = streams(mi, pixel, dr.opaque(mi.UInt32, half), sampling.seed)
 
         def step(i: Any, hits: Any, random: Any) -> tuple[Any, Any, Any]:
-            hit = self.scene.ray_test(self._ray(pixel, random))
+            ray = camera_ray(mi, self.sensor, self.resolution, pixel, random)
+            hit = self.scene.ray_test(ray)
             return i + 1, hits + dr.select(hit, mi.UInt32(1), mi.UInt32(0)), random
 
         count = dr.opaque(mi.UInt32, sampling.samples // HALVES)
         state = (dr.zeros(mi.UInt32, dr.width(pixel)), dr.zeros(mi.UInt32, dr.width(pixel)), random)
         _, hits, _ = dr.while_loop(state, lambda i, *_: i < count, step)
         return hits
-
-    def _random(self, pixel: Any, half: Any, seed: int) -> tuple[Any, Any]:
-        """Independent streams of a pixel and half: one for the rays, one for the shading."""
-        mi = self.mi
-        streams = []
-        for purpose in range(2):
-            index = (pixel * HALVES + half) * 2 + purpose
-            state, sequence = mi.sample_tea_32(index, self.dr.opaque(mi.UInt32, seed))
-            stream = mi.PCG32()
-            stream.seed(mi.UInt64(state), mi.UInt64(sequence))
-            streams.append(stream)
-        return streams[0], streams[1]
-
-    def _ray(self, pixel: Any, random: Any) -> Any:
-        mi = self.mi
-        offset = mi.Point2f(random.next_float32(), random.next_float32())
-        corner = mi.Point2f(pixel % self.resolution, pixel // self.resolution)
-        ray, _ = self.sensor.sample_ray(
-            0.0, 0.0, (corner + offset) / self.resolution, mi.Point2f(0.5)
-        )
-        return ray
 
     def _shade(
         self,
@@ -143,11 +124,11 @@ class Stage:
         thread = dr.arange(mi.UInt32, HALVES * len(pixels))
         half, local = thread // len(pixels), thread % len(pixels)
         pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), local)
-        rays, draws = self._random(pixel, half, sampling.seed)
+        rays, draws = streams(mi, pixel, half, sampling.seed)
         sums = [dr.zeros(mi.Float, dr.width(thread)) for _ in result]
 
         def step(i: Any, sums: list[Any], rays: Any, draws: Any) -> tuple[Any, ...]:
-            ray = self._ray(pixel, rays)
+            ray = camera_ray(mi, self.sensor, self.resolution, pixel, rays)
             hit = self.scene.ray_intersect(ray)
             values = self._sample(ray, hit, light, shading, draws)
             return i + 1, [s + v for s, v in zip(sums, values, strict=True)], rays, draws
@@ -164,7 +145,7 @@ class Stage:
     ) -> list[Any]:
         """Normal, Stokes of every BSDF, and the products that the variances need."""
         dr = self.dr
-        to_camera = self._to_camera_frame(ray)
+        to_camera = to_camera_frame(self.mi, self.sensor, ray)
         mirrored = self._lobe(hit, light, shading.interface, to_camera, random)
         scattered = self._lobe(hit, light, shading.body, to_camera, random)
         normal = [dr.select(hit.is_valid(), c, 0.0) for c in hit.sh_frame.n]
@@ -195,11 +176,3 @@ class Stage:
                     shaded = dr.select(weight > 0, mueller[row, 0][0] * weight, 0.0)
                     values[3 * k + row] += shaded
         return values
-
-    def _to_camera_frame(self, ray: Any) -> Any:
-        """Mueller rotation from Mitsuba's frame for the ray to +x of the image."""
-        mi, dr = self.mi, self.dr
-        up = self.sensor.world_transform() @ mi.Vector3f(0, 1, 0)
-        horizontal = dr.normalize(dr.cross(ray.d, up))
-        current = mi.mueller.stokes_basis(-ray.d)
-        return mi.mueller.rotate_stokes_basis(-ray.d, current, horizontal)
