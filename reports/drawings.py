@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from malus.reports.tables import PAPER_BODY, in_order, only_body, whole
+from malus.reports.tables import PAPER_BODY, by_angle, in_order, only_body, whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,7 +27,7 @@ class Drawing:
 
 
 def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
-    """Figure 5, Figure 5 by light, and error over the polariser angle, for every body.
+    """Figure 5, Figure 5 by light, error over the polariser angle and Figure 9, for every body.
 
     Examples
     --------
@@ -37,7 +37,9 @@ def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
     """
     # Matplotlib takes its time: it is loaded when there is something to draw.
     from malus.reports.angles import angle_numbers, figure_angles
+    from malus.reports.colour_errors import figure9_numbers
     from malus.reports.figure5 import both_panels, figure5, figure5_by_light
+    from malus.reports.figure9 import figure9
 
     for body in in_order(whole(table, "nmse")["body"]):
         end = "" if body == PAPER_BODY else f"_{body}_body"
@@ -60,6 +62,13 @@ def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
             "Mean and standard deviation over the scenes of a light." + note,
             figure_angles, table, body, angle_numbers(rows),
         )  # fmt: skip
+        if len(by_angle(rows, "delta_e76")):
+            yield _drawing(
+                f"figure9{end}", f"Figure 9: colour difference over the polariser angle{_of(body)}",
+                "ΔE76, mean and standard deviation over the pixels of all scenes of a light;"
+                " dashed: one just noticeable difference." + note,
+                figure9, table, body, figure9_numbers(rows),
+            )  # fmt: skip
 
 
 def _of(body: str) -> str:

@@ -24,6 +24,11 @@ ERROR_MAPS = (
     "Colour difference of every pixel between reconstruction and truth, scaled as in the paper's"
     " Figures 6 to 8: black is no error, white is 10 just noticeable differences of 2.3 each."
 )
+TABLE1 = (
+    "Colour difference in CIELAB, mean ± standard deviation over the pixels of all scenes, each"
+    " scene counted alike; 2.3 is one just noticeable difference. White is the brightest pixel of"
+    " the true unpolarised image. The paper's scenes are photographs and not known in detail."
+)
 NO_SKILL = "The trivial guess does not rise above the Monte Carlo noise in these scenes."
 ALL_SKILLS = "Every scene has a skill: the trivial guess rises above the noise everywhere."
 NEVER_NEGATIVE = f"The skill of {PAPER_METHOD} is negative nowhere in this suite."

@@ -31,6 +31,7 @@ _AXES = {
 _SHORT_AXES = {X_ETA: "refractive index η", X_ALPHA: "roughness α"}
 _ERROR = "normalised mean squared error"
 NOISE = "expected Monte Carlo noise, largest of any method"
+ENDLESS = "\nA dotted bar has its lower end below zero, where a logarithmic axis has no place."
 _SHIFT = 0.008
 """Distance between the methods' error bars at one x, as a part of the axis' width."""
 
@@ -172,13 +173,15 @@ def _readable(name: str) -> str:
     return drawable(name).replace("_", " ")
 
 
-def legend(figure: Figure, ax: Axes, content: Content, entries: Sequence[str]) -> None:
+def legend(
+    figure: Figure, ax: Axes, content: Content, entries: Sequence[str], note: str = ENDLESS
+) -> None:
     """Name the first lines of a panel below it; a method with the lights that its mean covers."""
     labels = [_legend_label(content.rows, entry) for entry in entries]
     # The caption is the legend's title, so that the layout keeps both apart from the panels.
     figure.legend(
         ax.get_lines()[: len(labels)], labels, loc="outside lower center", ncols=2,
-        title=_caption(content.rows), alignment="left",
+        title=_caption(content.rows) + note, alignment="left",
     )  # fmt: skip
 
 
@@ -197,10 +200,7 @@ def _few(column: pd.Series[str]) -> str:
 
 def _caption(rows: pd.DataFrame) -> str:
     bodies = ", ".join(in_order(rows["body"]))
-    return (
-        drawable(
-            f"Mean ± standard deviation over {rows['scene'].nunique()} scenes:"
-            f" {_few(rows['shape'])}; light {_few(rows['light'])}; body {bodies}."
-        )
-        + "\nA dotted bar has its lower end below zero, where a logarithmic axis has no place."
+    return drawable(
+        f"Mean ± standard deviation over {rows['scene'].nunique()} scenes:"
+        f" {_few(rows['shape'])}; light {_few(rows['light'])}; body {bodies}."
     )

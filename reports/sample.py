@@ -10,6 +10,7 @@ import pandas as pd
 _MATERIALS = (("water", 1.33), ("pmma", 1.49), ("polystyrene", 1.59))
 _SURFACES = (("carbon", 0.4), ("obsidian", 0.15))
 _LIGHTS = (("uniform", None), ("distant 60°", 60.0))
+_COLOURS = {"unpolarised": 3.0, "eq8": 1.0, "half_vector": 0.25}
 _FACTORS = {"unpolarised": 1.0, "eq8": 0.05, "half_vector": 0.001}
 
 
@@ -54,6 +55,31 @@ def _rows(scene: dict[str, Any], method: str) -> list[dict[str, Any]]:
         for angle in ({}, {"angle_deg": 0.0}, {"angle_deg": 90.0})
         for metric, value, noise in (("nmse", error, 1e-7), ("skill", skill, 0.0))
     ]
+
+
+def coloured() -> pd.DataFrame:
+    """The same table with colour differences, whose standard deviation is 1.
+
+    Examples
+    --------
+    >>> sorted(set(coloured()["metric"]) - set(table()["metric"]))[:2]
+    ['delta_e2000', 'delta_e2000_i_max']
+    """
+    plain = table()
+    errors = plain[plain["metric"] == "nmse"]
+    more = [
+        errors.assign(metric=f"{formula}{image}{end}", value=value, noise=0.1)
+        for formula in ("delta_e76", "delta_e2000")
+        for image in ("_i_max", "_i_min", "")
+        for end, value in (("", errors["method"].map(_COLOURS)), ("_std", 1.0))
+    ]
+    # I_max and I_min have no angle.
+    extremes = [rows[rows["angle_deg"].isna()] for rows in more]
+    kept = [
+        rows if "_i_m" not in str(rows["metric"].iloc[0]) else bare
+        for rows, bare in zip(more, extremes, strict=True)
+    ]
+    return pd.concat([plain, *kept], ignore_index=True)
 
 
 def run() -> dict[str, Any]:

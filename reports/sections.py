@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import pandas as pd
 
 from malus.reports import facts, listing
+from malus.reports.colour_errors import table1_listing
 from malus.reports.drawings import Drawing
 from malus.reports.error_maps import WHITE, gallery
-from malus.reports.heat import maps
+from malus.reports.heat import maps as skill_maps
 from malus.reports.html import Markup, folded, join, scrolling, table, tag
 from malus.reports.inline import inlined
 from malus.reports.listing import Listing, range_of_means
@@ -90,16 +91,16 @@ def look(source: Source) -> Section | None:
     return Section("look", "Turn the polariser", content)
 
 
-def colours(source: Source) -> Section | None:
+def maps(source: Source) -> Section | None:
     """The error maps of the scenes whose images the run kept."""
-    maps = gallery([example for example in source.examples if example.methods])
-    if maps is None:
+    shown = gallery([example for example in source.examples if example.methods])
+    if shown is None:
         return None
     legend = tag(
         "div", "ΔE76: 0", tag("span", class_="grey-bar", role="img", aria_label="black to white"),
         f"{WHITE:g} (10 JND) and more", class_="legend",
     )  # fmt: skip
-    return Section("maps", "Error maps", join(tag("p", facts.ERROR_MAPS), legend, maps))
+    return Section("maps", "Error maps", join(tag("p", facts.ERROR_MAPS), legend, shown))
 
 
 def figures(source: Source) -> Section | None:
@@ -134,6 +135,15 @@ def _numbers(drawing: Drawing) -> Listing:
     return Listing((*keys, *methods), [[str(v) for v in line] for line in wide.to_numpy()])
 
 
+def colour(source: Source) -> Section | None:
+    """Table I, where the run scored colours."""
+    found = table1_listing(source.table)
+    if not found:
+        return None
+    content = join(tag("p", facts.TABLE1), table(found, "Table I: colour differences"))
+    return Section("colour", "Table I", content)
+
+
 def skill(source: Source) -> Section:
     """The skill map and where the paper's method is worse than no model."""
     note = (
@@ -147,7 +157,7 @@ def skill(source: Source) -> Section:
     title = f"Where the skill of {PAPER_METHOD} is negative"
     content = join(
         tag("p", note + more, class_="note"),
-        tag("div", *maps(source.table, places), class_="maps"),
+        tag("div", *skill_maps(source.table, places), class_="maps"),
         folded(f"{title}: {counted(len(negative.lines), 'place')}", table(negative, title))
         if negative
         else tag("p", facts.NEVER_NEGATIVE),
@@ -185,5 +195,5 @@ def provenance(source: Source) -> Section:
 
 
 SECTIONS: tuple[Callable[[Source], Section | None], ...] = (
-    headline, look, colours, figures, skill, noise, provenance,
+    headline, look, maps, figures, colour, skill, noise, provenance,
 )  # fmt: skip

@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from malus.reports import facts, listing
+from malus.reports.colour_errors import table1_listing
 from malus.reports.listing import Listing
 from malus.reports.skills import negative
 from malus.reports.tables import PAPER_METHOD, in_order
@@ -38,6 +39,7 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
         facts.PAPER,
         _table(listing.beside_paper(table)),
         facts.SKILL,
+        *_colours(table),
         "## Errors and skill",
         _table(listing.errors(table)),
         facts.NOISE,
@@ -51,6 +53,14 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
         _table(listing.stages(run)),
     ]
     return "\n\n".join(filter(None, blocks)) + "\n"
+
+
+def _colours(table: pd.DataFrame) -> Iterator[str]:
+    found = table1_listing(table)
+    if found:
+        yield "## Table I: colour differences"
+        yield facts.TABLE1
+        yield _table(found)
 
 
 def _left_out(table: pd.DataFrame) -> Iterator[str]:

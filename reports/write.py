@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from malus.bench.results import write_whole
+from malus.reports.colour_errors import table1
 from malus.reports.drawings import drawings
 from malus.reports.page import PAGE, page
 from malus.reports.skills import by_light_and_body
@@ -53,6 +54,9 @@ def write_report(results: ResultsLike, out: Path) -> list[Path]:
         keep(f"{drawing.name}.png", _bytes(drawing.png))
         keep(f"{drawing.name}.csv", _text(drawing.numbers.to_csv(index=False)))
     keep("errors.csv", _text(by_light_and_body(results.table).to_csv(index=False)))
+    colours = table1(results.table)
+    if len(colours):
+        keep("table1.csv", _text(colours.to_csv(index=False)))
     names = [f"{drawing.name}.png" for drawing in figures]
     keep("summary.md", _text(summary(results.table, results.run, names)))
     keep(PAGE, _text(page(Source(results.table, results.run, out, figures))))

@@ -14,7 +14,10 @@ import pandas as pd
 import pytest
 
 from malus.reports import sample, write_report
+from malus.reports.colour_errors import figure9_numbers, table1, table1_listing
+from malus.reports.drawings import drawings
 from malus.reports.figure5 import figure5, figure5_by_light, numbers
+from malus.reports.figure9 import figure9
 from malus.reports.panels import spread
 from malus.reports.skills import by_light_and_body, negative, skill_map, unreported
 from malus.reports.style import png, svg
@@ -196,6 +199,53 @@ def test_skill_map_is_in_order_of_roughness_and_keeps_its_holes(table: pd.DataFr
     assert list(found.columns) == ["obsidian", "carbon"]
     assert found.loc["uniform", "obsidian"] == pytest.approx(0.95)
     assert math.isnan(found.loc["uniform", "carbon"])
+
+
+def test_table_1_pools_pixels_and_stands_beside_the_paper() -> None:
+    random = np.random.default_rng(1)
+    pixels = {scene: random.uniform(0, 9, 50) for scene in ("a", "b", "c")}
+    rows = sample.table().drop_duplicates(["metric", "method"]).query("metric == 'nmse'")
+    plain = rows[rows["method"] == "eq8"]
+    parts = [plain]
+    for scene, values in pixels.items():
+        for end, value in (("", values.mean()), ("_std", values.std())):
+            metric = f"delta_e76_i_min{end}"
+            parts.append(plain.assign(scene=scene, metric=metric, value=value, noise=0.2))
+    found = table1(pd.concat(parts))
+    every = np.concatenate(list(pixels.values()))
+    assert found[["formula", "image", "scenes"]].values.tolist() == [["ΔE76", "I_min", 3]]
+    assert found["mean"].item() == pytest.approx(every.mean(), rel=1e-12)
+    assert found["std"].item() == pytest.approx(every.std(), rel=1e-12)
+    assert found["noise"].item() == pytest.approx(0.2)
+    lines = table1_listing(pd.concat(parts)).lines
+    assert lines[0][:5] == [
+        "unpolarised",
+        "eq8",
+        "3",
+        "–",
+        f"{every.mean():.2f} ± {every.std():.2f}",
+    ]
+    assert lines[-2][1:5] == ["the paper, Indoor", "–", "2.09 ± 0.64", "1.24 ± 0.31"]
+
+
+def test_figure_9_draws_the_pooled_numbers_of_every_light() -> None:
+    table = sample.coloured()
+    values = figure9_numbers(table)
+    axes = figure9(table, "unpolarised").axes
+    assert [ax.get_title("left") for ax in axes] == ["uniform", "distant 60°"]
+    for ax in axes:
+        rows = values[values["light"] == ax.get_title("left")]
+        for method, line in zip(("unpolarised", "eq8"), ax.get_lines(), strict=False):
+            wanted = rows.loc[rows["method"] == method, "mean"]
+            np.testing.assert_array_equal(line.get_ydata(), wanted)
+
+
+def test_without_colour_metrics_there_is_neither(table: pd.DataFrame) -> None:
+    assert not table1_listing(table)
+    assert "Table I" not in summary(table, sample.run())
+    names = [drawing.name for drawing in drawings(table)]
+    assert "figure9" not in names
+    assert "figure9" in [drawing.name for drawing in drawings(sample.coloured())]
 
 
 def test_summary_says_what_a_reader_must_know(table: pd.DataFrame) -> None:
