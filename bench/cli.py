@@ -43,6 +43,7 @@ def cli() -> None:
 @click.option("--backend", default="auto", help="auto, cuda, llvm or scalar.")
 @click.option("--workers", type=int, help="Processes to spread over, instead of this one.")
 @click.option("--scheduler", help="Address of a Dask cluster to spread over.")
+@click.option("--timeout", type=float, default=3600, help="Seconds a family may take [3600].")
 @click.option("--retry-failed", is_flag=True, help="Try again what failed in an earlier run.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
 def run(
@@ -55,6 +56,7 @@ def run(
     backend: str,
     workers: int | None,
     scheduler: str | None,
+    timeout: float,
     retry_failed: bool,
     as_json: bool,
 ) -> None:
@@ -78,7 +80,7 @@ def run(
     from malus.bench.command_run import How, run_command
 
     overrides = {"samples": samples, "resolution": resolution, "seed": seed, "methods": methods}
-    how = How(workers, scheduler, retry_failed)
+    how = How(workers, scheduler, retry_failed, timeout)
     if run_command(suite, out, overrides, backend, as_json, how):
         sys.exit(FAILED)
 

@@ -5,7 +5,8 @@ scheduler nor the network sees an image but the few examples. This process alone
 folder of the run; workers need no disk and share none.
 
 A worker that dies, is killed for its memory or loses its connection costs the family that it had:
-Dask gives that to another. A family that has killed `ATTEMPTS` workers is recorded as failed.
+Dask gives that to another. A worker whose family takes too long ends itself. A family that has
+killed `ATTEMPTS` workers is recorded as failed.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from contextlib import ExitStack, contextmanager
 from itertools import islice
 from typing import Any
 
+from malus.bench.child import TIMEOUT_SECONDS, Child, at_most
 from malus.bench.parts import Failure
-from malus.bench.work import Engine, Made, Task, here, work
+from malus.bench.work import Engine, Made, Task, apart, work
 from malus.renderers.variant import BACKENDS, Variant, choose
 from malus.scenes.errors import InputError
 from malus.scenes.model import content_id
@@ -37,8 +39,13 @@ _one_at_a_time = threading.Lock()
 
 
 @contextmanager
-def engine(variant: Variant, workers: int | None, scheduler: str | None) -> Iterator[Engine]:
-    """The engine that the user asked for; nothing of Dask is imported where that is this process.
+def engine(
+    variant: Variant,
+    workers: int | None,
+    scheduler: str | None,
+    timeout: float = TIMEOUT_SECONDS,
+) -> Iterator[Engine]:
+    """The engine that the user asked for; nothing of Dask is imported where it is not needed.
 
     Parameters
     ----------
@@ -48,25 +55,29 @@ def engine(variant: Variant, workers: int | None, scheduler: str | None) -> Iter
         Starts a cluster of so many processes on this machine, and stops it at the end.
     scheduler : str, optional
         Address of a cluster that runs already; it is left as it is.
+    timeout : float
+        Seconds that a family may take.
 
     Raises
     ------
     InputError
-        Both at once, a number of workers below one, Dask missing, nobody at the address.
+        Both at once, a number of workers below one, no time, Dask missing, nobody at the address.
     """
-    if workers is None and scheduler is None:
-        yield here(variant)
-        return
     if workers is not None and scheduler is not None:
         raise InputError("--workers, --scheduler", "one of the two", "both", "leave one out")
     if workers is not None and workers < 1:
         raise InputError("--workers", "a number of at least 1", str(workers), "leave it out")
-    with ExitStack() as stack:
+    with Child(timeout) as child, ExitStack() as stack:
+        if workers is None and scheduler is None:
+            yield apart(variant, child)
+            return
         client = _local(workers, stack) if workers else _existing(str(scheduler), stack)
-        yield lambda tasks: spread(tasks, client, variant)
+        yield lambda tasks: spread(tasks, client, variant, timeout)
 
 
-def spread(tasks: Iterable[Task], client: Any, variant: Variant) -> Iterator[tuple[Task, Made]]:
+def spread(
+    tasks: Iterable[Task], client: Any, variant: Variant, timeout: float = TIMEOUT_SECONDS
+) -> Iterator[tuple[Task, Made]]:
     """Do tasks on a cluster, in the order in which they finish; few at a time are handed over.
 
     Raises
@@ -81,7 +92,7 @@ def spread(tasks: Iterable[Task], client: Any, variant: Variant) -> Iterator[tup
 
     def hand_over(count: int) -> None:
         for task in islice(source, count):
-            future = client.submit(_remote, task, variant.name, key=_key(task), pure=False)
+            future = client.submit(_remote, task, variant.name, timeout, key=_key(task), pure=False)
             running[future.key] = task
             finished.add(future)
 
@@ -96,11 +107,13 @@ def spread(tasks: Iterable[Task], client: Any, variant: Variant) -> Iterator[tup
         hand_over(1)
 
 
-def _remote(task: Task, variant: str) -> Made:
+def _remote(task: Task, variant: str, timeout: float) -> Made:
     """One task on a worker, with the worker's own library for the variant of the run."""
     backends = {name: backend for backend, name in BACKENDS.items()}
     with _one_at_a_time:
-        return work(task, choose(backends[variant]))
+        found = choose(backends[variant])
+        with at_most(timeout):
+            return work(task, found)
 
 
 def _key(task: Task) -> str:
@@ -117,7 +130,7 @@ def _made(future: Any) -> Made:
         )
     error = future.exception()
     if type(error).__name__ == "KilledWorker":
-        reason = f"{ATTEMPTS} workers died of it (memory, or a crash of the renderer)"
+        reason = f"{ATTEMPTS} workers died of it (memory, time, or a crash of the renderer)"
         return Made(failures=[Failure(None, None, reason)])
     return Made(failures=[Failure.of(error)])
 
@@ -127,7 +140,12 @@ def _local(workers: int, stack: ExitStack) -> Any:
     distributed = _distributed()
     from dask import config
 
-    stack.enter_context(config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}))
+    settings = {
+        "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
+        # One task a worker: a second one that waits there would be blamed for its death too.
+        "distributed.scheduler.worker-saturation": 1.0,
+    }
+    stack.enter_context(config.set(settings))
     cluster = distributed.LocalCluster(
         n_workers=workers,
         threads_per_worker=1,

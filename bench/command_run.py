@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from malus.bench.child import TIMEOUT_SECONDS
 from malus.bench.cluster import engine
 from malus.bench.results import Results, read_results
 from malus.bench.runner import run
@@ -24,11 +25,14 @@ from malus.scenes.suite import Suite, load_suite
 
 @dataclass(frozen=True)
 class How:
-    """How a run shall be done: where the work goes, and whether earlier failures are tried."""
+    """How a run shall be done: where the work goes, whether earlier failures are tried, seconds
+    that a family may take.
+    """
 
     workers: int | None = None
     scheduler: str | None = None
     retry_failed: bool = False
+    timeout: float = TIMEOUT_SECONDS
 
 
 def run_command(
@@ -51,7 +55,7 @@ def run_command(
         f"{suite.sampling.samples} samples a pixel",
         highlight=False,
     )
-    with engine(variant, how.workers, how.scheduler) as chosen:
+    with engine(variant, how.workers, how.scheduler, how.timeout) as chosen:
         results = _with_progress(suite, folder, variant, console, chosen, how.retry_failed)
     from malus.reports.write import write_report
 

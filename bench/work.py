@@ -15,10 +15,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pandas as pd
 
+from malus.bench.child import ATTEMPTS, Child, Died
 from malus.bench.examples import keep
 from malus.bench.extra_metrics import get_metrics
 from malus.bench.judge import Judge, Metric
@@ -116,6 +117,35 @@ def here(variant: Variant) -> Engine:
             yield task, work(task, variant)
 
     return one_after_the_other
+
+
+def apart(variant: Variant, child: Child) -> Engine:
+    """The engine that does one task after the other in a process of its own.
+
+    A family that crashes it or takes too long is tried `ATTEMPTS` times, then recorded as failed.
+    """
+
+    def one_after_the_other(tasks: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+        for task in tasks:
+            yield task, _attempted(child, task, variant)
+
+    return one_after_the_other
+
+
+def _attempted(child: Child, task: Task, variant: Variant) -> Made:
+    reason = ""
+    for _ in range(ATTEMPTS):
+        try:
+            (made,) = child.stream(_only, task, variant)
+        except Died as death:
+            reason = f"{death}, {ATTEMPTS} times"
+        else:
+            return cast(Made, made)
+    return Made(failures=[Failure(None, None, reason)])
+
+
+def _only(task: Task, variant: Variant) -> Iterator[Made]:
+    yield work(task, variant)
 
 
 def work(task: Task, variant: Variant) -> Made:

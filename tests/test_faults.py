@@ -1,0 +1,170 @@
+"""Native crashes and hangs cost the family that they happened in, and no more."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from test_robust import NOBODY, SUITE
+
+from malus.bench import run
+from malus.bench.child import Child, Died
+from malus.bench.cluster import engine
+from malus.bench.status import status
+from malus.bench.work import Engine, Made, Task, apart
+from malus.reconstruct import Components, Observation, get_method
+from malus.scenes import InputError
+
+ROUGH = max(surface.alpha for surface in (scene.surface for scene in SUITE.scenes()))
+UNPOLARISED = get_method("unpolarised")
+
+
+def crashes_on_the_rough(seen: Observation) -> Components:
+    if seen.alpha == ROUGH:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return UNPOLARISED.reconstruct(seen)
+
+
+def hangs_on_the_rough(seen: Observation) -> Components:
+    while seen.alpha == ROUGH:
+        time.sleep(60)
+    return UNPOLARISED.reconstruct(seen)
+
+
+CRASHES = dataclasses.replace(
+    UNPOLARISED, name="bad", needs=frozenset({"alpha"}), reconstruct=crashes_on_the_rough
+)
+HANGS = dataclasses.replace(CRASHES, reconstruct=hangs_on_the_rough)
+
+
+def with_method(name: str) -> Any:
+    return SUITE.model_copy(update={"methods": ("eq8", f"{__name__}:{name}")})
+
+
+def own_process(timeout: float, stack: ExitStack) -> Engine:
+    return stack.enter_context(engine(NOBODY, None, None, timeout))
+
+
+def two_workers(timeout: float, stack: ExitStack) -> Engine:
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    return stack.enter_context(engine(NOBODY, 2, None, timeout))
+
+
+@pytest.mark.parametrize(
+    ("start", "method", "timeout", "says"),
+    [
+        (own_process, "CRASHES", 60.0, "died of SIGSEGV"),
+        (own_process, "HANGS", 2.0, "longer than the 2 seconds"),
+        (two_workers, "HANGS", 2.0, "workers died of it"),
+    ],
+)
+def test_a_crash_or_a_hang_costs_its_own_family(
+    tmp_path: Path, start: Any, method: str, timeout: float, says: str
+) -> None:
+    good = run(SUITE.model_copy(update={"methods": ("eq8",)}), tmp_path / "good", NOBODY).table
+    smooth = good[good.alpha < ROUGH].reset_index(drop=True)
+    with ExitStack() as stack:
+        chosen = start(timeout, stack)
+        results = run(with_method(method), tmp_path / "bad", NOBODY, engine=chosen)
+    found = results.table[results.table.method == "eq8"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(found, smooth, check_exact=True)
+    assert (results.run["families"], results.run["families_failed"]) == (2, 1)
+    assert pd.Series(results.run["failures"]).str.contains(says).all()
+    (reason,) = (why.reason for _, why in status(tmp_path / "bad").failed)
+    assert reason == results.run["failures"][0]
+
+    def nothing_to_do(tasks: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+        assert not list(tasks), "a crash is remembered"
+        yield from ()
+
+    run(with_method(method), tmp_path / "bad", NOBODY, engine=nothing_to_do)
+
+
+def test_a_family_that_crashed_once_is_done_by_the_next_process(tmp_path: Path) -> None:
+    """As after the kernel killed a process for memory that another one had."""
+    with Child() as child:
+        killed: list[int] = []
+
+        def kills_first(tasks: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+            (killed[:],) = child.stream(pids)
+            os.kill(killed[0], signal.SIGKILL)
+            yield from apart(NOBODY, child)(tasks)
+
+        results = run(SUITE, tmp_path / "killed", NOBODY, engine=kills_first)
+    assert killed
+    assert results.run["families_failed"] == 0
+    whole = run(SUITE, tmp_path / "whole", NOBODY)
+    pd.testing.assert_frame_equal(results.table, whole.table, check_exact=True)
+
+
+def pids() -> Iterator[list[int]]:
+    yield [os.getpid()]
+
+
+def raises() -> Iterator[int]:
+    yield 1
+    raise InputError("mesh.obj", "a mesh", "none", "mend it")
+
+
+def test_what_a_child_raises_arrives_and_it_lives_on() -> None:
+    with Child(timeout=60) as child:
+        stream = child.stream(raises)
+        assert next(stream) == 1
+        with pytest.raises(InputError, match=r"mesh\.obj: expected a mesh"):
+            next(stream)
+        assert list(child.stream(range, 2)) == [0, 1]
+        # Half a stream that nobody reads on must not be taken for the next one.
+        half = child.stream(range, 5)
+        assert next(half) == 0
+        half.close()
+        assert list(child.stream(range, 2)) == [0, 1]
+
+
+def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
+    """Also where the parent was killed and the child is busy."""
+    script = (
+        "import sys, time; sys.path[:0] = [sys.argv[1]]\n"
+        "from malus.bench.child import Child; from test_faults import tells_and_sleeps\n"
+        "with Child() as child: print(next(child.stream(tells_and_sleeps)), flush=True); input()"
+    )
+    command = [sys.executable, "-c", script, str(Path(__file__).parent)]
+    parent = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    parent.kill()
+    parent.communicate()
+    deadline = time.monotonic() + 20
+    while Path(f"/proc/{child}").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not Path(f"/proc/{child}").exists()
+
+
+def tells_and_sleeps() -> Iterator[int]:
+    yield os.getpid()
+    time.sleep(600)
+
+
+def test_a_hang_that_holds_the_lock_of_python_ends_too() -> None:
+    with Child(timeout=1) as child, pytest.raises(Died, match="1 seconds of --timeout"):
+        list(child.stream(holds_the_lock))
+
+
+def holds_the_lock() -> Iterator[int]:
+    # One call into C that takes minutes and lets no other thread of Python run.
+    yield sum(range(10**11))
+
+
+@pytest.mark.parametrize("seconds", [0, -1, float("nan"), float("inf")])
+def test_no_time_is_one_line(seconds: float) -> None:
+    with pytest.raises(InputError, match="--timeout: expected seconds above 0"):
+        Child(timeout=seconds)
