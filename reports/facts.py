@@ -29,6 +29,11 @@ TABLE1 = (
     " scene counted alike; 2.3 is one just noticeable difference. White is the brightest pixel of"
     " the true unpolarised image. The paper's scenes are photographs and not known in detail."
 )
+PLAN = (
+    "Before anything is rendered, what the scenes do not need is left out; no result changes by it."
+    " Without a plan there would be one render for every scene, band, polariser angle and lobe; its"
+    " time is the measured time of one render, times their number."
+)
 NO_SKILL = "The trivial guess does not rise above the Monte Carlo noise in these scenes."
 ALL_SKILLS = "Every scene has a skill: the trivial guess rises above the noise everywhere."
 NEVER_NEGATIVE = f"The skill of {PAPER_METHOD} is negative nowhere in this suite."

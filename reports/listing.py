@@ -106,6 +106,16 @@ def without_skill(table: pd.DataFrame) -> Listing:
     return Listing(("method", "light", "surface", "body", "scenes"), lines)
 
 
+def savings(plan: dict[str, Any]) -> Listing:
+    """What the plan of a run left out, the largest saving first."""
+    parts = sorted(plan["left_out"], key=lambda part: -part["renders"])
+    lines = [
+        [part["what"], f"{part['renders']:,}" if part["renders"] else NOTHING, part["why"]]
+        for part in parts
+    ]
+    return Listing(("what", "renders saved", "why nothing is lost"), lines)
+
+
 def stages(run: dict[str, Any]) -> Listing:
     """Seconds of every stage."""
     lines = [[name, f"{value:.2f}"] for name, value in run["seconds"].items()]

@@ -29,7 +29,7 @@ from malus.reports.tables import (
     only_body,
     whole,
 )
-from malus.reports.text import counted, scientific, worth
+from malus.reports.text import counted, duration, scientific, worth
 from malus.reports.viewer import place_of_scenes, viewer
 
 
@@ -182,6 +182,24 @@ def noise(source: Source) -> Section:
     return Section("noise", "All errors, and the noise in them", content)
 
 
+def savings(source: Source) -> Section | None:
+    """What the plan left out and what that saved, where the run recorded it."""
+    plan = source.run.get("plan")
+    if not plan:
+        return None
+    tiles = (
+        (f"{plan['renders']:,} of {plan['without_plan']:,}", "renders that were done"),
+        (duration(plan["seconds"]), "rendering, measured"),
+        (duration(plan["seconds_without"]), "the same without a plan, estimated"),
+    )
+    content = join(
+        tag("p", facts.PLAN),
+        tag("ul", *(tag("li", tag("b", value), label) for value, label in tiles), class_="tiles"),
+        table(listing.savings(plan), "What was left out"),
+    )
+    return Section("plan", "What the plan saved", content)
+
+
 def provenance(source: Source) -> Section:
     """What was run, where, and how long it took."""
     machine = source.run["machine"]
@@ -195,5 +213,5 @@ def provenance(source: Source) -> Section:
 
 
 SECTIONS: tuple[Callable[[Source], Section | None], ...] = (
-    headline, look, maps, figures, colour, skill, noise, provenance,
+    headline, look, maps, figures, colour, skill, noise, savings, provenance,
 )  # fmt: skip

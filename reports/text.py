@@ -89,6 +89,21 @@ def worth(value: float) -> str:
     return f"{value:.{digits}f}".replace("-", "−")
 
 
+def duration(seconds: float) -> str:
+    """Seconds in the unit that people would use.
+
+    Examples
+    --------
+    >>> duration(0.5), duration(90.4), duration(600.0), duration(86400.0)
+    ('0.50 s', '90 s', '10 min', '24.0 h')
+    """
+    if seconds < 10.0:
+        return f"{seconds:.2f} s"
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200.0 else f"{seconds / 3600:.1f} h"
+
+
 def counted(number: int, one: str, many: str = "") -> str:
     """A number with its noun.
 

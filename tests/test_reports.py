@@ -18,8 +18,11 @@ from malus.reports.colour_errors import figure9_numbers, table1, table1_listing
 from malus.reports.drawings import drawings
 from malus.reports.figure5 import figure5, figure5_by_light, numbers
 from malus.reports.figure9 import figure9
+from malus.reports.listing import savings
+from malus.reports.page import page
 from malus.reports.panels import spread
 from malus.reports.skills import by_light_and_body, negative, skill_map, unreported
+from malus.reports.source import Source
 from malus.reports.style import png, svg
 from malus.reports.summary import summary
 from malus.reports.tables import coverage
@@ -246,6 +249,20 @@ def test_without_colour_metrics_there_is_neither(table: pd.DataFrame) -> None:
     names = [drawing.name for drawing in drawings(table)]
     assert "figure9" not in names
     assert "figure9" in [drawing.name for drawing in drawings(sample.coloured())]
+
+
+def test_the_page_says_what_the_plan_saved(table: pd.DataFrame, tmp_path: Path) -> None:
+    lines = savings(sample.run()["plan"]).lines
+    assert [line[:2] for line in lines] == [
+        ["polariser images", "960"],
+        ["interface images", "180"],
+        ["shadow rays", "–"],
+    ]
+    with_plan = page(Source(table, sample.run(), tmp_path, ()))
+    assert "60 of 1,200" in with_plan
+    run = sample.run()
+    del run["plan"]  # of an older malus
+    assert 'id="plan"' not in page(Source(table, run, tmp_path, ()))
 
 
 def test_summary_says_what_a_reader_must_know(table: pd.DataFrame) -> None:
