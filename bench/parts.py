@@ -27,8 +27,8 @@ from malus.scenes.model import content_id
 from malus.scenes.suite import Suite
 
 PLAN = "plan.json"
-SCHEMA = 2
-"""Counts up when the rows of a part change their meaning: older parts are then made again."""
+SCHEMA = 3
+"""Counts up when a part's rows or attributes change: older parts are then made again."""
 
 METHODS = "methods"
 """Attribute of a part's table: the methods that it has for every scene of the family."""

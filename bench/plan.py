@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from malus.renderers.family import FamilyKey
-from malus.renderers.nodes import node_count
+from malus.renderers.nodes import Nodes
 from malus.scenes.model import content_id
 from malus.scenes.scene import Sampling, Scene
 from malus.scenes.suite import Suite
@@ -14,11 +16,18 @@ from malus.scenes.suite import Suite
 
 @dataclass(frozen=True)
 class FamilyPlan:
-    """Scenes that come from the same renders, and the number of those."""
+    """Scenes that come from the same renders, and the number of those.
+
+    Attributes
+    ----------
+    interface, body : int
+        Stokes images of the interface and of the body at the indices that are rendered.
+    """
 
     scenes: tuple[Scene, ...]
     sampling: Sampling
-    nodes: int
+    interface: int
+    body: int
 
     @property
     def id(self) -> str:
@@ -47,9 +56,11 @@ def plan(suite: Suite) -> list[FamilyPlan]:
     for scene in suite.scenes():
         groups.setdefault(FamilyKey.of(scene), []).append(scene)
     ordered = sorted(groups.items(), key=lambda group: group[0].alpha)
-    return [_family(scenes, suite.sampling) for _, scenes in ordered]
+    return [_family(key, scenes, suite.sampling) for key, scenes in ordered]
 
 
-def _family(scenes: Sequence[Scene], sampling: Sampling) -> FamilyPlan:
-    indices = [float(value) for scene in scenes for value in scene.eta]
-    return FamilyPlan(tuple(scenes), sampling, node_count(min(indices), max(indices)))
+def _family(key: FamilyKey, scenes: Sequence[Scene], sampling: Sampling) -> FamilyPlan:
+    nodes = Nodes.of(np.concatenate([scene.eta for scene in scenes]))
+    interface = len(nodes.rendered)
+    body = 1 if key.body == "unpolarised" else interface
+    return FamilyPlan(tuple(scenes), sampling, interface, body)

@@ -18,6 +18,7 @@ from malus.bench.examples import chosen
 from malus.bench.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
 from malus.bench.plan import FamilyPlan, plan
 from malus.bench.results import EXAMPLES, Results, prepare_folder, write_results, write_whole
+from malus.bench.savings import plan_record
 from malus.bench.work import Engine, Made, Task, here
 from malus.reconstruct import get_method
 from malus.renderers.variant import Variant, choose
@@ -200,7 +201,15 @@ class Job:
             "failures": [failure.reason for failure in failures[:REASONS_KEPT]],
             "scenes": sum(table.scene.nunique() for table in tables),
             "interpolation_rms": max(table.attrs["interpolation_rms"] for table in tables),
+            "plan": self._left_out(tables),
         }
+
+    def _left_out(self, tables: Sequence[pd.DataFrame]) -> dict[str, Any]:
+        """What was rendered and what was not, in the families that were done at any time."""
+        done = {scene for table in tables for scene in table.scene.unique()}
+        families = [f for f in self.families if not done.isdisjoint(s.id for s in f.scenes)]
+        seconds = sum(table.attrs["render_seconds"] for table in tables)
+        return plan_record(self.suite, families, seconds)
 
 
 def _reason(failures: Iterable[Failure], lacking: set[str], family: FamilyPlan) -> Failure:

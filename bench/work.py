@@ -33,6 +33,9 @@ from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
 from malus.scenes.scene import Scene
 
+RENDERING = ("render", "interpolate in eta")
+"""Stages that truths come from."""
+
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT}
 
 
@@ -166,17 +169,18 @@ def work(task: Task, variant: Variant) -> Made:
     if records:
         made.table = table_of(records)
         made.table.attrs["interpolation_rms"] = worst
+        made.table.attrs["render_seconds"] = sum(made.seconds[name] for name in RENDERING)
     return made
 
 
 def _truths(task: Task, variant: Variant, made: Made) -> Iterator[tuple[Scene, Truth]]:
     """The truths of a family; scenes without one are recorded and left out."""
     family = task.family
-    stage, truth_of = "render", _torrance_sparrow
+    stage, truth_of = RENDERING[0], _torrance_sparrow
     if task.renderer != "torrance-sparrow":
-        with made.stage("render"):
+        with made.stage(stage):
             rendered = render_family(family.scenes, family.sampling, variant, errors=False)
-        stage, truth_of = "interpolate in eta", partial(rendered.truth, standard_error=False)
+        stage, truth_of = RENDERING[1], partial(rendered.truth, standard_error=False)
     for scene in family.scenes:
         truth = None
         with made.guard(scene), made.stage(stage):

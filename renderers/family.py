@@ -7,13 +7,12 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers import stock, wavefront
 from malus.renderers.bsdfs import bsdfs
 from malus.renderers.interpolated import Family, FamilyKey, interpolate
 from malus.renderers.lobes import Floats, Lobes
-from malus.renderers.nodes import chebyshev_nodes, held_out, interpolation_weights
+from malus.renderers.nodes import Nodes
 from malus.renderers.variant import Variant, choose
 from malus.scenes.scene import Sampling, Scene
 
@@ -38,7 +37,8 @@ def render_family(
     errors : bool
         False leaves out what only standard errors need; halves and noise remain.
     nodes : int, optional
-        Number of nodes in η; by default as many as the range of indices asks for.
+        Number of Chebyshev nodes in η; by default as many as the range of indices asks for, or
+        the indices themselves where they are no more.
 
     Raises
     ------
@@ -50,17 +50,16 @@ def render_family(
     if len(keys) != 1:
         raise ValueError(f"scenes: expected scenes of one family, found {len(keys)} families")
     key = keys.pop()
-    eta = np.concatenate([scene.eta for scene in scenes])
-    low, high = float(eta.min()), float(eta.max())
-    points = chebyshev_nodes(low, high, nodes)
-    extra = held_out(low, high)
+    points = Nodes.of(np.concatenate([scene.eta for scene in scenes]), nodes)
     started = time.perf_counter()
     chosen = variant or choose()
-    rendered = [*points, extra] if np.isfinite(extra) else list(points)
-    lobes = _render(key, rendered, sampling, chosen, errors)
+    lobes = _render(key, list(points.rendered), sampling, chosen, errors)
     seconds = time.perf_counter() - started
-    error = _measure(lobes, points, extra) if np.isfinite(extra) else {"rms": 0.0, "worst": 0.0}
-    return Family(key, points, _without_held_out(lobes, len(points)), chosen.name, seconds, error)
+    if points.held_out is None:
+        return Family(key, points, lobes, chosen.name, seconds, {"rms": 0.0, "worst": 0.0})
+    error = _measure(lobes, points)
+    kept = _without_held_out(lobes, len(points.values))
+    return Family(key, points, kept, chosen.name, seconds, error)
 
 
 def _render(
@@ -75,13 +74,13 @@ def _render(
     return wavefront.stage(variant, key.shape, key.camera).render(key.light, shading, sampling)
 
 
-def _measure(lobes: Lobes, nodes: NDArray[np.float64], extra: float) -> dict[str, float]:
+def _measure(lobes: Lobes, nodes: Nodes) -> dict[str, float]:
     """Difference between the interpolated and the rendered image at the held-out index."""
-    weights = interpolation_weights(nodes, np.array([extra])).astype(np.float32)
+    weights = nodes.weights(np.array([nodes.held_out])).astype(np.float32)
     rms, worst = [0.0], [0.0]
     for halves in (lobes.specular, lobes.body):
         images = halves.mean(axis=0)
-        if len(images) != len(nodes) + 1 or images.size == 0:
+        if len(images) != len(nodes.rendered) or images.size == 0:
             continue
         difference = interpolate(weights, images[:-1])[:, 0] - images[-1]
         peak = max(float(images[-1, :, 0].max()), float(np.finfo(np.float32).tiny))

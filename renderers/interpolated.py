@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.renderers.lobes import Floats, Lobes
-from malus.renderers.nodes import interpolation_weights
+from malus.renderers.nodes import Nodes
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 from malus.scenes.lights import Light
@@ -43,7 +43,7 @@ class Family:
 
     Attributes
     ----------
-    nodes : (K,)
+    nodes : Nodes
         Indices that were rendered.
     lobes : Lobes
         At the nodes.
@@ -54,7 +54,7 @@ class Family:
     """
 
     key: FamilyKey
-    nodes: NDArray[np.float64]
+    nodes: Nodes
     lobes: Lobes
     variant: str
     seconds: float
@@ -89,7 +89,7 @@ class Family:
             If the scene belongs to another family or its index lies outside the nodes.
         """
         self._check(scene)
-        weights = self._weights(scene.eta)
+        weights = self.nodes.weights(scene.eta).astype(np.float32)
         albedo = np.float32(scene.surface.albedo)
         specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
         diffuse, diffuse_noise = self._mean_and_noise(self.lobes.body, weights)
@@ -113,7 +113,7 @@ class Family:
         nodes and only then interpolated to the bands.
         """
         self._check(scene)
-        weights = self._weights(scene.eta)
+        weights = self.nodes.weights(scene.eta).astype(np.float32)
         key = (angles_deg, float(scene.surface.albedo))
         nodes = self._transmitted.get(key)
         if nodes is None:
@@ -134,12 +134,6 @@ class Family:
     def _check(self, scene: Scene) -> None:
         if FamilyKey.of(scene) != self.key:
             raise ValueError(f"scene {scene.id}: expected a scene of this family")
-
-    def _weights(self, eta: NDArray[np.float64]) -> Floats:
-        slack = 0.01 * np.ptp(self.nodes) + 1e-9 if len(self.nodes) == 1 else _edge(self.nodes)
-        if eta.min() < self.nodes.min() - slack or eta.max() > self.nodes.max() + slack:
-            raise ValueError(f"eta: expected a value among this family's nodes, found {eta}")
-        return interpolation_weights(self.nodes, eta).astype(np.float32)
 
     def _mean_and_noise(self, halves: Floats, weights: Floats) -> tuple[Floats, Floats]:
         """Mean of both halves and half their difference, (pixels, bands, 3) each."""
@@ -168,12 +162,6 @@ class Family:
         image = np.zeros((side * side, *values.shape[1:]), dtype=values.dtype)
         image[self.lobes.pixels] = values
         return image.reshape(side, side, *values.shape[1:])
-
-
-def _edge(nodes: NDArray[np.float64]) -> float:
-    """How far the interval of Chebyshev nodes reaches beyond its outermost node."""
-    half = 0.5 * np.ptp(nodes) / np.cos(np.pi / (2 * len(nodes)))
-    return float(half * (1 - np.cos(np.pi / (2 * len(nodes)))) * (1 + 1e-9) + 1e-12)
 
 
 def interpolate(weights: Floats, nodes: Floats) -> Floats:

@@ -6,7 +6,8 @@ that a polynomial through a few Chebyshev nodes gives the image at any η betwee
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,18 +40,78 @@ def node_count(low: float, high: float) -> int:
     return count
 
 
-def chebyshev_nodes(low: float, high: float, count: int | None = None) -> Floats:
-    """Chebyshev nodes of the first kind on [low, high], as many as `node_count` says or `count`."""
-    count = node_count(low, high) if count is None else count
+def chebyshev_nodes(low: float, high: float, count: int) -> Floats:
+    """Chebyshev nodes of the first kind on [low, high]."""
     if count == 1:
         return np.array([0.5 * (low + high)])
     angle = np.pi * (np.arange(count) + 0.5) / count
     return 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angle)
 
 
-def held_out(low: float, high: float) -> float:
-    """The index in [low, high] where the Chebyshev error is largest: the end next to 1."""
-    return low if high > low else math.nan
+@dataclass(frozen=True)
+class Nodes:
+    """The indices at which a family is rendered.
+
+    Attributes
+    ----------
+    values : (K,)
+        Chebyshev nodes, or all indices that are wanted where those are few.
+    held_out : float or None
+        The end of the interval next to η = 1, where the error is largest: rendered too, to measure
+        it. None where nothing is interpolated.
+
+    Examples
+    --------
+    >>> Nodes.of(np.array([1.5, 1.4, 1.5])).rendered
+    (1.4, 1.5)
+    >>> len(Nodes.of(np.linspace(1.33, 1.7, 192)).rendered)
+    7
+    """
+
+    values: Floats
+    held_out: float | None = None
+
+    @classmethod
+    def of(cls, eta: Floats, count: int | None = None) -> Self:
+        """Nodes for indices (N,); `count` asks for so many Chebyshev nodes."""
+        wanted = np.unique(eta)
+        low, high = float(wanted[0]), float(wanted[-1])
+        if count is None:
+            count = node_count(low, high)
+            if len(wanted) <= count + 1:
+                return cls(wanted)
+        return cls(chebyshev_nodes(low, high, count), low)
+
+    @property
+    def rendered(self) -> tuple[float, ...]:
+        """All indices that are rendered, the held-out one last."""
+        extra = () if self.held_out is None else (self.held_out,)
+        return (*map(float, self.values), *extra)
+
+    def weights(self, eta: Floats) -> Floats:
+        """Weights (len(eta), K) of the nodes' images in the images at `eta`.
+
+        Raises
+        ------
+        ValueError
+            For an index that is not among those that the nodes were made for.
+        """
+        if self.held_out is None:
+            hits: Floats = (eta[:, None] == self.values).astype(np.float64)
+            known = bool(hits.any(axis=1).all())
+        else:
+            edge = self._edge
+            known = eta.min() >= self.values[0] - edge and eta.max() <= self.values[-1] + edge
+            hits = interpolation_weights(self.values, eta)
+        if not known:
+            raise ValueError(f"eta: expected a value among this family's indices, found {eta}")
+        return hits
+
+    @property
+    def _edge(self) -> float:
+        """How far the interval reaches beyond the outermost nodes."""
+        assert self.held_out is not None
+        return float(self.values[0] - self.held_out) * (1 + 1e-9) + 1e-12
 
 
 def interpolation_weights(nodes: Floats, eta: Floats) -> Floats:
@@ -60,7 +121,7 @@ def interpolation_weights(nodes: Floats, eta: Floats) -> Floats:
 
     Examples
     --------
-    >>> nodes = chebyshev_nodes(1.3, 1.7)
+    >>> nodes = chebyshev_nodes(1.3, 1.7, 5)
     >>> bool(np.allclose(interpolation_weights(nodes, np.array([1.5])) @ nodes, 1.5, atol=1e-13))
     True
     """

@@ -50,7 +50,7 @@ def scene_at(eta: float, light: Light, shape: Shape | None = None, **surface: ob
 
 
 def family(light: Light, low: float, high: float, **surface: object) -> Family:
-    scenes = [scene_at(low, light, **surface), scene_at(high, light, **surface)]
+    scenes = [scene_at(eta, light, **surface) for eta in np.linspace(low, high, 12)]
     return render_family(scenes, FEW)
 
 
