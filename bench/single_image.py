@@ -118,7 +118,7 @@ def chain_row(truth: Truth, level: str) -> Row:
         "alpha_error": abs(alpha / float(np.mean(truth.alpha)) - 1.0),
         "body_right": float(chain.body == truth.scene.surface.body),
         "converged": float(chain.converged),
-        "light_deg": _light_error(found.light, truth.scene.light),
+        "light_deg": _light_error(found.light, truth.scene.light_in_image),
         "nmse": error,
         "skill": skill(Error(error, noise), Error(guess, noise), int(mask.sum())),
     }

@@ -14,7 +14,7 @@ _KNOWN: dict[str, Callable[[Truth], Any]] = {
     "normals": lambda truth: truth.normals,
     "eta": lambda truth: truth.eta,
     "alpha": lambda truth: truth.alpha,
-    "light": lambda truth: truth.scene.light,
+    "light": lambda truth: truth.scene.light_in_image,
 }
 
 
@@ -25,7 +25,8 @@ def observe(truth: Truth, needs: frozenset[str]) -> Observation:
     ----------
     truth : Truth
     needs : set of str
-        Attributes of Observation: specular, diffuse, normals, eta, alpha, light.
+        Attributes of Observation: specular, diffuse, normals, eta, alpha, light. With normals or
+        light comes the direction to the camera, which gives them their meaning.
 
     Raises
     ------
@@ -49,5 +50,6 @@ def observe(truth: Truth, needs: frozenset[str]) -> Observation:
         image=truth.image,
         mask=truth.mask,
         wavelengths_nm=truth.scene.wavelengths_nm,
+        view=truth.view if needs & {"normals", "light"} else None,
         **{name: _KNOWN[name](truth) for name in needs},
     )

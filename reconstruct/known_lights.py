@@ -71,7 +71,7 @@ def quadrature(light: Light, alpha: float) -> Directions:
     if isinstance(light, Area):
         return _cone(light, alpha)
     if isinstance(light, Environment):
-        return _sphere(radiance_map(light).astype(np.float64), alpha)
+        return _sphere(radiance_map(light).astype(np.float64), alpha, light.turn_deg)
     return _sphere(np.full((512, 1024), light.radiance), alpha)
 
 
@@ -100,7 +100,7 @@ def _frame(axis: tuple[float, float, float]) -> Floats:
     return np.stack([first, np.cross(third, first), third])
 
 
-def _sphere(values: Floats, alpha: float) -> Directions:
+def _sphere(values: Floats, alpha: float, turn_deg: float = 0.0) -> Directions:
     """All directions: a map's pixels averaged over blocks as small as the lobe asks for."""
     wanted = math.pi * NODES_A_LOBE / (2.0 * alpha)
     step = max(1, int(values.shape[0] / max(wanted, 32.0)))
@@ -108,7 +108,7 @@ def _sphere(values: Floats, alpha: float) -> Directions:
     weight = solid_angles(*values.shape) * values
     cut = weight[: height * step, : width * step]
     power = cut.reshape(height, step, width, step).sum(axis=(1, 3)).ravel()
-    toward = directions(height, width).reshape(-1, 3)
+    toward = directions(height, width, turn_deg).reshape(-1, 3)
     lit = (power > 0) & (toward[:, 2] > -1.0 + 1e-9)  # straight behind mirrors nothing to V
     return Directions(toward[lit], power[lit])
 

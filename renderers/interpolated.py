@@ -65,8 +65,9 @@ class Family:
 
     @functools.cached_property
     def normals(self) -> Floats:
-        """Unit normals (height, width, 3), zero off the object."""
-        return self._image(self.lobes.normals[:, None, :])[:, :, 0]
+        """Unit normals (height, width, 3) in the image frame, zero off the object."""
+        axes = self.key.camera.axes.astype(self.lobes.normals.dtype)
+        return self._image((self.lobes.normals @ axes.T)[:, None, :])[:, :, 0]
 
     @functools.cached_property
     def mask(self) -> NDArray[np.bool_]:

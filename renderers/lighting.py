@@ -146,7 +146,8 @@ def _environment_scene(variant: str, light: Environment) -> Any:
 
 
 def environment_emitter(mi: ModuleType, light: Environment) -> dict[str, Any]:
-    """Mitsuba's `envmap` of the light, whose y axis is up as in the image frame."""
+    """Mitsuba's `envmap` of the light, whose y axis is up before it is turned."""
     values = radiance_map(light)
     bitmap = mi.Bitmap(np.ascontiguousarray(np.repeat(values[..., None], 3, axis=-1)))
-    return {"type": "envmap", "bitmap": bitmap}
+    turn = mi.ScalarTransform4f().rotate([0, 0, 1], light.turn_deg)
+    return {"type": "envmap", "bitmap": bitmap, "to_world": turn}

@@ -29,7 +29,7 @@ class Lobes:
     pixels : (P,)
         Flat indices into the image, row by row from the top.
     normals : (P, 3)
-        Unit mean shading normals.
+        Unit mean shading normals in world coordinates.
     covered : (P,) bool
         Whether every sample of the pixel hit the object.
     specular_variance, body_variance, covariance : (K, P, 3), (B, P, 3), (K, P, 3) or None

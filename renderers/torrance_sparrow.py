@@ -42,7 +42,7 @@ def render_torrance_sparrow(
     Raises
     ------
     InputError
-        Another shape, light or body than these.
+        Another shape, light or body than these, or a perspective camera.
 
     Examples
     --------
@@ -82,11 +82,14 @@ def _checked(scene: Scene, normals: Floats | None) -> Distant:
     where = f"scene {scene.id}, torrance-sparrow renderer"
     if normals is None and not isinstance(scene.shape, Sphere):
         raise InputError(where, "a sphere or a normal map", scene.shape.kind, hint)
-    if not isinstance(scene.light, Distant):
-        raise InputError(where, "a distant light", scene.light.kind, hint)
+    light = scene.light_in_image
+    if not isinstance(light, Distant):
+        raise InputError(where, "a distant light", light.kind, hint)
+    if scene.camera.projection != "orthographic":
+        raise InputError(where, "an orthographic camera", scene.camera.projection, hint)
     if scene.surface.body != "unpolarised":
         raise InputError(where, "an unpolarised body", scene.surface.body, hint)
-    return scene.light
+    return light
 
 
 def sphere_normals(camera: Camera) -> tuple[Floats, NDArray[np.bool_]]:

@@ -19,16 +19,28 @@ from malus.scenes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Tor
 CONVEX = frozenset({"sphere"})
 """Kinds of shape that cast no shadow on themselves: no shadow ray is traced for them."""
 
-CAMERA_DISTANCE = 3.0
+ORTHOGRAPHIC_DISTANCE = 3.0
 LAMP_DISTANCE = 1000.0
 
 
-def sensor(mi: ModuleType, camera: Camera, distance: float = CAMERA_DISTANCE) -> dict[str, Any]:
-    """The camera as a sensor with a box filter: pixels are independent, runs bit-identical."""
-    look = mi.ScalarTransform4f().look_at(origin=[0, 0, distance], target=[0, 0, 0], up=[0, 1, 0])
-    return {
-        "type": "orthographic",
-        "to_world": look @ mi.ScalarTransform4f().scale([camera.half_width, camera.half_width, 1]),
+def sensor(
+    mi: ModuleType, camera: Camera, distance: float = ORTHOGRAPHIC_DISTANCE
+) -> dict[str, Any]:
+    """The camera as a sensor with a box filter: pixels are independent, runs bit-identical.
+
+    `distance` is where an orthographic camera stands; its images do not depend on it.
+    """
+    if camera.distance is not None:
+        distance, lens = camera.distance, {"type": "perspective", "fov": camera.fov_deg}
+    else:
+        lens = {"type": "orthographic"}
+    look = mi.ScalarTransform4f().look_at(
+        origin=[0, 0, distance], target=[0, 0, 0], up=camera.axes[1].tolist()
+    )
+    if camera.projection == "orthographic":
+        look = look @ mi.ScalarTransform4f().scale([camera.half_width, camera.half_width, 1])
+    return lens | {
+        "to_world": look,
         "film": {
             "type": "hdrfilm",
             "width": camera.resolution,

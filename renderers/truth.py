@@ -84,6 +84,15 @@ class Truth:
         """The unpolarised image (height, width, bands) that an ordinary camera takes."""
         return self.specular[..., 0] + self.diffuse[..., 0]
 
+    @property
+    def view(self) -> Image | None:
+        """Unit vectors (height, width, 3) towards the camera in the image frame.
+
+        None for an orthographic camera: (0, 0, 1) everywhere.
+        """
+        view = self.scene.camera.view()
+        return None if view is None else view.astype(self.normals.dtype)
+
     def polarised(self, angle_deg: float) -> Image:
         """The image (height, width, bands) through a polariser, angle from the vertical."""
         return polarisation.polarised(self.stokes, angle_deg)

@@ -1,6 +1,6 @@
 """Radiance maps of light from all around.
 
-A map is equirectangular, its rows from straight up (+y of the image frame) to straight down, its
+A map is equirectangular, its rows from straight up (+y) to straight down, its
 columns by the angle atan2(x, −z) from 0 to 2π: the first column is what lies behind the object.
 """
 
@@ -47,8 +47,10 @@ def radiance_map(light: Environment) -> Map:
     return _checked(_read(path), path)
 
 
-def directions(height: int, width: int) -> NDArray[np.float64]:
-    """Unit vectors towards the pixels' centres, shape (height, width, 3).
+def directions(height: int, width: int, turn_deg: float = 0.0) -> NDArray[np.float64]:
+    """Unit vectors towards the pixels' centres of a map, shape (height, width, 3).
+
+    `turn_deg` is the light's: the map turned about z, anticlockwise as an unrolled camera sees it.
 
     Examples
     --------
@@ -59,7 +61,8 @@ def directions(height: int, width: int) -> NDArray[np.float64]:
     turn = (np.arange(width) + 0.5) * (2 * math.pi / width)
     sine = np.sin(polar)[:, None]
     x, z = sine * np.sin(turn), -sine * np.cos(turn)
-    return np.stack([x, np.broadcast_to(np.cos(polar)[:, None], x.shape), z], axis=-1)
+    toward = np.stack([x, np.broadcast_to(np.cos(polar)[:, None], x.shape), z], axis=-1)
+    return toward @ _about_z(turn_deg).T if turn_deg else toward
 
 
 def solid_angles(height: int, width: int) -> NDArray[np.float64]:
@@ -72,6 +75,11 @@ def solid_angles(height: int, width: int) -> NDArray[np.float64]:
     """
     edges = np.cos(np.linspace(0.0, math.pi, height + 1))
     return (edges[:-1] - edges[1:])[:, None] * (2 * math.pi / width)
+
+
+def _about_z(angle_deg: float) -> NDArray[np.float64]:
+    cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _studio() -> Map:

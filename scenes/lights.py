@@ -80,12 +80,14 @@ class Area(Model):
 class Environment(Model):
     """Light from all around: a radiance map that malus brings, or an EXR file of the user's.
 
-    Maps are equirectangular with the image's y axis up: see `malus.scenes.environment`.
+    Maps are equirectangular with y up: see `malus.scenes.environment`. `turn_deg` turns the map
+    about the viewing axis, anticlockwise as an unrolled camera sees it.
     """
 
     kind: Literal["environment"] = "environment"
     name: str = Field(default="studio", min_length=1)
     digest: str = ""
+    turn_deg: float = Field(default=0.0, ge=-360, le=360, exclude_if=lambda turn: turn == 0.0)
 
     @property
     def label(self) -> str:
@@ -94,6 +96,22 @@ class Environment(Model):
 
 
 Light = Annotated[Uniform | Distant | Area | Environment, Field(discriminator="kind")]
+
+
+def turned(light: Light, angle_deg: float) -> Light:
+    """The light turned about the viewing axis, anticlockwise as an unrolled camera sees it.
+
+    Examples
+    --------
+    >>> turned(Distant(incidence_deg=60, azimuth_deg=35), 20).azimuth_deg
+    55.0
+    """
+    if angle_deg == 0.0 or isinstance(light, Uniform):
+        return light
+    key = "turn_deg" if isinstance(light, Environment) else "azimuth_deg"
+    # Back into the keys' range, whatever the sum.
+    angle = math.remainder(getattr(light, key) + angle_deg, 360.0)
+    return light.model_copy(update={key: angle})
 
 
 def _direction(incidence_deg: float, azimuth_deg: float) -> tuple[float, float, float]:

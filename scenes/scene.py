@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
-from malus.scenes.lights import Light
+from malus.scenes.camera import Camera
+from malus.scenes.lights import Light, turned
 from malus.scenes.materials import material, surface
 from malus.scenes.model import Model
 from malus.scenes.shapes import Shape
@@ -87,13 +88,6 @@ class Dielectric(Model):
         )
 
 
-class Camera(Model):
-    """An orthographic camera on +z that frames the unit sphere; square images."""
-
-    resolution: int = Field(default=128, ge=1, le=8192)
-    half_width: float = Field(default=1.05, gt=0)
-
-
 def _increasing(wavelengths_nm: tuple[float, ...]) -> tuple[float, ...]:
     if any(b <= a for a, b in itertools.pairwise(wavelengths_nm)):
         raise ValueError("wavelengths in increasing order")
@@ -108,6 +102,9 @@ Wavelengths = Annotated[
 
 class Scene(Model):
     """What to look at: shape, surface, light, camera and the centres of narrow bands in nm.
+
+    Shape and light stand in the world, whose axes are those of the image of a camera that is not
+    rolled.
 
     Examples
     --------
@@ -127,6 +124,11 @@ class Scene(Model):
     def eta(self) -> NDArray[np.float64]:
         """Relative refractive index of every band, shape (bands,)."""
         return self.surface.indices(self.wavelengths_nm)
+
+    @property
+    def light_in_image(self) -> Light:
+        """The light in the image frame: lights stay in the world when a camera is rolled."""
+        return turned(self.light, -self.camera.roll_deg)
 
 
 class Sampling(Model):

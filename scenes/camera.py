@@ -1,0 +1,95 @@
+"""Cameras, and the frame of the images that they take."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from malus.scenes.model import Model
+
+Floats = NDArray[np.float64]
+HALF_WIDTH = 1.05
+
+
+def _is(default: Any) -> Any:
+    """Keys at their default are left out of the content: scenes that lack them keep their id."""
+    return lambda value: value == default
+
+
+class Camera(Model):
+    """A pinhole or orthographic camera on +z that looks at the origin; square images.
+
+    Attributes
+    ----------
+    resolution : pixels of a side
+    half_width : half the width of what an `orthographic` camera sees
+    projection : 'orthographic' or 'perspective'
+    fov_deg : horizontal field of view of a `perspective` camera, from edge to edge
+    distance : from the pinhole of a `perspective` camera to the origin; objects have radius 1
+    roll_deg : turn of the camera about its axis, anticlockwise as the photographer sees it. The
+        world, with its lights, stays: it appears turned clockwise by as much. The *image frame*
+        (x right, y up, z towards the viewer) turns with the camera, and the world's axes are
+        those of a camera that is not rolled.
+
+    Examples
+    --------
+    >>> wide = Camera(resolution=64, projection="perspective", fov_deg=60, distance=2.5)
+    >>> wide.view().shape
+    (64, 64, 3)
+    """
+
+    resolution: int = Field(default=128, ge=1, le=8192)
+    half_width: float = Field(default=HALF_WIDTH, gt=0)
+    projection: Literal["orthographic", "perspective"] = Field(
+        default="orthographic", exclude_if=_is("orthographic")
+    )
+    fov_deg: float | None = Field(default=None, gt=0, lt=170, exclude_if=_is(None))
+    distance: float | None = Field(default=None, gt=1, le=1e4, exclude_if=_is(None))
+    roll_deg: float = Field(default=0.0, ge=-360, le=360, exclude_if=_is(0.0))
+
+    @model_validator(mode="after")
+    def _one_projection(self) -> Self:
+        given = [self.fov_deg is not None, self.distance is not None]
+        if self.projection == "perspective" and not all(given):
+            raise ValueError("fov_deg and distance of a perspective camera")
+        if self.projection == "perspective" and self.half_width != HALF_WIDTH:
+            raise ValueError("no half_width, but fov_deg and distance, of a perspective camera")
+        if self.projection == "orthographic" and any(given):
+            raise ValueError('fov_deg and distance only with projection = "perspective"')
+        return self
+
+    @property
+    def axes(self) -> Floats:
+        """The image frame's x, y and z in world coordinates, the rows of a (3, 3) rotation.
+
+        Examples
+        --------
+        >>> Camera(roll_deg=90).axes.round(9).tolist()[1]  # up in the image: to the world's left
+        [-1.0, 0.0, 0.0]
+        """
+        roll = math.radians(self.roll_deg)
+        sine, cosine = (math.sin(roll), math.cos(roll)) if self.roll_deg else (0.0, 1.0)
+        return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+    def view(self) -> Floats | None:
+        """Unit vectors (height, width, 3) from what a pixel's centre sees towards the camera.
+
+        In the image frame; None for an orthographic camera: (0, 0, 1) everywhere.
+
+        Examples
+        --------
+        >>> Camera(resolution=1, projection="perspective", fov_deg=40, distance=3).view().tolist()
+        [[[0.0, 0.0, 1.0]]]
+        """
+        if self.fov_deg is None:
+            return None
+        edge = math.tan(math.radians(0.5 * self.fov_deg))
+        across = edge * ((2.0 * np.arange(self.resolution) + 1.0) / self.resolution - 1.0)
+        x, y = np.meshgrid(across, -across)
+        toward = np.stack([0.0 - x, 0.0 - y, np.ones_like(x)], axis=-1)
+        result: Floats = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
+        return result
