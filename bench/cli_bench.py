@@ -78,7 +78,8 @@ def render(resolution: int, samples: int, backend: str, out: Path | None) -> Non
 
     from malus.bench.speed_render import LIGHTS, compare, report_lines
     from malus.renderers.variant import choose
-    from malus.scenes.scene import Camera, Sampling
+    from malus.scenes.camera import Camera
+    from malus.scenes.scene import Sampling
 
     variant = choose(backend)
     lines, figures = [], []

@@ -21,8 +21,9 @@ from malus.reconstruct import get_method, specular_dolp
 from malus.reconstruct.table import DolpTable
 from malus.renderers.family import render_family
 from malus.renderers.variant import Variant
+from malus.scenes.camera import Camera
 from malus.scenes.lights import Distant, Light, Uniform
-from malus.scenes.scene import Camera, Dielectric, Sampling, Scene
+from malus.scenes.scene import Dielectric, Sampling, Scene
 from malus.scenes.shapes import Sphere
 
 REPEATS = 5

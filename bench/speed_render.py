@@ -16,10 +16,11 @@ from malus.renderers.by_hand import StokesByHand, plate_image
 from malus.renderers.family import render_family
 from malus.renderers.profile import Profile, profiled
 from malus.renderers.variant import Variant
+from malus.scenes.camera import Camera
 from malus.scenes.lights import Distant, Light, Uniform
 from malus.scenes.materials import materials, surfaces
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
-from malus.scenes.scene import Camera, Sampling, Scene
+from malus.scenes.scene import Sampling, Scene
 from malus.scenes.shapes import Sphere
 from malus.scenes.suite import Suite
 

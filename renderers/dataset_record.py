@@ -11,6 +11,8 @@ from malus.scenes.scene import Scene
 
 CONVENTIONS = {
     "image": "rows from the top; x to the right, y up, z towards the viewer",
+    "camera": "the image frame turns with a rolled camera; under a perspective one the reference"
+    " axis of a pixel is the horizontal across its ray",
     "stokes": "linear, reference axis +x (horizontal), s2 > 0 at +45 degrees anticlockwise as"
     " displayed; S3 is not rendered and stored as zero",
     "polariser angle": "transmission axis, anticlockwise from the vertical (+y) as displayed:"

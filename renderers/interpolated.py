@@ -13,8 +13,9 @@ from malus.renderers.lobes import Floats, Lobes
 from malus.renderers.nodes import Nodes
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
+from malus.scenes.camera import Camera
 from malus.scenes.lights import Light
-from malus.scenes.scene import Body, Camera, Scene
+from malus.scenes.scene import Body, Scene
 from malus.scenes.shapes import Shape
 
 Scalar = TypeVar("Scalar", bound=np.generic)

@@ -16,8 +16,9 @@ from malus.renderers.coverage import inside
 from malus.renderers.lobes import Floats, Lobes, unit
 from malus.renderers.translate import body_bsdf, emitter, interface_bsdf, sensor, shape_object
 from malus.renderers.variant import SCALAR, Variant, mitsuba
+from malus.scenes.camera import Camera
 from malus.scenes.lights import Environment, Light
-from malus.scenes.scene import Body, Camera, Sampling
+from malus.scenes.scene import Body, Sampling
 from malus.scenes.shapes import Shape
 
 BATCHES = 8

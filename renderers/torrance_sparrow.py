@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.renderers.truth import Truth
+from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Distant
 from malus.scenes.polarisation import stokes_from_extremes
-from malus.scenes.scene import Camera, Scene
+from malus.scenes.scene import Scene
 from malus.scenes.shapes import Sphere
 
 Floats = NDArray[np.float64]

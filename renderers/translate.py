@@ -11,9 +11,10 @@ import numpy as np
 
 from malus.renderers.lighting import environment_emitter
 from malus.scenes import geometry
+from malus.scenes.camera import Camera
 from malus.scenes.geometry import TriangleMesh
 from malus.scenes.lights import Area, Distant, Light, Uniform
-from malus.scenes.scene import Body, Camera
+from malus.scenes.scene import Body
 from malus.scenes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
 
 CONVEX = frozenset({"sphere"})

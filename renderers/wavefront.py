@@ -23,8 +23,9 @@ from malus.renderers.lobes import HALVES, Floats, Layout, Lobes, lobes_from_sums
 from malus.renderers.rays import camera_ray, streams, to_camera_frame
 from malus.renderers.translate import CONVEX, sensor, shape_object
 from malus.renderers.variant import Variant, mitsuba
+from malus.scenes.camera import Camera
 from malus.scenes.lights import Light
-from malus.scenes.scene import Camera, Sampling
+from malus.scenes.scene import Sampling
 from malus.scenes.shapes import Shape
 
 PIXELS_A_LAUNCH = 1 << 16

@@ -1,8 +1,9 @@
 """What to look at: plain frozen data and the conventions. Imports no folder beside it."""
 
+from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Area, Distant, Environment, Light, Uniform
-from malus.scenes.scene import Camera, Dielectric, Sampling, Scene
+from malus.scenes.scene import Dielectric, Sampling, Scene
 from malus.scenes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
 from malus.scenes.suite import Suite, load_suite, suite_names
 

@@ -77,8 +77,8 @@ def solid_angles(height: int, width: int) -> NDArray[np.float64]:
     return (edges[:-1] - edges[1:])[:, None] * (2 * math.pi / width)
 
 
-def _about_z(angle_deg: float) -> NDArray[np.float64]:
-    cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+def _about_z(turn_deg: float) -> NDArray[np.float64]:
+    cosine, sine = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 

@@ -12,11 +12,12 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Light
 from malus.scenes.materials import material, materials, surface, surfaces
 from malus.scenes.model import Model
-from malus.scenes.scene import Body, Camera, Dielectric, Sampling, Scene, Wavelengths
+from malus.scenes.scene import Body, Dielectric, Sampling, Scene, Wavelengths
 from malus.scenes.shapes import MeshFile, Shape
 
 Renderer = Literal["mitsuba", "torrance-sparrow"]

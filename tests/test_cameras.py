@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from malus.bench import score
 from malus.renderers import Truth
 from malus.renderers.family import render_family
 from malus.renderers.translate import sensor
@@ -161,6 +162,30 @@ def test_far_away_a_perspective_camera_is_orthographic() -> None:
         assert truth.view is not None
         assert 1 - truth.view[..., 2].min() < (1.05 / distance) ** 2 * 1.01
     assert deviation[0] > 5 * deviation[1] > 25 * deviation[2]
+
+
+@pytest.mark.parametrize(
+    ("light", "method", "blindfolded"),
+    [
+        (Uniform(), "shadowed+body", 0.5),
+        (Distant(incidence_deg=60), "half_vector+body", 0.9),
+    ],
+    ids=lambda x: x if isinstance(x, str) else "",
+)
+def test_the_right_physics_reaches_full_skill_from_a_rolled_camera_nearby(
+    light: Light, method: str, blindfolded: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Truth and method share nothing but the conventions of view, normals, light and frame."""
+    truth = truth_of(wide(40, roll_deg=30.0), light, samples=64)
+    assert score(truth, method).skill == pytest.approx(1.0, abs=0.01)
+    monkeypatch.setattr(Truth, "view", None)  # as if all rays were parallel
+    assert score(truth, method).skill < blindfolded
+
+
+@pytest.mark.parametrize("light", [Environment(), Area(incidence_deg=45)], ids=lambda x: x.kind)
+def test_lights_turn_with_the_image_of_a_rolled_camera(light: Light) -> None:
+    truth = truth_of(Camera(resolution=40, roll_deg=30.0), light, samples=64)
+    assert score(truth, "lights+body").skill == pytest.approx(1.0, abs=0.01)
 
 
 def test_directions_of_a_map_turn_with_it() -> None:
