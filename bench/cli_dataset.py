@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
@@ -16,6 +17,8 @@ FOLDER = click.Path(path_type=Path)
 @click.option("--resolution", type=int, help="Pixels a side, instead of the suite's.")
 @click.option("--seed", type=int, help="Seed, instead of the suite's.")
 @click.option("--backend", default="auto", help="auto, cuda, llvm or scalar.")
+@click.option("--timeout", type=float, default=3600, help="Seconds a family may take [3600].")
+@click.option("--retry-failed", is_flag=True, help="Try again what failed in an earlier run.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was done as JSON.")
 def render_command(
     suite: str,
@@ -24,11 +27,14 @@ def render_command(
     resolution: int | None,
     seed: int | None,
     backend: str,
+    timeout: float,
+    retry_failed: bool,
     as_json: bool,
 ) -> None:
     """Render SUITE as a dataset: Stokes images of both lobes, normals and errors as OpenEXR.
 
-    Stopped half-way, the same command goes on where it was.
+    Stopped half-way, the same command goes on where it was. A scene that cannot be rendered is
+    recorded and left out, and the exit code is 1 then; `malus status` tells why.
 
     \b
     Example:
@@ -37,7 +43,8 @@ def render_command(
     from malus.bench.command_render import render_for_command_line
 
     overrides = {"samples": samples, "resolution": resolution, "seed": seed}
-    render_for_command_line(suite, out, overrides, backend, as_json)
+    if render_for_command_line(suite, out, overrides, backend, as_json, timeout, retry_failed):
+        sys.exit(1)
 
 
 @click.command("export")

@@ -6,7 +6,8 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -14,15 +15,20 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from malus.bench.child import ATTEMPTS, TIMEOUT_SECONDS, Child, Died
 from malus.bench.command_run import overridden
+from malus.bench.parts import Failure
 from malus.bench.plan import FamilyPlan, plan
 from malus.bench.results import prepare_folder
+from malus.bench.work import Made, truths
 from malus.renderers.dataset import DatasetWriter
-from malus.renderers.family import render_family
-from malus.renderers.torrance_sparrow import render_torrance_sparrow
+from malus.renderers.dataset_record import Failed
+from malus.renderers.storage import owned
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, choose
+from malus.scenes.errors import InputError
 from malus.scenes.model import content_id
+from malus.scenes.scene import Scene
 from malus.scenes.suite import Suite, load_suite
 
 Show = Callable[[int, int, str], None]
@@ -33,23 +39,41 @@ def _silent(done: int, total: int, label: str) -> None:
 
 
 def render_for_command_line(
-    name: str, out: Path, overrides: dict[str, Any], backend: str, as_json: bool
-) -> None:
-    """Render a suite for the command line."""
+    name: str,
+    out: Path,
+    overrides: dict[str, Any],
+    backend: str,
+    as_json: bool,
+    timeout: float = TIMEOUT_SECONDS,
+    retry_failed: bool = False,
+) -> int:
+    """Render a suite for the command line; the number of scenes that could not be rendered."""
     variant = choose(backend)
     suite = overridden(load_suite(name), overrides, variant)
     console = Console(stderr=True)
-    done = with_progress(
-        console, "scenes", lambda show: render_dataset(suite, out, variant, progress=show)
-    )
+    with Child(timeout) as child:
+        done = with_progress(
+            console,
+            "scenes",
+            lambda show: render_dataset(suite, out, variant, show, child, retry_failed),
+        )
+    failed: int = done["failed"]
     if as_json:
         sys.stdout.write(json.dumps(done) + "\n")
-        return
+        return failed
     console.print(
         f"{done['scenes']} scenes in {out}: {done['rendered']} rendered, {done['taken_over']} taken"
         f" over; {done['seconds']:.1f} s, {done['bytes'] / 1e6:.1f} MB written",
         highlight=False,
     )
+    if failed:
+        console.print(
+            f"{failed} scenes could not be rendered; `malus status {out}` tells why; a next run"
+            " leaves them out, with --retry-failed it tries them again",
+            highlight=False,
+            soft_wrap=True,
+        )
+    return failed
 
 
 def render_dataset(
@@ -57,8 +81,12 @@ def render_dataset(
     out: Path | str,
     variant: Variant | None = None,
     progress: Show = _silent,
+    child: Child | None = None,
+    retry_failed: bool = False,
 ) -> dict[str, Any]:
     """Write the truths of a suite to a folder; scenes that are there are taken over.
+
+    A scene that cannot be rendered is recorded with the reason, and the others go on.
 
     Parameters
     ----------
@@ -67,15 +95,19 @@ def render_dataset(
     variant : Variant, optional
         By default the fastest that works.
     progress : function of (scenes done, scenes in all, label of the next family)
+    child : Child, optional
+        Renders, so that a crash costs a family only; by default this process does.
+    retry_failed : bool
+        Try again what failed in an earlier run; a wrong input is always tried again.
 
     Returns
     -------
-    dict of scenes, rendered, taken_over, seconds and bytes (of what was rendered).
+    dict of scenes, rendered, taken_over, failed, seconds and bytes (of what was rendered).
 
     Raises
     ------
     InputError
-        A folder that cannot be written, a scene that cannot be rendered.
+        A folder that cannot be written, not a single scene that can be rendered.
     """
     started = time.perf_counter()
     folder = prepare_folder(Path(out))
@@ -85,20 +117,31 @@ def render_dataset(
         scene.id: _origin(family, suite, chosen) for family in families for scene in family.scenes
     }
     rendered = size = 0
-    with DatasetWriter(folder, planned, about(suite, chosen)) as writer:
+    with (
+        owned(folder, content_id(planned)),
+        DatasetWriter(folder, planned, about(suite, chosen)) as writer,
+    ):
         taken_over = len(writer.done)
         for family in families:
             progress(len(writer.done), len(planned), family.label)
-            for truth in _missing_truths(family, suite, chosen, writer):
-                writer.add(truth, planned[truth.scene.id])
-                size += sum(f.stat().st_size for f in (folder / truth.scene.id).iterdir())
-                rendered += 1
+            missing = [scene for scene in family.scenes if _is_left(scene, writer, retry_failed)]
+            for found in _found(Order(family, missing, suite.renderer, chosen), child):
+                if isinstance(found, Truth):
+                    writer.add(found, planned[found.scene.id])
+                    size += sum(f.stat().st_size for f in (folder / found.scene.id).iterdir())
+                    rendered += 1
+                else:
+                    _record(found, family, planned, writer)
                 progress(len(writer.done), len(planned), family.label)
+    if not writer.done:
+        why = next(iter(writer.failed.values())).reason
+        raise InputError(f"suite {suite.name}", "a scene that can be rendered", "none", why)
     return {
         "out": str(folder),
         "scenes": len(planned),
         "rendered": rendered,
         "taken_over": taken_over,
+        "failed": len(writer.failed),
         "seconds": round(time.perf_counter() - started, 3),
         "bytes": size,
     }
@@ -137,15 +180,64 @@ def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
     return content_id([family.id, suite.renderer, variant.name, version("malus")])
 
 
-def _missing_truths(
-    family: FamilyPlan, suite: Suite, variant: Variant, writer: DatasetWriter
-) -> Iterator[Truth]:
-    missing = [scene for scene in family.scenes if scene.id not in writer.done]
-    if not missing:
+@dataclass(frozen=True)
+class Order:
+    """Some scenes of a family that shall be rendered."""
+
+    family: FamilyPlan
+    scenes: Sequence[Scene]
+    renderer: str
+    variant: Variant
+
+
+def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
+    failed = writer.failed.get(scene.id)
+    return scene.id not in writer.done and (failed is None or retry_failed or failed.mendable)
+
+
+def _rendered(order: Order) -> Iterator[Truth | Failure]:
+    """The truth of each scene, or why there is none."""
+    made = Made()
+    with made.guard():
+        found = truths(order.family, order.scenes, order.renderer, order.variant, made, errors=True)
+        for _, truth in found:
+            yield truth
+    yield from made.failures
+
+
+def _found(order: Order, child: Child | None) -> Iterator[Truth | Failure]:
+    """As `_rendered`, in the child where there is one; what crashes it is tried again."""
+    if not order.scenes:
         return
-    if suite.renderer == "torrance-sparrow":
-        yield from map(render_torrance_sparrow, missing)
+    if child is None:
+        yield from _rendered(order)
         return
-    # All of the family is rendered, because its nodes in η follow from all of its scenes.
-    rendered = render_family(family.scenes, family.sampling, variant)
-    yield from map(rendered.truth, missing)
+    left, reason = {scene.id: scene for scene in order.scenes}, ""
+    for _ in range(ATTEMPTS):
+        try:
+            for found in child.stream(_rendered, replace(order, scenes=tuple(left.values()))):
+                if isinstance(found, Truth):
+                    del left[found.scene.id]
+                yield found
+            return
+        except Died as death:
+            reason = f"{death}, {ATTEMPTS} times"
+    yield from (Failure(name, None, reason) for name in left)
+
+
+def _record(
+    failure: Failure, family: FamilyPlan, planned: Mapping[str, str], writer: DatasetWriter
+) -> None:
+    """Record a failure of one scene, or of all scenes of the family that have no truth."""
+    names = [scene.id for scene in family.scenes] if failure.scene is None else [failure.scene]
+    for name in names:
+        if name not in writer.done:
+            writer.fail(
+                Failed(
+                    scene=name,
+                    origin=planned[name],
+                    label=family.label,
+                    reason=failure.reason,
+                    mendable=failure.mendable,
+                )
+            )

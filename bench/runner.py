@@ -21,6 +21,7 @@ from malus.bench.results import EXAMPLES, Results, prepare_folder, write_results
 from malus.bench.savings import plan_record
 from malus.bench.work import Engine, Made, Task, here
 from malus.reconstruct import get_method
+from malus.renderers.storage import owned
 from malus.renderers.variant import Variant, choose
 from malus.scenes.errors import InputError
 from malus.scenes.suite import Suite
@@ -64,7 +65,8 @@ def run(
     Raises
     ------
     InputError
-        Unknown method, folder that cannot be written, not a single family that can be rendered.
+        Unknown method, folder that cannot be written or that a run of another suite is writing,
+        not a single family that can be rendered.
     """
     started = time.perf_counter()
     chosen_variant = variant or choose()
@@ -72,14 +74,15 @@ def run(
     methods = {get_method(reference).name: reference for reference in suite.methods}
     folder = prepare_folder(Path(out))
     job = Job(suite, families, methods, folder, chosen_variant, progress, retry_failed)
-    write_plan(folder, suite, families, methods, chosen_variant)
-    for task, made in (engine or here(chosen_variant))(job.tasks()):
-        job.keep(task, made)
-    progress(len(families), len(families), "writing")
-    tables, failed = job.collect()
-    job.seconds["total"] = time.perf_counter() - started
-    results = Results(pd.concat(tables, ignore_index=True), job.record(tables, failed))
-    write_results(folder, results)
+    with owned(folder, suite.id):
+        write_plan(folder, suite, families, methods, chosen_variant)
+        for task, made in (engine or here(chosen_variant))(job.tasks()):
+            job.keep(task, made)
+        progress(len(families), len(families), "writing")
+        tables, failed = job.collect()
+        job.seconds["total"] = time.perf_counter() - started
+        results = Results(pd.concat(tables, ignore_index=True), job.record(tables, failed))
+        write_results(folder, results)
     return results
 
 

@@ -144,10 +144,14 @@ def _written(folder: Path, expected: Mapping[str, Any]) -> bool:
 
 def _of_dataset(folder: Path) -> Status:
     record = open_dataset(folder).record
-    name = (record.suite or {}).get("name", "scenes")
+    name = printable(str((record.suite or {}).get("name", "scenes")))
     done = len(record.scenes)
-    left = record.planned - done
-    return Status(f"dataset of {name}", "scenes", record.planned, done, left, finished=not left)
+    left = record.planned - done - len(record.failed)
+    failed = [
+        (printable(why.label), Failure(why.scene, None, printable(why.reason)))
+        for why in record.failed
+    ]
+    return Status(f"dataset of {name}", "scenes", record.planned, done, left, failed, not left)
 
 
 def status_for_command_line(folder: Path, as_json: bool) -> None:

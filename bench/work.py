@@ -174,14 +174,28 @@ def work(task: Task, variant: Variant) -> Made:
 
 
 def _truths(task: Task, variant: Variant, made: Made) -> Iterator[tuple[Scene, Truth]]:
-    """The truths of a family; scenes without one are recorded and left out."""
-    family = task.family
+    return truths(task.family, task.family.scenes, task.renderer, variant, made)
+
+
+def truths(
+    family: FamilyPlan,
+    scenes: Iterable[Scene],
+    renderer: str,
+    variant: Variant,
+    made: Made,
+    errors: bool = False,
+) -> Iterator[tuple[Scene, Truth]]:
+    """Truths of some scenes of a family; those without one are recorded in `made` and left out.
+
+    All of the family is rendered, because its nodes in η follow from all of its scenes. Standard
+    errors cost time, and no score needs them: they are zero without `errors`.
+    """
     stage, truth_of = RENDERING[0], _torrance_sparrow
-    if task.renderer != "torrance-sparrow":
+    if renderer != "torrance-sparrow":
         with made.stage(stage):
-            rendered = render_family(family.scenes, family.sampling, variant, errors=False)
-        stage, truth_of = RENDERING[1], partial(rendered.truth, standard_error=False)
-    for scene in family.scenes:
+            rendered = render_family(family.scenes, family.sampling, variant, errors=errors)
+        stage, truth_of = RENDERING[1], partial(rendered.truth, standard_error=errors)
+    for scene in scenes:
         truth = None
         with made.guard(scene), made.stage(stage):
             truth = truth_of(scene)

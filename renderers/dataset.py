@@ -20,7 +20,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from malus.renderers.dataset_record import DatasetRecord, Entry
+from malus.renderers.dataset_record import DatasetRecord, Entry, Failed
 from malus.renderers.scene_folder import (
     SCENE,
     SceneRecord,
@@ -144,6 +144,8 @@ class DatasetWriter:
     ----------
     done : mapping of scene id to its entry
         Scenes that need not be rendered.
+    failed : mapping of scene id to why it could not be rendered
+        From this writer or an earlier one, of the same origin.
     """
 
     def __init__(
@@ -156,12 +158,14 @@ class DatasetWriter:
         self.planned = planned
         self.about = dict(about or {})
         self.done: dict[str, Entry] = {}
+        self.failed: dict[str, Failed] = {}
 
     def __enter__(self) -> Self:
         """Take over what is there."""
         self.folder.mkdir(parents=True, exist_ok=True)
         remove_abandoned(self.folder)
         self.done = dict(self._found())
+        self.failed = {why.scene: why for why in self._known_failures()}
         self._list()
         return self
 
@@ -185,6 +189,21 @@ class DatasetWriter:
         folder = self.folder / truth.scene.id
         write_scene(folder, truth, origin)
         self.done[truth.scene.id] = Entry.of(truth.scene, read_record(folder)[1])
+        self.failed.pop(truth.scene.id, None)
+
+    def fail(self, failed: Failed) -> None:
+        """Record why a scene has no truth."""
+        self.failed[failed.scene] = failed
+
+    def _known_failures(self) -> Iterator[Failed]:
+        try:
+            known = open_dataset(self.folder).record.failed
+        except InputError:
+            return  # no earlier writer, or a damaged list: what failed is tried again
+        for why in known:
+            same = self.planned is None or self.planned.get(why.scene) == why.origin
+            if same and why.scene not in self.done:
+                yield why
 
     def _found(self) -> Iterator[tuple[str, Entry]]:
         names = sorted(entry.name for entry in self.folder.iterdir())
@@ -202,6 +221,8 @@ class DatasetWriter:
     def _list(self) -> None:
         order = self.done if self.planned is None else self.planned
         entries = tuple(self.done[name] for name in order if name in self.done)
-        record = DatasetRecord(planned=len(order), scenes=entries, **self.about)
+        record = DatasetRecord(
+            planned=len(order), scenes=entries, failed=tuple(self.failed.values()), **self.about
+        )
         text = json.dumps(record.model_dump(mode="json"), indent=1, allow_nan=False)
         replace_text(self.folder / DATASET, text + "\n")

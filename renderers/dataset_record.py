@@ -52,6 +52,20 @@ class Entry(Model):
         )
 
 
+class Failed(Model):
+    """A scene without a truth in `dataset.json`, and why, in one line.
+
+    `origin` is that of the truth that there would have been; `mendable`: the reason is a wrong
+    input, which the user may have mended.
+    """
+
+    scene: str = Field(pattern=r"^[0-9a-f]{16}$")
+    origin: str = Field(default="", max_length=200)
+    label: str
+    reason: str = Field(max_length=2000)
+    mendable: bool = False
+
+
 class DatasetRecord(Model):
     """Content of `dataset.json`; `planned` is the number of scenes that there will be."""
 
@@ -62,6 +76,7 @@ class DatasetRecord(Model):
     conventions: dict[str, str] = Field(default_factory=lambda: dict(CONVENTIONS))
     planned: int = Field(default=0, ge=0)
     scenes: tuple[Entry, ...] = ()
+    failed: tuple[Failed, ...] = ()
 
     @field_validator("scenes")
     @classmethod

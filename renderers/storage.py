@@ -11,13 +11,15 @@ import shutil
 import socket
 import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from malus.scenes.errors import InputError
 
 TEMPORARY = ".part-"
+_PURPOSE = "-for-"
 
 
 def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
@@ -96,6 +98,39 @@ def remove_abandoned(folder: Path) -> None:
         else:
             # Of two runs that clean up at once, one comes too late.
             entry.unlink(missing_ok=True)
+
+
+@contextmanager
+def owned(folder: Path, purpose: str) -> Iterator[None]:
+    """Mark a folder as being written for a purpose; any number of processes may share that.
+
+    The mark is an empty file, named as temporary ones are: `remove_abandoned` removes those of
+    processes that are gone.
+
+    Raises
+    ------
+    InputError
+        While a process writes the folder for another purpose.
+
+    Examples
+    --------
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with owned(folder, "a"), owned(folder, "a"):
+    ...     [path.name.endswith("-for-a") for path in folder.iterdir()]
+    [True, True]
+    """
+    handle, name = tempfile.mkstemp(dir=folder, prefix=_prefix(), suffix=f"{_PURPOSE}{purpose}")
+    os.close(handle)
+    try:
+        for other in folder.glob(f"{TEMPORARY}*{_PURPOSE}*"):
+            if not other.name.endswith(f"{_PURPOSE}{purpose}"):
+                hint = f"choose another --out, wait, or if that process is gone remove {other}"
+                raise InputError(
+                    str(folder), "a folder that nothing else is made in", "another suite's", hint
+                )
+        yield
+    finally:
+        Path(name).unlink(missing_ok=True)
 
 
 def read_json(path: Path, limit: int) -> tuple[Any, str]:

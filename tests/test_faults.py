@@ -17,13 +17,17 @@ import pandas as pd
 import pytest
 from test_robust import NOBODY, SUITE
 
+import malus.bench.work
 from malus.bench import run
 from malus.bench.child import Child, Died
 from malus.bench.cluster import engine
+from malus.bench.command_render import Order, render_dataset
 from malus.bench.status import status
-from malus.bench.work import Engine, Made, Task, apart
+from malus.bench.work import Engine, Made, Task, apart, truths
 from malus.reconstruct import Components, Observation, get_method
-from malus.scenes import InputError
+from malus.renderers import Truth
+from malus.renderers.dataset import open_dataset
+from malus.scenes import InputError, Scene
 
 ROUGH = max(surface.alpha for surface in (scene.surface for scene in SUITE.scenes()))
 UNPOLARISED = get_method("unpolarised")
@@ -168,3 +172,80 @@ def holds_the_lock() -> Iterator[int]:
 def test_no_time_is_one_line(seconds: float) -> None:
     with pytest.raises(InputError, match="--timeout: expected seconds above 0"):
         Child(timeout=seconds)
+
+
+# --- malus render ---
+
+
+def fails_to_render(error: BaseException, scene_id: str) -> Any:
+    render = malus.bench.work.render_torrance_sparrow
+
+    def renderer(scene: Scene) -> object:
+        if scene.id == scene_id:
+            raise error
+        return render(scene)
+
+    return renderer
+
+
+def test_a_render_records_what_fails_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good = list(SUITE.scenes())
+    bad = good.pop(1).id
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            "malus.bench.work.render_torrance_sparrow",
+            fails_to_render(ZeroDivisionError("made up"), bad),
+        )
+        done = render_dataset(SUITE, tmp_path, NOBODY)
+        assert (done["rendered"], done["failed"]) == (3, 1)
+    found = status(tmp_path)
+    assert (found.done, found.failed_families, found.left) == (3, 1, 0)
+    assert found.finished
+    assert [(why.scene, why.reason) for _, why in found.failed] == [
+        (bad, "ZeroDivisionError: made up")
+    ]
+    assert set(open_dataset(tmp_path).scenes) == {scene.id for scene in good}
+    # It is remembered, until it is asked for or decided by another seed.
+    assert render_dataset(SUITE, tmp_path, NOBODY)["failed"] == 1
+    mended = render_dataset(SUITE, tmp_path, NOBODY, retry_failed=True)
+    assert (mended["rendered"], mended["failed"]) == (1, 0)
+    assert not status(tmp_path).failed
+
+
+def test_a_render_tries_a_wrong_input_again_and_needs_one_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuses(_: Scene) -> object:
+        raise InputError("mesh.obj", "a mesh", "none", "mend it")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("malus.bench.work.render_torrance_sparrow", refuses)
+        with pytest.raises(InputError, match=r"found none; mesh\.obj: expected a mesh"):
+            render_dataset(SUITE, tmp_path, NOBODY)
+    assert status(tmp_path).failed_families == 4
+    assert render_dataset(SUITE, tmp_path, NOBODY)["rendered"] == 4
+
+
+def test_a_render_in_a_child_is_the_same_and_survives_its_death(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    render_dataset(SUITE, tmp_path / "here", NOBODY)
+    with Child() as child:
+        render_dataset(SUITE, tmp_path / "apart", NOBODY, child=child)
+        here, there = open_dataset(tmp_path / "here"), open_dataset(tmp_path / "apart")
+        assert [entry.sha256 for entry in here.record.scenes] == [
+            entry.sha256 for entry in there.record.scenes
+        ]
+        monkeypatch.setattr("malus.bench.command_render._rendered", dies_after_one)
+        done = render_dataset(SUITE, tmp_path / "dies", NOBODY, child=child)
+    # Each of two families has two scenes, and every process dies after one: no scene is lost.
+    assert (done["rendered"], done["failed"]) == (4, 0)
+
+
+def dies_after_one(order: Order) -> Iterator[Truth]:
+    made = Made()
+    for _, truth in truths(order.family, order.scenes, order.renderer, order.variant, made):
+        yield truth
+        os.kill(os.getpid(), signal.SIGKILL)

@@ -26,6 +26,7 @@ import pytest
 import malus.bench.work
 from malus.bench import read_results, run
 from malus.bench.cluster import spread
+from malus.bench.command_render import render_dataset
 from malus.bench.parts import PLAN
 from malus.bench.plan import plan
 from malus.bench.results import EXAMPLES, PARTS, RUN
@@ -169,6 +170,23 @@ def test_two_runs_in_one_folder_do_not_harm_each_other(
         assert end(process) == (0, "")
     assert_same_results(tmp_path, uninterrupted[0])
     assert not [name for name in files(tmp_path) if ".part-" in name]
+
+
+def test_two_suites_at_once_in_one_folder_are_refused(tmp_path: Path) -> None:
+    other = SUITE.model_copy(update={"methods": ("eq8",)})
+
+    def meanwhile(tasks: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+        with pytest.raises(InputError, match="found another suite's; choose another --out"):
+            run(other, tmp_path, NOBODY)
+        with pytest.raises(InputError, match="found another suite's; choose another --out"):
+            render_dataset(SUITE, tmp_path, NOBODY)
+        run(SUITE, tmp_path, NOBODY)
+        yield from here(NOBODY)(tasks)
+
+    results = run(SUITE, tmp_path, NOBODY, engine=meanwhile)
+    assert results.run["suite_id"] == SUITE.id
+    assert not [name for name in files(tmp_path) if ".part-" in name]
+    run(other, tmp_path, NOBODY)
 
 
 def test_what_dead_processes_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
