@@ -126,12 +126,8 @@ def render_dataset(
             progress(len(writer.done), len(planned), family.label)
             missing = [scene for scene in family.scenes if _is_left(scene, writer, retry_failed)]
             for found in _found(Order(family, missing, suite.renderer, chosen), child):
-                if isinstance(found, Truth):
-                    writer.add(found, planned[found.scene.id])
-                    size += sum(f.stat().st_size for f in (folder / found.scene.id).iterdir())
-                    rendered += 1
-                else:
-                    _record(found, family, planned, writer)
+                size += _kept(found, family, planned, writer)
+                rendered += isinstance(found, Truth)
                 progress(len(writer.done), len(planned), family.label)
     if not writer.done:
         why = next(iter(writer.failed.values())).reason
@@ -225,11 +221,17 @@ def _found(order: Order, child: Child | None) -> Iterator[Truth | Failure]:
     yield from (Failure(name, None, reason) for name in left)
 
 
-def _record(
-    failure: Failure, family: FamilyPlan, planned: Mapping[str, str], writer: DatasetWriter
-) -> None:
-    """Record a failure of one scene, or of all scenes of the family that have no truth."""
-    names = [scene.id for scene in family.scenes] if failure.scene is None else [failure.scene]
+def _kept(
+    found: Truth | Failure, family: FamilyPlan, planned: Mapping[str, str], writer: DatasetWriter
+) -> int:
+    """Write a truth, or record why there is none; the number of bytes written.
+
+    A failure without a scene is one of all scenes of the family that have no truth.
+    """
+    if isinstance(found, Truth):
+        writer.add(found, planned[found.scene.id])
+        return sum(file.stat().st_size for file in (writer.folder / found.scene.id).iterdir())
+    names = [scene.id for scene in family.scenes] if found.scene is None else [found.scene]
     for name in names:
         if name not in writer.done:
             writer.fail(
@@ -237,7 +239,8 @@ def _record(
                     scene=name,
                     origin=planned[name],
                     label=family.label,
-                    reason=failure.reason,
-                    mendable=failure.mendable,
+                    reason=found.reason,
+                    mendable=found.mendable,
                 )
             )
+    return 0
