@@ -64,7 +64,7 @@ def keep(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
 def _meta(scene: Scene) -> dict[str, Any]:
     surface = scene.surface
     parts = (
-        scene.shape.label,
+        scene.label,
         surface.material_label,
         surface.label,
         f"{surface.body} body",

@@ -22,12 +22,15 @@ class FamilyPlan:
     ----------
     interface, body : int
         Stokes images of the interface and of the body at the indices that are rendered.
+    traces : int
+        How often the camera's rays are traced.
     """
 
     scenes: tuple[Scene, ...]
     sampling: Sampling
     interface: int
     body: int
+    traces: int = 1
 
     @property
     def id(self) -> str:
@@ -39,7 +42,7 @@ class FamilyPlan:
     def label(self) -> str:
         """What the family is, for progress and errors."""
         first = self.scenes[0]
-        return f"{first.shape.label}, {first.light.label}, {first.surface.label}"
+        return f"{first.label}, {first.light.label}, {first.surface.label}"
 
 
 def plan(suite: Suite) -> list[FamilyPlan]:
@@ -60,6 +63,9 @@ def plan(suite: Suite) -> list[FamilyPlan]:
 
 
 def _family(key: FamilyKey, scenes: Sequence[Scene], sampling: Sampling) -> FamilyPlan:
+    if key.room:  # nothing is interpolated: every band of both lobes is rendered
+        bands = len(key.room.wavelengths_nm)
+        return FamilyPlan(tuple(scenes), sampling, bands, bands, traces=bands)
     nodes = Nodes.of(np.concatenate([scene.eta for scene in scenes]))
     interface = len(nodes.rendered)
     body = 1 if key.body == "unpolarised" else interface

@@ -79,7 +79,7 @@ def describe(scene: Scene) -> dict[str, Any]:
     light = scene.light
     return {
         "scene": scene.id,
-        "shape": scene.shape.label,
+        "shape": scene.label,
         "material": surface.material_label,
         "eta": float(scene.eta.mean()),
         "surface": surface.label,

@@ -10,6 +10,7 @@ from malus.bench.plan import FamilyPlan
 from malus.renderers.translate import CONVEX
 from malus.scenes.lights import Distant, Uniform
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
+from malus.scenes.scene import Scene
 from malus.scenes.suite import Suite
 
 LOBES = 2
@@ -68,7 +69,7 @@ def _images(suite: Suite, families: Sequence[FamilyPlan]) -> int:
 def _indices(families: Sequence[FamilyPlan], images: int) -> list[Saving]:
     interface = sum(family.interface for family in families)
     body = sum(family.body for family in families)
-    fixed = sum(family.scenes[0].surface.body == "unpolarised" for family in families)
+    fixed = sum(family.body < family.interface for family in families)
     return [
         Saving(
             "interface images", interface, images,
@@ -84,9 +85,9 @@ def _indices(families: Sequence[FamilyPlan], images: int) -> list[Saving]:
 
 
 def _rays(families: Sequence[FamilyPlan]) -> list[Saving]:
-    traces = len(families)
+    count, traces = len(families), sum(family.traces for family in families)
     images = sum(family.interface + family.body for family in families)
-    convex = sum(family.scenes[0].shape.kind in CONVEX for family in families)
+    convex = sum(_is_convex(family.scenes[0]) for family in families)
     single = sum(isinstance(f.scenes[0].light, Distant | Uniform) for f in families)
     return [
         Saving(
@@ -94,14 +95,18 @@ def _rays(families: Sequence[FamilyPlan]) -> list[Saving]:
             "one hit is shaded by every node and both lobes",
         ),
         Saving(
-            "families with shadow rays", traces - convex, traces,
+            "families with shadow rays", count - convex, count,
             "a convex shape casts no shadow on itself",
         ),
         Saving(
-            "families that sample both light and surface", traces - single, traces,
+            "families that sample both light and surface", count - single, count,
             "a distant light has one direction, a uniform one no place",
         ),
     ]  # fmt: skip
+
+
+def _is_convex(scene: Scene) -> bool:
+    return scene.surroundings is None and scene.shape.kind in CONVEX
 
 
 def plan_record(suite: Suite, families: Sequence[FamilyPlan], seconds: float) -> dict[str, Any]:

@@ -6,6 +6,7 @@ scores that live at the rim would jump with it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
@@ -28,3 +29,22 @@ def inside(mi: ModuleType, scene: Any, resolution: int) -> Mask:
         hit = np.asarray(scene.ray_test(ray))
     hit = hit.reshape(resolution + 1, resolution + 1)
     return (hit[:-1, :-1] & hit[1:, :-1] & hit[:-1, 1:] & hit[1:, 1:]).ravel()
+
+
+def covering(
+    mi: ModuleType, scene: Any, shapes: Sequence[Any], resolution: int
+) -> NDArray[np.int32]:
+    """Index (resolution²,) in `shapes` of the one that all four corners of a pixel hit, or -1."""
+    import drjit as dr
+
+    corner = np.linspace(0.0, 1.0, resolution + 1, dtype=np.float32)
+    x, y = (grid.ravel() for grid in np.meshgrid(corner, corner))
+    ray, _ = scene.sensors()[0].sample_ray(0.0, 0.0, mi.Point2f(x, y), mi.Point2f(0.5))
+    hit = scene.ray_intersect_preliminary(ray).shape
+    index = dr.full(mi.Int32, -1, len(x))
+    for number, shape in enumerate(shapes):
+        index = dr.select(hit == mi.ShapePtr(shape), number, index)
+    at = np.asarray(index).reshape(resolution + 1, resolution + 1)
+    others = (at[1:, :-1], at[:-1, 1:], at[1:, 1:])
+    same = np.logical_and.reduce([at[:-1, :-1] == other for other in others])
+    return np.where(same, at[:-1, :-1], -1).ravel().astype(np.int32)

@@ -44,7 +44,7 @@ class Entry(Model):
         return cls(
             scene=scene.id,
             sha256=sha256,
-            shape=scene.shape.label,
+            shape=scene.label,
             material=surface.material_label,
             surface=surface.label,
             body=surface.body,

@@ -13,6 +13,7 @@ from malus.renderers.bsdfs import bsdfs
 from malus.renderers.interpolated import Family, FamilyKey, interpolate
 from malus.renderers.lobes import Floats, Lobes
 from malus.renderers.nodes import Nodes
+from malus.renderers.room import Rendered, render_room
 from malus.renderers.variant import Variant, choose
 from malus.scenes.scene import Sampling, Scene
 
@@ -25,7 +26,7 @@ def render_family(
     variant: Variant | None = None,
     errors: bool = True,
     nodes: int | None = None,
-) -> Family:
+) -> Family | Rendered:
     """Render what all of `scenes` need; they must share a FamilyKey.
 
     Parameters
@@ -50,6 +51,12 @@ def render_family(
     if len(keys) != 1:
         raise ValueError(f"scenes: expected scenes of one family, found {len(keys)} families")
     key = keys.pop()
+    if key.room:
+        return Rendered(render_room(key.room, sampling, variant or choose()))
+    eta = np.concatenate([scene.eta for scene in scenes])
+    low, high = float(eta.min()), float(eta.max())
+    points = chebyshev_nodes(low, high, nodes)
+    extra = held_out(low, high)
     points = Nodes.of(np.concatenate([scene.eta for scene in scenes]), nodes)
     started = time.perf_counter()
     chosen = variant or choose()

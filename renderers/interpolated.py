@@ -30,12 +30,17 @@ class FamilyKey:
     light: Light
     alpha: float
     body: Body
+    room: Scene | None = None
 
     @classmethod
     def of(cls, scene: Scene) -> FamilyKey:
-        """The family of a scene: all of it but the material, the bands and the albedo."""
+        """The family of a scene: all of it but the material, the bands and the albedo.
+
+        A scene with surroundings is a family of its own, `room`.
+        """
         surface = scene.surface
-        return cls(scene.shape, scene.camera, scene.light, surface.alpha, surface.body)
+        room = scene if scene.surroundings else None
+        return cls(scene.shape, scene.camera, scene.light, surface.alpha, surface.body, room)
 
 
 @dataclass(frozen=True)

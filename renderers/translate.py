@@ -58,11 +58,12 @@ def shape_object(mi: ModuleType, shape: Shape, bsdf: Any) -> Any:
     """The shape as a Mitsuba object that carries `bsdf`."""
     if isinstance(shape, Sphere):
         return mi.load_dict({"type": "sphere", "bsdf": bsdf})
-    return _mesh(mi, _tessellated(shape), bsdf)
+    return mesh_object(mi, tessellated(shape), bsdf)
 
 
 @functools.lru_cache(maxsize=4)
-def _tessellated(shape: Shape) -> TriangleMesh:
+def tessellated(shape: Shape) -> TriangleMesh:
+    """The mesh of any shape but a sphere, which Mitsuba intersects analytically."""
     match shape:
         case Torus():
             return geometry.torus(shape.major, shape.minor, math.radians(shape.tilt_deg))
@@ -77,7 +78,8 @@ def _tessellated(shape: Shape) -> TriangleMesh:
     raise TypeError(f"no mesh for {shape!r}")
 
 
-def _mesh(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
+def mesh_object(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
+    """The mesh as a Mitsuba object that carries `bsdf`."""
     properties = mi.Properties()
     properties["mesh_bsdf"] = bsdf
     smooth = mesh.normals is not None

@@ -3,8 +3,8 @@
 from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Area, Distant, Environment, Light, Uniform
-from malus.scenes.scene import Dielectric, Sampling, Scene
-from malus.scenes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
+from malus.scenes.scene import Dielectric, Placed, Sampling, Scene, Surroundings
+from malus.scenes.shapes import Blob, MeshFile, Plane, Shape, Sphere, Superquadric, Torus
 from malus.scenes.suite import Suite, load_suite, suite_names
 
 __all__ = [
@@ -17,12 +17,15 @@ __all__ = [
     "InputError",
     "Light",
     "MeshFile",
+    "Placed",
+    "Plane",
     "Sampling",
     "Scene",
     "Shape",
     "Sphere",
     "Suite",
     "Superquadric",
+    "Surroundings",
     "Torus",
     "Uniform",
     "load_suite",

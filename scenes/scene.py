@@ -13,9 +13,10 @@ from malus.scenes.camera import Camera
 from malus.scenes.lights import Light, turned
 from malus.scenes.materials import material, surface
 from malus.scenes.model import Model
-from malus.scenes.shapes import Shape
+from malus.scenes.shapes import Shape, ShapeOrPlane
 
 Body = Literal["unpolarised", "polarised"]
+Coordinate = Annotated[float, Field(ge=-1000, le=1000)]
 
 
 class Dielectric(Model):
@@ -88,6 +89,46 @@ class Dielectric(Model):
         )
 
 
+class Placed(Model):
+    """An object beside others: its shape and surface, and where it stands.
+
+    The shape, which fits the unit sphere, is tilted by `tilt_deg` about +x (its top comes towards
+    the viewer), turned by `turn_deg` about the vertical (its front goes to the right), scaled and
+    moved to `position`, all in the world, whose unit is the radius of the scene's own shape.
+    """
+
+    shape: ShapeOrPlane
+    surface: Dielectric
+    position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
+    scale: float = Field(default=1.0, gt=0, le=1000)
+    tilt_deg: float = Field(default=0.0, ge=-360, le=360)
+    turn_deg: float = Field(default=0.0, ge=-360, le=360)
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """The turn as a matrix (3, 3).
+
+        Examples
+        --------
+        >>> from malus.scenes import Plane
+        >>> paint = Dielectric(eta=1.5, alpha=0.3)
+        >>> wall = Placed(shape=Plane(), surface=paint, tilt_deg=90)
+        >>> (wall.rotation @ [0, 1, 0]).round(9).tolist()  # its upper side faces the viewer
+        [0.0, 0.0, 1.0]
+        """
+        tilt, turn = np.radians([self.tilt_deg, self.turn_deg])
+        about_x = [[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]]
+        about_y = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+        return np.array(about_y) @ np.array(about_x)
+
+
+class Surroundings(Model):
+    """What stands around the scene's own shape; light goes back and forth between all of them."""
+
+    name: str = Field(min_length=1, max_length=100)
+    objects: tuple[Placed, ...] = Field(min_length=1, max_length=64)
+
+
 def _increasing(wavelengths_nm: tuple[float, ...]) -> tuple[float, ...]:
     if any(b <= a for a, b in itertools.pairwise(wavelengths_nm)):
         raise ValueError("wavelengths in increasing order")
@@ -119,6 +160,19 @@ class Scene(Model):
     light: Light
     camera: Camera = Camera()
     wavelengths_nm: Wavelengths = (550.0,)
+    surroundings: Surroundings | None = Field(default=None, exclude_if=lambda value: value is None)
+
+    @property
+    def objects(self) -> tuple[Placed, ...]:
+        """All that is seen: the scene's own shape at the origin, and its surroundings."""
+        own = Placed(shape=self.shape, surface=self.surface)
+        return (own, *(self.surroundings.objects if self.surroundings else ()))
+
+    @property
+    def label(self) -> str:
+        """Name of what is seen, in tables."""
+        shape = self.shape.label
+        return f"{shape} in {self.surroundings.name}" if self.surroundings else shape
 
     @property
     def eta(self) -> NDArray[np.float64]:
@@ -132,7 +186,13 @@ class Scene(Model):
 
 
 class Sampling(Model):
-    """Monte Carlo effort: samples a pixel (even, for two independent halves) and the seed."""
+    """Monte Carlo effort: samples a pixel (even, for two independent halves) and the seed.
+
+    `max_depth` counts the straight pieces of a light path, as Mitsuba does, where a scene has
+    surroundings: 2 is light that met one object, 3 light that met two. Scenes of one object are
+    rendered at depth 2.
+    """
 
     samples: int = Field(default=64, ge=2, le=1 << 20, multiple_of=2)
     seed: int = Field(default=1, ge=0, lt=1 << 31)
+    max_depth: int = Field(default=5, ge=2, le=64, exclude_if=lambda depth: depth == 5)

@@ -81,4 +81,18 @@ class MeshFile(Model):
         return self.path.replace("\\", "/").rsplit("/", 1)[-1].rsplit(".", 1)[0]
 
 
+class Plane(Model):
+    """A square of half width 1 that faces up (+y): a floor, or tilted by 90° a wall."""
+
+    kind: Literal["plane"] = "plane"
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return self.kind
+
+
 Shape = Annotated[Sphere | Torus | Blob | Superquadric | MeshFile, Field(discriminator="kind")]
+ShapeOrPlane = Annotated[
+    Sphere | Torus | Blob | Superquadric | MeshFile | Plane, Field(discriminator="kind")
+]

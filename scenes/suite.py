@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
@@ -17,9 +17,10 @@ from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Light
 from malus.scenes.materials import material, materials, surface, surfaces
 from malus.scenes.model import Model
-from malus.scenes.scene import Body, Dielectric, Sampling, Scene, Wavelengths
+from malus.scenes.scene import Body, Dielectric, Sampling, Scene, Surroundings, Wavelengths
 from malus.scenes.shapes import MeshFile, Shape
 
+AnyShape = TypeVar("AnyShape", bound=Model)
 Renderer = Literal["mitsuba", "torrance-sparrow"]
 MAX_SUITE_BYTES = 1 << 20
 
@@ -68,6 +69,7 @@ class Suite(Model):
     surfaces: tuple[str | Roughness, ...] = Field(min_length=1)
     lights: tuple[Light, ...] = Field(min_length=1)
     bodies: tuple[Body, ...] = Field(default=("unpolarised",), min_length=1)
+    surroundings: tuple[Surroundings, ...] = Field(default=(), exclude_if=lambda value: not value)
     wavelengths_nm: Wavelengths
     methods: tuple[str, ...] = Field(min_length=1)
     metrics: tuple[str, ...] = ()
@@ -98,8 +100,10 @@ class Suite(Model):
 
     def scenes(self) -> Iterator[Scene]:
         """Every scene, in an order that keeps scenes of one family of renders together."""
-        families = itertools.product(self.shapes, self.lights, self.surfaces, self.bodies)
-        for shape, light, rough, body in families:
+        families = itertools.product(
+            self.shapes, self.surroundings or (None,), self.lights, self.surfaces, self.bodies
+        )
+        for shape, surroundings, light, rough, body in families:
             for substance in self.materials:
                 yield Scene(
                     shape=shape,
@@ -107,6 +111,7 @@ class Suite(Model):
                     light=light,
                     camera=self.camera,
                     wavelengths_nm=self.wavelengths_nm,
+                    surroundings=surroundings,
                 )
 
 
@@ -163,7 +168,8 @@ def load_suite(name_or_path: str | Path) -> Suite:
     folder = Path(where).parent
     shapes = tuple(_mesh_file(shape, folder) for shape in suite.shapes)
     lights = tuple(_map_file(light, folder) for light in suite.lights)
-    return suite.model_copy(update={"shapes": shapes, "lights": lights})
+    around = tuple(_files_around(surroundings, folder) for surroundings in suite.surroundings)
+    return suite.model_copy(update={"shapes": shapes, "lights": lights, "surroundings": around})
 
 
 def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
@@ -191,7 +197,15 @@ def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
         raise InputError(str(path), "UTF-8 text", "other bytes", "save it as UTF-8") from None
 
 
-def _mesh_file(shape: Shape, folder: Path) -> Shape:
+def _files_around(surroundings: Surroundings, folder: Path) -> Surroundings:
+    objects = tuple(
+        placed.model_copy(update={"shape": _mesh_file(placed.shape, folder)})
+        for placed in surroundings.objects
+    )
+    return surroundings.model_copy(update={"objects": objects})
+
+
+def _mesh_file(shape: AnyShape, folder: Path) -> AnyShape:
     if not isinstance(shape, MeshFile):
         return shape
     path, digest = _known_by_content(folder / shape.path, "mesh file")
