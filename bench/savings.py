@@ -69,7 +69,7 @@ def _images(suite: Suite, families: Sequence[FamilyPlan]) -> int:
 def _indices(families: Sequence[FamilyPlan], images: int) -> list[Saving]:
     interface = sum(family.interface for family in families)
     body = sum(family.body for family in families)
-    fixed = sum(family.body < family.interface for family in families)
+    fixed = sum(_has_fixed_body(family.scenes[0]) for family in families)
     return [
         Saving(
             "interface images", interface, images,
@@ -103,6 +103,10 @@ def _rays(families: Sequence[FamilyPlan]) -> list[Saving]:
             "a distant light has one direction, a uniform one no place",
         ),
     ]  # fmt: skip
+
+
+def _has_fixed_body(scene: Scene) -> bool:
+    return scene.surroundings is None and scene.surface.body == "unpolarised"
 
 
 def _is_convex(scene: Scene) -> bool:

@@ -53,10 +53,6 @@ def render_family(
     key = keys.pop()
     if key.room:
         return Rendered(render_room(key.room, sampling, variant or choose()))
-    eta = np.concatenate([scene.eta for scene in scenes])
-    low, high = float(eta.min()), float(eta.max())
-    points = chebyshev_nodes(low, high, nodes)
-    extra = held_out(low, high)
     points = Nodes.of(np.concatenate([scene.eta for scene in scenes]), nodes)
     started = time.perf_counter()
     chosen = variant or choose()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from malus.renderers import render
+from malus.renderers.family import render_family
 from malus.renderers.room import Room
 from malus.renderers.translate import emitter, sensor
 from malus.renderers.variant import choose, mitsuba
@@ -15,6 +16,7 @@ from malus.scenes import (
     Dielectric,
     Distant,
     Environment,
+    InputError,
     Light,
     Placed,
     Plane,
@@ -121,3 +123,9 @@ def test_both_lobes_together_are_what_mitsuba_renders(light: Light, body: str) -
     # The errors explain the pixels too. Sums, not means of ratios: a pixel that light reaches by
     # a rare way only has seldom seen its own variance.
     assert 0.7 < (difference**2).sum() / variance.sum() < 1.4
+
+
+def test_the_scalar_variant_refuses_in_one_line() -> None:
+    scene = table(Uniform())
+    with pytest.raises(InputError, match=r"expected LLVM or CUDA .* found scalar.*: install LLVM"):
+        render_family([scene], Sampling(samples=2), choose("scalar"))
