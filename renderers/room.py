@@ -107,7 +107,8 @@ class Room:
             for part in (_SPECULAR, _DIFFUSE, _SQUARES)
         )
         variance = squares.mean(axis=0) - (specular + diffuse).mean(axis=0) ** 2
-        normals = sums[_NORMAL, :, :, 0].sum(axis=1).T.reshape(side, side, 3)
+        axes = scene.camera.axes.astype(np.float32)
+        normals = (sums[_NORMAL, :, :, 0].sum(axis=1).T @ axes.T).reshape(side, side, 3)
         covered = (self.owner >= 0) & (sums[_HITS, :, :, 0].sum(axis=0) == samples)
         eta, alpha = self._maps()
         return Truth(

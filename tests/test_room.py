@@ -127,5 +127,5 @@ def test_both_lobes_together_are_what_mitsuba_renders(light: Light, body: str) -
 
 def test_the_scalar_variant_refuses_in_one_line() -> None:
     scene = table(Uniform())
-    with pytest.raises(InputError, match=r"expected LLVM or CUDA .* found scalar.*: install LLVM"):
+    with pytest.raises(InputError, match=r"expected LLVM or CUDA .* found scalar.*; install LLVM"):
         render_family([scene], Sampling(samples=2), choose("scalar"))
