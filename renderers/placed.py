@@ -79,9 +79,7 @@ def _added(mi: ModuleType, variant: str) -> Any:
             return drawn, dr.select(usable, value / drawn.pdf, 0.0)
 
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any) -> Any:
-            parts = (self.interface, self.body)
-            mirrored, scattered = (part.eval(ctx, si, wo, active) for part in parts)
-            return mirrored + scattered
+            return self.interface.eval(ctx, si, wo, active) + self.body.eval(ctx, si, wo, active)
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any) -> Any:
             parts = (self.interface, self.body)
