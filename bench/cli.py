@@ -87,7 +87,15 @@ def run(
 
 @cli.command()
 @click.argument("results", type=click.Path(path_type=Path))
-def report(results: Path) -> None:
+@click.option(
+    "--with",
+    "beside",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Show the study in DIR (of `malus run precision` or `stress`) too; may be given twice.",
+)
+def report(results: Path, beside: tuple[Path, ...]) -> None:
     """Make the figures, summary and page of a finished run again, from its folder RESULTS.
 
     \b
@@ -96,7 +104,7 @@ def report(results: Path) -> None:
     """
     from malus.bench.command_run import report_again
 
-    report_again(results)
+    report_again(results, beside)
 
 
 @cli.command("list")

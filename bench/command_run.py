@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,12 +84,15 @@ def _tell_failed(failed: int, results: Results, folder: Path, console: Console) 
     )
 
 
-def report_again(folder: Path) -> None:
-    """Write the report of finished results again."""
-    from malus.reports.write import write_report
+def report_again(folder: Path, beside: Sequence[Path] = ()) -> None:
+    """Write the report of finished results or of a study again, with the studies in `beside`."""
+    from malus.reports.studies import is_study
+    from malus.reports.write import write_report, write_study
 
-    results = read_results(folder)
-    written = write_report(results, folder)
+    if is_study(folder):
+        written = write_study(folder)
+    else:
+        written = write_report(read_results(folder), folder, beside)
     Console().print(f"{len(written)} files written to {folder}", highlight=False)
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import platform
 import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +102,23 @@ def table_of(records: list[dict[str, Any]]) -> pd.DataFrame:
     return table
 
 
+def origin() -> dict[str, Any]:
+    """When, where and with which versions results were made, for `run.json`.
+
+    Examples
+    --------
+    >>> sorted(origin())
+    ['finished', 'machine', 'versions']
+    """
+    packages = ("malus", "mitsuba", "drjit", "numpy", "scipy", "pandas")
+    versions = {name: version(name) for name in packages}
+    return {
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": versions | {"python": platform.python_version()},
+        "machine": {"system": platform.platform(), "processor": platform.machine()},
+    }
+
+
 def prepare_folder(out: Path) -> Path:
     """Make the output folder, check that it can be written, and clear what a kill left there.
 
@@ -139,7 +159,12 @@ def write_results(out: Path, results: Results) -> None:
     write_whole(out / TABLE, lambda path: results.table.to_parquet(path, index=False))
     headlines = results.headlines.drop(columns=["band_nm", "angle_deg"])
     write_whole(out / HEADLINES, lambda path: headlines.to_csv(path, index=False))
-    text = json.dumps(results.run, indent=2, sort_keys=True, allow_nan=False)
+    write_run(out, results.run)
+
+
+def write_run(out: Path, run: dict[str, Any]) -> None:
+    """run.json: how results came about."""
+    text = json.dumps(run, indent=2, sort_keys=True, allow_nan=False)
     write_whole(out / RUN, lambda path: path.write_text(text + "\n", encoding="utf-8"))
 
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +14,14 @@ import pandas as pd
 from malus.bench.examples import chosen
 from malus.bench.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
 from malus.bench.plan import FamilyPlan, plan
-from malus.bench.results import EXAMPLES, Results, prepare_folder, write_results, write_whole
+from malus.bench.results import (
+    EXAMPLES,
+    Results,
+    origin,
+    prepare_folder,
+    write_results,
+    write_whole,
+)
 from malus.bench.savings import plan_record
 from malus.bench.work import Engine, Made, Task, here
 from malus.reconstruct import get_method
@@ -188,14 +192,9 @@ class Job:
 
     def record(self, tables: Sequence[pd.DataFrame], failures: Sequence[Failure]) -> dict[str, Any]:
         """What `run.json` says: how the results came about."""
-        packages = ("malus", "mitsuba", "drjit", "numpy", "scipy", "pandas")
-        versions = {name: version(name) for name in packages}
-        return {
+        return origin() | {
             "suite": self.suite.model_dump(mode="json"),
             "suite_id": self.suite.id,
-            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-            "versions": versions | {"python": platform.python_version()},
-            "machine": {"system": platform.platform(), "processor": platform.machine()},
             "variant": {"name": self.variant.name, "reason": self.variant.reason},
             "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
             "families": len(self.families),

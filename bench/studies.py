@@ -11,7 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from malus.bench.results import prepare_folder, write_whole
+from malus.bench.results import origin, prepare_folder, write_run, write_whole
 from malus.renderers.variant import choose
 
 
@@ -37,15 +37,9 @@ def _stress(out: Path, backend: str) -> bool:
 
 def _precision(out: Path, backend: str) -> bool:
     from malus.bench.precision import precision
-    from malus.reports.precision import figure_precision
-    from malus.reports.style import png, svg
 
     table = precision(choose(backend))
     write_whole(out / "precision.csv", lambda path: table.to_csv(path, index=False))
-    figure = figure_precision(table)
-    drawn, image = svg(figure), png(figure)
-    write_whole(out / "precision.svg", lambda path: path.write_text(drawn, encoding="utf-8"))
-    write_whole(out / "precision.png", lambda path: path.write_bytes(image))
     _show(table, _cells)
     Console().print(f"written to {out}", highlight=False)
     return True
@@ -76,5 +70,11 @@ STUDIES = {
 
 def run_study(name: str, out: Path | None, backend: str) -> bool:
     """Run a study; its files go to `out`, by default results/NAME. True if it passed."""
+    from malus.reports.write import write_study
+
     folder = prepare_folder(out if out is not None else Path("results") / name)
-    return STUDIES[name].run(folder, backend)
+    study = STUDIES[name]
+    passed = study.run(folder, backend)
+    write_run(folder, origin() | {"study": name, "description": study.description})
+    write_study(folder)
+    return passed

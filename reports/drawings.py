@@ -71,6 +71,17 @@ def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
             )  # fmt: skip
 
 
+def precision_drawing(table: pd.DataFrame) -> Drawing:
+    """Work-precision diagrams of the study `precision`."""
+    from malus.reports.precision import figure_precision
+    from malus.reports.style import png, svg
+
+    figure = figure_precision(table)
+    caption = "Error against seconds, both logarithmic; filled: on the Pareto front."
+    title = "Work-precision diagrams"
+    return Drawing("precision", title, caption, svg(figure), png(figure), table)
+
+
 def _of(body: str) -> str:
     return "" if body == PAPER_BODY else f", {body} body"
 

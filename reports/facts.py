@@ -34,6 +34,14 @@ PLAN = (
     " Without a plan there would be one render for every scene, band, polariser angle and lobe; its"
     " time is the measured time of one render, times their number."
 )
+PRECISION = (
+    "Every point is a setting that somebody could choose. Filled and joined: nothing else is both"
+    " faster and more accurate. Seconds are medians of several runs on one machine."
+)
+STRESS = (
+    "Limits, singular points and hostile inputs: each with its error against a slow reference where"
+    " there is one, and the rule that it must not break."
+)
 NO_SKILL = "The trivial guess does not rise above the Monte Carlo noise in these scenes."
 ALL_SKILLS = "Every scene has a skill: the trivial guess rises above the noise everywhere."
 NEVER_NEGATIVE = f"The skill of {PAPER_METHOD} is negative nowhere in this suite."

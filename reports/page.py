@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections.abc import Sequence
 from importlib import resources
 
 from malus.reports.html import Markup, join, tag
-from malus.reports.sections import SECTIONS, Section
-from malus.reports.source import Source
+from malus.reports.section import Section
 
 PAGE = "report.html"
 
 _SCRIPTS = ("stokes.js", "panel.js", "readout.js", "viewer.js", "page.js")
 
 
-def page(source: Source) -> str:
+def page(name: str, description: str, sections: Sequence[Section]) -> str:
     """The whole page.
 
     Nothing is loaded from anywhere, and the content security policy forbids it: only the page's
@@ -23,29 +23,23 @@ def page(source: Source) -> str:
 
     Parameters
     ----------
-    source : Source
-
-    Raises
-    ------
-    InputError
-        If a file of the run that the page shows cannot be read.
+    name, description : str
+        Of the suite or study.
+    sections : sequence of Section
     """
-    found = [make(source) for make in SECTIONS]
-    sections = [section for section in found if section]
     script = script_text()
-    title = f"malus: {source.run['suite']['name']}"
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
         tag("meta", http_equiv="Content-Security-Policy", content=_policy(script)),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("title", title),
+        tag("title", f"malus: {name}"),
         tag("link", rel="icon", href="data:,"),
         tag("style", Markup(_asset("page.css"))),
     )
     body = tag(
         "body",
-        _header(source, sections),
+        _header(name, description, sections),
         tag("main", *map(_section, sections)),
         tag("script", Markup(script)),
     )
@@ -68,14 +62,13 @@ def _asset(name: str) -> str:
     return (resources.files("malus.reports") / "assets" / name).read_text("utf-8")
 
 
-def _header(source: Source, sections: list[Section]) -> Markup:
-    suite = source.run["suite"]
+def _header(name: str, description: str, sections: Sequence[Section]) -> Markup:
     links = [tag("a", section.title, href=f"#{section.name}") for section in sections]
     toggle = tag("button", "Dark", id="theme", type="button", aria_pressed="false")
     return tag(
         "header",
-        tag("div", tag("h1", "malus ", tag("span", suite["name"])), toggle, class_="top"),
-        tag("p", suite.get("description", "")),
+        tag("div", tag("h1", "malus ", tag("span", name)), toggle, class_="top"),
+        tag("p", description),
         tag("nav", *links, aria_label="Sections"),
     )
 

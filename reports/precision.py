@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from malus.reports.style import INK, SOFT, looks, power_of_ten, style
+from malus.reports.style import INK, SOFT, drawable, looks, power_of_ten, style
 
 TITLES = {"ratio": "ρ of one surface", "render": "rendering a family"}
 LABELS = {"ratio": "largest |Δρ|", "render": "rms error / peak"}
@@ -51,11 +51,13 @@ def _panel(axes: Any, part: pd.DataFrame, name: str) -> None:
         text = {"textcoords": "offset points", "fontsize": 6.5, "color": INK}
         # Neighbours in error take turns above and below, so that their names stay apart.
         offset = (4, 5 if place % 2 else -9)
-        axes.annotate(row.setting or row.method, (row.seconds, row.error), xytext=offset, **text)
+        axes.annotate(
+            drawable(row.setting or row.method), (row.seconds, row.error), xytext=offset, **text
+        )
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(power_of_ten)
         axis.set_minor_formatter("")
-    axes.set_title(TITLES.get(name, name))
-    axes.set_xlabel(f"seconds, {part['unit'].iloc[0]}")
+    axes.set_title(drawable(TITLES.get(name, name)))
+    axes.set_xlabel(drawable(f"seconds, {part['unit'].iloc[0]}"))
     axes.set_ylabel(LABELS.get(name, "NMSE without noise"))
     axes.margins(x=0.35, y=0.15)

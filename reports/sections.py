@@ -7,7 +7,6 @@ in `SECTIONS`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import pandas as pd
 
@@ -16,10 +15,11 @@ from malus.reports.colour_errors import table1_listing
 from malus.reports.drawings import Drawing
 from malus.reports.error_maps import WHITE, gallery
 from malus.reports.heat import maps as skill_maps
-from malus.reports.html import Markup, folded, join, scrolling, table, tag
-from malus.reports.inline import inlined
+from malus.reports.html import folded, join, table, tag
 from malus.reports.listing import Listing, range_of_means
+from malus.reports.section import Section, figure
 from malus.reports.source import Source
+from malus.reports.studies import read_study
 from malus.reports.tables import (
     PAPER_BODY,
     PAPER_METHOD,
@@ -31,15 +31,6 @@ from malus.reports.tables import (
 )
 from malus.reports.text import counted, duration, scientific, worth
 from malus.reports.viewer import place_of_scenes, viewer
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of the page: the name in its address, a title and what it shows."""
-
-    name: str
-    title: str
-    content: Markup
 
 
 def headline(source: Source) -> Section:
@@ -107,19 +98,8 @@ def figures(source: Source) -> Section | None:
     """Every figure with the numbers behind it."""
     if not source.drawings:
         return None
-    return Section("figures", "Errors", join(*map(_figure, source.drawings)))
-
-
-def _figure(drawing: Drawing) -> Markup:
-    label = f"{drawing.title}: {drawing.caption}"
-    picture = scrolling(inlined(drawing.svg, drawing.name, label), drawing.title)
-    return tag(
-        "figure",
-        tag("h3", drawing.title),
-        picture,
-        tag("figcaption", drawing.caption),
-        folded("Numbers behind the figure", table(_numbers(drawing), f"{drawing.name}.csv")),
-        class_="drawing",
+    return Section(
+        "figures", "Errors", join(*(figure(one, _numbers(one)) for one in source.drawings))
     )
 
 
@@ -210,6 +190,14 @@ def provenance(source: Source) -> Section:
         table(listing.stages(source.run), "Seconds of every stage"),
     )
     return Section("provenance", "How this came about", content)
+
+
+def of_run(source: Source) -> list[Section]:
+    """All sections of a run's page: those that have data, then the studies given with it."""
+    made = (make(source) for make in SECTIONS)
+    found = [section for section in made if section]
+    studies = [section for folder in source.beside for section in read_study(folder).sections]
+    return [*found[:-1], *studies, found[-1]]
 
 
 SECTIONS: tuple[Callable[[Source], Section | None], ...] = (

@@ -15,12 +15,16 @@ from malus.reports.examples import Example, read_examples
 
 @dataclass(frozen=True)
 class Source:
-    """The results, the folder in which other files of the run may lie, and the figures made."""
+    """The results, the folder in which other files of the run may lie, and the figures made.
+
+    `beside` are folders of studies whose sections the page shows too.
+    """
 
     table: pd.DataFrame
     run: dict[str, Any]
     folder: Path
     drawings: tuple[Drawing, ...]
+    beside: tuple[Path, ...] = ()
 
     @cached_property
     def examples(self) -> tuple[Example, ...]:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from malus.bench.results import write_whole
 from malus.reports.colour_errors import table1
-from malus.reports.drawings import drawings
+from malus.reports.drawings import Drawing, drawings
 from malus.reports.page import PAGE, page
+from malus.reports.sections import of_run
 from malus.reports.skills import by_light_and_body
 from malus.reports.source import Source
+from malus.reports.studies import read_study
 from malus.reports.summary import summary
 from malus.reports.tables import ResultsLike
 
 
-def write_report(results: ResultsLike, out: Path) -> list[Path]:
+def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -> list[Path]:
     """Write the report of a run into its folder: page, summary, figures, the CSV behind each.
 
     Every file is written whole or not at all. What else lies in the folder (`examples/`) is shown
@@ -25,6 +28,7 @@ def write_report(results: ResultsLike, out: Path) -> list[Path]:
     ----------
     results : pair of table and run
     out : path of a folder; made if missing
+    beside : paths of folders of studies that the page shall show too
 
     Returns
     -------
@@ -42,31 +46,56 @@ def write_report(results: ResultsLike, out: Path) -> list[Path]:
     >>> names[:3], names[-2:]
     (['figure5.svg', 'figure5.png', 'figure5.csv'], ['summary.md', 'report.html'])
     """
-    written: list[Path] = []
-
-    def keep(name: str, write: Callable[[Path], object]) -> None:
-        write_whole(out / name, write)
-        written.append(out / name)
-
+    files = _Files(out)
     figures = tuple(drawings(results.table))
     for drawing in figures:
-        keep(f"{drawing.name}.svg", _text(drawing.svg))
-        keep(f"{drawing.name}.png", _bytes(drawing.png))
-        keep(f"{drawing.name}.csv", _text(drawing.numbers.to_csv(index=False)))
-    keep("errors.csv", _text(by_light_and_body(results.table).to_csv(index=False)))
+        files.keep_drawing(drawing)
+    files.keep("errors.csv", by_light_and_body(results.table).to_csv(index=False))
     colours = table1(results.table)
     if len(colours):
-        keep("table1.csv", _text(colours.to_csv(index=False)))
+        files.keep("table1.csv", colours.to_csv(index=False))
     names = [f"{drawing.name}.png" for drawing in figures]
-    keep("summary.md", _text(summary(results.table, results.run, names)))
-    keep(PAGE, _text(page(Source(results.table, results.run, out, figures))))
-    return written
+    files.keep("summary.md", summary(results.table, results.run, names))
+    suite = results.run["suite"]
+    sections = of_run(Source(results.table, results.run, out, figures, tuple(beside)))
+    files.keep(PAGE, page(suite["name"], suite.get("description", ""), sections))
+    return files.written
 
 
-def _text(text: str) -> Callable[[Path], object]:
-    # Line ends as they are, so that the bytes are the same on every system.
-    return lambda path: path.write_text(text, encoding="utf-8", newline="\n")
+def write_study(out: Path) -> list[Path]:
+    """Write the page of a study into its folder, and its figure if it has one.
+
+    Parameters
+    ----------
+    out : path of a folder that `malus run precision` or `malus run stress` made
+
+    Raises
+    ------
+    InputError
+        If there is no study in the folder.
+    """
+    files = _Files(out)
+    study = read_study(out)
+    for drawing in study.drawings:
+        files.keep_drawing(drawing)
+    files.keep(PAGE, page(study.run["study"], study.run["description"], study.sections))
+    return files.written
 
 
-def _bytes(data: bytes) -> Callable[[Path], object]:
-    return lambda path: path.write_bytes(data)
+@dataclass
+class _Files:
+    """Files of a folder, each written whole or not at all."""
+
+    folder: Path
+    written: list[Path] = field(default_factory=list)
+
+    def keep(self, name: str, content: str | bytes) -> None:
+        # Line ends as they are, so that the bytes are the same on every system.
+        data = content.encode("utf-8") if isinstance(content, str) else content
+        write_whole(self.folder / name, lambda path: path.write_bytes(data))
+        self.written.append(self.folder / name)
+
+    def keep_drawing(self, drawing: Drawing) -> None:
+        self.keep(f"{drawing.name}.svg", drawing.svg)
+        self.keep(f"{drawing.name}.png", drawing.png)
+        self.keep(f"{drawing.name}.csv", drawing.numbers.to_csv(index=False))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import statistics
 import xml.etree.ElementTree as ET
@@ -19,14 +20,17 @@ from malus.reports.drawings import drawings
 from malus.reports.figure5 import figure5, figure5_by_light, numbers
 from malus.reports.figure9 import figure9
 from malus.reports.listing import savings
-from malus.reports.page import page
 from malus.reports.panels import spread
+from malus.reports.sections import of_run
 from malus.reports.skills import by_light_and_body, negative, skill_map, unreported
 from malus.reports.source import Source
+from malus.reports.studies import read_study
 from malus.reports.style import png, svg
 from malus.reports.summary import summary
 from malus.reports.tables import coverage
 from malus.reports.text import markdown, markup, script_json
+from malus.reports.write import write_study
+from malus.scenes.errors import InputError
 
 SVG = "{http://www.w3.org/2000/svg}"
 HOSTILE = "<script>alert(1)</script> $x^2$ & \"'|`*_ \U00013000"
@@ -258,11 +262,13 @@ def test_the_page_says_what_the_plan_saved(table: pd.DataFrame, tmp_path: Path) 
         ["interface images", "180"],
         ["shadow rays", "–"],
     ]
-    with_plan = page(Source(table, sample.run(), tmp_path, ()))
-    assert "60 of 1,200" in with_plan
+    found = of_run(Source(table, sample.run(), tmp_path, ()))
+    (plan,) = [section.content for section in found if section.name == "plan"]
+    assert "60 of 1,200" in plan
     run = sample.run()
     del run["plan"]  # of an older malus
-    assert 'id="plan"' not in page(Source(table, run, tmp_path, ()))
+    names = [section.name for section in of_run(Source(table, run, tmp_path, ()))]
+    assert "plan" not in names
 
 
 def test_summary_says_what_a_reader_must_know(table: pd.DataFrame) -> None:
@@ -283,6 +289,73 @@ def test_spread_keeps_order_and_distance() -> None:
     places = spread(np.array([0.0, 0.1, 0.1, 3.0]), 1.0)
     assert np.all(np.diff(places) >= 1.0 - 1e-12)
     assert places.mean() == pytest.approx(0.8)  # moved as little as possible: the mean stays
+
+
+def a_study(folder: Path, **tables: pd.DataFrame) -> None:
+    folder.mkdir()
+    for name, found in tables.items():
+        found.to_csv(folder / f"{name}.csv", index=False)
+    run = {name: sample.run()[name] for name in ("versions", "machine", "finished")}
+    run |= {"study": HOSTILE, "description": HOSTILE}
+    (folder / "run.json").write_text(json.dumps(run), "utf-8")
+
+
+def precision_table() -> pd.DataFrame:
+    points = [("slow", 2.0, 1e-6, True), ("fast", 1e-3, 1e-2, True), ("neither", 3.0, 1e-1, False)]
+    rows = [
+        {"diagram": HOSTILE, "method": "a", "setting": setting, "seconds": seconds, "spread": 0.1,
+         "unit": "an image", "error": error, "pareto": front}
+        for setting, seconds, error, front in points
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def stress_table() -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "group": ["rho", "rho", "image"], "case": ["90°", HOSTILE, "black"],
+            "value": [0.5, 0.1, math.nan], "error": [1e-11, 3e-4, math.nan],
+            "seconds": [1e-3, 2e-3, 3e-3], "passed": [True, False, True],
+            "why": ["", "error above 1e-08", ""],
+        }
+    )  # fmt: skip
+
+
+def test_a_study_has_a_page_and_its_figure(tmp_path: Path) -> None:
+    a_study(tmp_path / "precision", precision=precision_table())
+    written = {path.name for path in write_study(tmp_path / "precision")}
+    assert written == {"precision.svg", "precision.png", "precision.csv", "report.html"}
+    pd.testing.assert_frame_equal(
+        pd.read_csv(tmp_path / "precision" / "precision.csv"), precision_table()
+    )
+    text = (tmp_path / "precision" / "report.html").read_text("utf-8")
+    assert "<script>alert" not in text
+    for cell in ("fast", "1.0e-3 ± 1.0e-1", "on the front"):
+        assert cell in text
+
+
+def test_stress_names_what_failed_and_counts_every_group(tmp_path: Path) -> None:
+    a_study(tmp_path / "stress", stress=stress_table())
+    (section,) = read_study(tmp_path / "stress").sections
+    assert "3 cases, 1 failed." in section.content
+    assert markup(HOSTILE) in section.content
+    row = '<th scope="row">rho</th><td>2</td><td>1</td><td>3.0e-4</td>'
+    assert row in section.content
+
+
+def test_a_run_shows_the_studies_that_it_is_given(table: pd.DataFrame, tmp_path: Path) -> None:
+    a_study(tmp_path / "stress", stress=stress_table())
+    source = Source(table, sample.run(), tmp_path, (), (tmp_path / "stress",))
+    names = [section.name for section in of_run(source)]
+    assert names[-2:] == ["stress", "provenance"]
+
+
+def test_what_is_no_study_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"run\.json: expected how a study came about"):
+        read_study(tmp_path)
+    a_study(tmp_path / "bad", stress=stress_table().drop(columns="why"))
+    with pytest.raises(InputError, match=r"stress\.csv: expected columns group"):
+        read_study(tmp_path / "bad")
 
 
 def test_report_is_written_whole(table: pd.DataFrame, tmp_path: Path) -> None:
