@@ -11,12 +11,15 @@ from rich.table import Table
 
 from malus.bench.studies import STUDIES
 from malus.reconstruct import methods
+from malus.scenes.albedo import reflectance, swatches
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Light
 from malus.scenes.materials import materials, surfaces
 from malus.scenes.model import Model
 from malus.scenes.shapes import Shape
 from malus.scenes.suite import load_suite, suite_names
+
+SWATCH_NM = (450.0, 550.0, 650.0)
 
 
 def list_things(what: str) -> None:
@@ -32,6 +35,7 @@ def list_things(what: str) -> None:
         "methods": _methods,
         "materials": _materials,
         "surfaces": _surfaces,
+        "swatches": _swatches,
         "shapes": lambda: _kinds("shapes", Shape),
         "lights": lambda: _kinds("lights", Light),
     }
@@ -88,6 +92,18 @@ def _surfaces() -> Table:
             surface.status,
         )
     return table
+
+
+def _swatches() -> Table:
+    table = _new("swatches: colours that `albedo` may name", "name", *map(_nm, SWATCH_NM))
+    for name in swatches():
+        values = reflectance(name, SWATCH_NM)
+        table.add_row(name, *(f"{value:.3f}" for value in values))
+    return table
+
+
+def _nm(wavelength: float) -> str:
+    return f"{wavelength:g} nm"
 
 
 def _kinds(title: str, union: object) -> Table:

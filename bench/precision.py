@@ -23,8 +23,9 @@ from malus.renderers.family import render_family
 from malus.renderers.variant import Variant
 from malus.scenes.camera import Camera
 from malus.scenes.lights import Distant, Light, Uniform
-from malus.scenes.scene import Dielectric, Sampling, Scene
+from malus.scenes.scene import Sampling, Scene
 from malus.scenes.shapes import Sphere
+from malus.scenes.surface import Dielectric
 
 REPEATS = 5
 ZENITHS = np.radians(np.linspace(2.0, 88.0, 24))

@@ -9,7 +9,7 @@ from typing import Any
 
 from malus.renderers.translate import body_bsdf, interface_bsdf
 from malus.renderers.variant import Variant, mitsuba
-from malus.scenes.scene import Body
+from malus.scenes.surface import Body
 
 
 def bsdfs(

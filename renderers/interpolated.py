@@ -15,8 +15,9 @@ from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 from malus.scenes.camera import Camera
 from malus.scenes.lights import Light
-from malus.scenes.scene import Body, Scene
+from malus.scenes.scene import Scene
 from malus.scenes.shapes import Shape
+from malus.scenes.surface import Body
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -97,7 +98,7 @@ class Family:
         """
         self._check(scene)
         weights = self.nodes.weights(scene.eta).astype(np.float32)
-        albedo = np.float32(scene.surface.albedo)
+        albedo = scene.surface.albedos(scene.wavelengths_nm).astype(np.float32)[:, None]
         specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
         diffuse, diffuse_noise = self._mean_and_noise(self.lobes.body, weights)
         error = self._error(weights, albedo) if standard_error else np.zeros_like(specular)
@@ -120,8 +121,12 @@ class Family:
         nodes and only then interpolated to the bands.
         """
         self._check(scene)
+        albedo = scene.surface.albedos(scene.wavelengths_nm)
+        if np.ptp(albedo) > 0:
+            stokes = self.truth(scene, standard_error=False).stokes
+            return np.stack([polarisation.polarised(stokes, angle) for angle in angles_deg])
         weights = self.nodes.weights(scene.eta).astype(np.float32)
-        key = (angles_deg, float(scene.surface.albedo))
+        key = (angles_deg, float(albedo[0]))
         nodes = self._transmitted.get(key)
         if nodes is None:
             nodes = self._transmitted[key] = self._transmit(*key)
@@ -150,7 +155,7 @@ class Family:
             interpolate(weights, np.float32(0.5) * (first - second)),
         )
 
-    def _error(self, weights: Floats, albedo: np.float32) -> Floats:
+    def _error(self, weights: Floats, albedo: Floats) -> Floats:
         # The noise at every node is the same draw, so that its variance is smooth in η as well.
         lobes = self.lobes
         if lobes.specular_variance is None or lobes.body_variance is None:

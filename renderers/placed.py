@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from malus.renderers.translate import body_bsdf, interface_bsdf, mesh_object, tessellated
-from malus.scenes.scene import Dielectric, Placed
+from malus.scenes.scene import Placed
 from malus.scenes.shapes import Plane, Sphere
+from malus.scenes.surface import Dielectric
 
 _ETA, _BODY, _LAMBERT = "eta.value", "diffuse_reflectance.value", "reflectance.value"
 

@@ -136,9 +136,10 @@ class Room:
 
     def _band(self, band: int) -> Floats:
         """Sums over the samples of every half and pixel, (channels, halves, pixels)."""
-        wavelengths = self.scene.wavelengths_nm
+        nm = (self.scene.wavelengths_nm[band],)
         for paint in self.paints:
-            paint.set_band(float(paint.surface.indices(wavelengths)[band]), paint.surface.albedo)
+            albedo = paint.surface.albedos(self.scene.wavelengths_nm)[band]
+            paint.set_band(float(paint.surface.indices(nm)[0]), float(albedo))
         light = sampler(self.mi, self.scene.light)
         total = self.scene.camera.resolution**2
         sums = np.empty((_CHANNELS, HALVES, total), dtype=np.float32)

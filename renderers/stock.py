@@ -18,8 +18,9 @@ from malus.renderers.translate import body_bsdf, emitter, interface_bsdf, sensor
 from malus.renderers.variant import SCALAR, Variant, mitsuba
 from malus.scenes.camera import Camera
 from malus.scenes.lights import Environment, Light
-from malus.scenes.scene import Body, Sampling
+from malus.scenes.scene import Sampling
 from malus.scenes.shapes import Shape
+from malus.scenes.surface import Body
 
 BATCHES = 8
 """Independent renders that the standard error comes from: four a half, 7 degrees of freedom."""

@@ -73,7 +73,8 @@ def render_torrance_sparrow(
         0.5 * perpendicular * lobe, 0.5 * parallel * lobe, np.asarray(azimuth)
     )
     diffuse = np.zeros_like(specular)
-    diffuse[..., 0] = np.where(lit, scene.surface.albedo / np.pi * light.irradiance * n_l, 0.0)
+    albedo = scene.surface.albedos(scene.wavelengths_nm)
+    diffuse[..., 0] = np.where(lit, albedo / np.pi * light.irradiance * n_l, 0.0)
     none = np.zeros_like(specular)
     return Truth(scene, specular, diffuse, normals, mask, none, none, none)
 

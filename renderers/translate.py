@@ -14,8 +14,8 @@ from malus.scenes import geometry
 from malus.scenes.camera import Camera
 from malus.scenes.geometry import TriangleMesh
 from malus.scenes.lights import Area, Distant, Light, Uniform
-from malus.scenes.scene import Body
 from malus.scenes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
+from malus.scenes.surface import Body
 
 CONVEX = frozenset({"sphere"})
 """Kinds of shape that cast no shadow on themselves: no shadow ray is traced for them."""

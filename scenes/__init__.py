@@ -3,9 +3,10 @@
 from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Area, Distant, Environment, Light, Uniform
-from malus.scenes.scene import Dielectric, Placed, Sampling, Scene, Surroundings
+from malus.scenes.scene import Placed, Sampling, Scene, Surroundings
 from malus.scenes.shapes import Blob, MeshFile, Plane, Shape, Sphere, Superquadric, Torus
 from malus.scenes.suite import Suite, load_suite, suite_names
+from malus.scenes.surface import Dielectric
 
 __all__ = [
     "Area",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,82 +11,11 @@ from pydantic import AfterValidator, Field, model_validator
 
 from malus.scenes.camera import Camera
 from malus.scenes.lights import Light, turned
-from malus.scenes.materials import material, surface
 from malus.scenes.model import Model
 from malus.scenes.shapes import Shape, ShapeOrPlane
+from malus.scenes.surface import Dielectric
 
-Body = Literal["unpolarised", "polarised"]
 Coordinate = Annotated[float, Field(ge=-1000, le=1000)]
-
-
-class Dielectric(Model):
-    """A rough dielectric over a body that scatters.
-
-    Exactly one of `material` (a name with dispersion) and `eta` (one relative index for every
-    band). `alpha` is the Beckmann roughness, `albedo` the reflectance of the body inside the
-    interface. An `unpolarised` body is Lambertian: the paper's assumption.
-    """
-
-    kind: Literal["dielectric"] = "dielectric"
-    material: str | None = None
-    eta: float | None = Field(default=None, gt=1, le=4)
-    roughness: str | None = None
-    alpha: float = Field(gt=0, le=1)
-    albedo: float = Field(default=0.5, ge=0, le=1)
-    body: Body = "polarised"
-
-    @model_validator(mode="after")
-    def _one_index(self) -> Self:
-        if (self.material is None) == (self.eta is None):
-            raise ValueError("exactly one of material and eta")
-        if self.material is not None:
-            material(self.material)
-        return self
-
-    @property
-    def sigma(self) -> float:
-        """Exponent σ = 1/m² of the paper's Equation 2."""
-        return 1.0 / self.alpha**2
-
-    @property
-    def label(self) -> str:
-        """Name of the roughness in tables."""
-        return self.roughness or f"alpha {self.alpha:g}"
-
-    @property
-    def material_label(self) -> str:
-        """Name of the material in tables."""
-        return self.material or f"eta {self.eta:g}"
-
-    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
-        """Relative refractive index of every band.
-
-        Examples
-        --------
-        >>> Dielectric(eta=1.5, alpha=0.3).indices((450.0, 550.0)).tolist()
-        [1.5, 1.5]
-        """
-        if self.material is None:
-            return np.full(len(wavelengths_nm), self.eta, dtype=np.float64)
-        return material(self.material).eta(np.asarray(wavelengths_nm))
-
-    @classmethod
-    def named(cls, material: str, roughness: str, body: Body) -> Self:
-        """One of the suite's 24 materials with one of its 5 surfaces.
-
-        Examples
-        --------
-        >>> Dielectric.named("water", "carbon", "polarised").alpha
-        0.4
-        """
-        rough = surface(roughness)
-        return cls(
-            material=material,
-            roughness=roughness,
-            alpha=rough.alpha,
-            albedo=rough.albedo,
-            body=body,
-        )
 
 
 class Placed(Model):
@@ -161,6 +90,12 @@ class Scene(Model):
     camera: Camera = Camera()
     wavelengths_nm: Wavelengths = (550.0,)
     surroundings: Surroundings | None = Field(default=None, exclude_if=lambda value: value is None)
+
+    @model_validator(mode="after")
+    def _known_colours(self) -> Self:
+        for placed in self.objects:
+            placed.surface.albedos(self.wavelengths_nm)
+        return self
 
     @property
     def objects(self) -> tuple[Placed, ...]:

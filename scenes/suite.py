@@ -12,13 +12,15 @@ from typing import Any, Literal, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
+from malus.scenes.albedo import Albedo
 from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Light
 from malus.scenes.materials import material, materials, surface, surfaces
 from malus.scenes.model import Model
-from malus.scenes.scene import Body, Dielectric, Sampling, Scene, Surroundings, Wavelengths
+from malus.scenes.scene import Sampling, Scene, Surroundings, Wavelengths
 from malus.scenes.shapes import MeshFile, Shape
+from malus.scenes.surface import Body, Dielectric
 
 AnyShape = TypeVar("AnyShape", bound=Model)
 Renderer = Literal["mitsuba", "torrance-sparrow"]
@@ -35,7 +37,7 @@ class Roughness(Model):
     """A surface that is only a roughness and the albedo of the body below it."""
 
     alpha: float = Field(gt=0, le=1)
-    albedo: float = Field(default=0.5, ge=0, le=1)
+    albedo: Albedo = 0.5
 
 
 class Smaller(Model):

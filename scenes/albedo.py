@@ -1,0 +1,90 @@
+"""The colour of a body: its reflectance at a scene's bands."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from functools import cache
+from importlib import resources
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from malus.scenes.errors import InputError
+
+Floats = NDArray[np.float64]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Albedo = Fraction | str | Annotated[tuple[Fraction, ...], Field(min_length=1, max_length=512)]
+"""Grey, the name of a swatch, or one number a band."""
+
+
+def reflectance(albedo: Albedo, wavelengths_nm: tuple[float, ...]) -> Floats:
+    """Reflectance of a body at wavelengths in nm, shape (bands,).
+
+    Raises
+    ------
+    InputError
+        An unknown swatch, a wavelength outside its table, or another number of bands.
+
+    Examples
+    --------
+    >>> reflectance(0.5, (450.0, 550.0)).tolist()
+    [0.5, 0.5]
+    >>> reflectance("red", (450.0, 650.0)).tolist()
+    [0.047, 0.675]
+    """
+    wavelengths = np.asarray(wavelengths_nm, dtype=np.float64)
+    if isinstance(albedo, str):
+        return _between(albedo, wavelengths)
+    values = np.asarray(albedo, dtype=np.float64)
+    if values.ndim and len(values) != len(wavelengths):
+        expected, found = f"one number a band, {len(wavelengths)}", str(len(values))
+        raise InputError("albedo", expected, found, "or give one number for all bands, or a swatch")
+    return np.broadcast_to(values, wavelengths.shape).copy()
+
+
+def swatches() -> dict[str, Floats]:
+    """Reflectances of all swatches by name, at `swatch_wavelengths`.
+
+    Examples
+    --------
+    >>> len(swatches())
+    24
+    """
+    return {name: values.copy() for name, values in _tables()[1].items()}
+
+
+def swatch_wavelengths() -> Floats:
+    """Wavelengths of the swatches' tables in nm.
+
+    Examples
+    --------
+    >>> swatch_wavelengths()[[0, -1]].tolist()
+    [380.0, 730.0]
+    """
+    return _tables()[0].copy()
+
+
+def _between(name: str, wavelengths_nm: Floats) -> Floats:
+    table_nm, known = _tables()
+    if name not in known:
+        close = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(close)}?" if close else f"known: {', '.join(known)}"
+        raise InputError("albedo", "a number in 0..1 or a swatch", repr(name), hint)
+    inside = (wavelengths_nm >= table_nm[0]) & (wavelengths_nm <= table_nm[-1])
+    if not inside.all():
+        expected = f"wavelengths in {table_nm[0]:g} to {table_nm[-1]:g} nm"
+        found = f"{wavelengths_nm[~inside][0]:g} nm"
+        raise InputError(f"swatch {name}", expected, found, "choose other bands, or give numbers")
+    return np.interp(wavelengths_nm, table_nm, known[name])
+
+
+@cache
+def _tables() -> tuple[Floats, dict[str, Floats]]:
+    text = resources.files("malus.scenes").joinpath("data", "swatches.toml").read_text("utf-8")
+    data = tomllib.loads(text)
+    known = {name: np.array(values) for name, values in data["swatches"].items()}
+    count = len(next(iter(known.values())))
+    return data["first_nm"] + data["step_nm"] * np.arange(count, dtype=np.float64), known
