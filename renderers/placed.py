@@ -27,8 +27,10 @@ class Painted:
     def __init__(self, mi: ModuleType, surface: Dielectric) -> None:
         self.mi, self.surface = mi, surface
         if surface.body == "polarised":
-            whole = mi.load_dict(body_bsdf(1.5, surface.alpha, "polarised") | _MIRROR)
-            self.bsdf, self.parts = whole, [(whole, _ETA), (whole, _BODY)]
+            # The mirror's factor stays at its default: Mitsuba makes one object of two equal
+            # textures, and a change of the albedo would change both.
+            self.bsdf = mi.load_dict(interface_bsdf(1.5, surface.alpha))
+            self.parts = [(self.bsdf, _ETA), (self.bsdf, _BODY)]
         else:
             interface = mi.load_dict(interface_bsdf(1.5, surface.alpha))
             body = mi.load_dict(body_bsdf(1.5, surface.alpha, "unpolarised"))
@@ -43,9 +45,6 @@ class Painted:
             parameters = self.mi.traverse(bsdf)
             parameters[key] = dr.opaque(self.mi.Float, value)
             parameters.update()
-
-
-_MIRROR = {"specular_reflectance": {"type": "uniform", "value": 1.0}}
 
 
 @functools.cache
