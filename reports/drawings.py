@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from malus.reports.listing import Listing, budget, by_method, points
 from malus.reports.tables import PAPER_BODY, by_angle, in_order, only_body, whole
 
 if TYPE_CHECKING:
@@ -16,7 +17,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure: the stem of its files' names, a caption, both formats and its numbers."""
+    """A figure: the stem of its files' names, a caption, both formats, and its numbers.
+
+    `cells` are the numbers as people read them.
+    """
 
     name: str
     title: str
@@ -24,6 +28,7 @@ class Drawing:
     svg: str
     png: bytes
     numbers: pd.DataFrame
+    cells: Listing
 
 
 def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
@@ -71,6 +76,31 @@ def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
             )  # fmt: skip
 
 
+def ladders(table: pd.DataFrame) -> Iterator[Drawing]:
+    """The error budget of every body, where methods were told less than everything.
+
+    Examples
+    --------
+    >>> from malus.reports.sample import laddered, table
+    >>> [drawing.name for drawing in ladders(laddered())], list(ladders(table()))
+    (['ladder'], [])
+    """
+    if table["knowledge"].nunique() < 2:
+        return
+    from malus.reports.ladder import figure_ladder, ladder_numbers
+
+    numbers = ladder_numbers(table)
+    for body in in_order(numbers["body"]):
+        end = "" if body == PAPER_BODY else f"_{body}_body"
+        rows = only_body(numbers, body)
+        yield _drawing(
+            f"ladder{end}", f"Parts of the error{_of(body)}",
+            "Mean NMSE over the scenes on which a method has an error at every rung; what makes it"
+            " smaller stands left of zero, the upright mark is the sum.",
+            figure_ladder, table, body, rows, budget,
+        )  # fmt: skip
+
+
 def precision_drawing(table: pd.DataFrame) -> Drawing:
     """Work-precision diagrams of the study `precision`."""
     from malus.reports.precision import figure_precision
@@ -79,7 +109,7 @@ def precision_drawing(table: pd.DataFrame) -> Drawing:
     figure = figure_precision(table)
     caption = "Error against seconds, both logarithmic; filled: on the Pareto front."
     title = "Work-precision diagrams"
-    return Drawing("precision", title, caption, svg(figure), png(figure), table)
+    return Drawing("precision", title, caption, svg(figure), png(figure), table, points(table))
 
 
 def _of(body: str) -> str:
@@ -94,8 +124,9 @@ def _drawing(
     table: pd.DataFrame,
     body: str,
     numbers: pd.DataFrame,
+    cells: Callable[[pd.DataFrame], Listing] = by_method,
 ) -> Drawing:
     from malus.reports.style import png, svg
 
     figure = draw(table, body)
-    return Drawing(name, title, caption, svg(figure), png(figure), numbers)
+    return Drawing(name, title, caption, svg(figure), png(figure), numbers, cells(numbers))

@@ -29,6 +29,10 @@ TABLE1 = (
     " scene counted alike; 2.3 is one just noticeable difference. White is the brightest pixel of"
     " the true unpolarised image. The paper's scenes are photographs and not known in detail."
 )
+LADDER = (
+    "A method is told everything, then has one thing after another estimated for it, down to the"
+    " single image. Each part is what its error grows by at that step."
+)
 PLAN = (
     "Before anything is rendered, what the scenes do not need is left out; no result changes by it."
     " Without a plan there would be one render for every scene, band, polariser angle and lobe; its"

@@ -47,6 +47,49 @@ def beside_paper(table: pd.DataFrame) -> Listing:
     return Listing((*heads, f"every scene below {PAPER_NMSE[0]:g}"), lines)
 
 
+def by_method(numbers: pd.DataFrame) -> Listing:
+    """A line a place on a figure's axis, a column a method: mean ± standard deviation."""
+    cells = numbers["mean"].map(scientific) + " ± " + numbers["std"].map(scientific)
+    keys = [name for name in ("panel", "light", "name", "x") if name in numbers]
+    wide = numbers.assign(cell=cells).pivot(index=keys, columns="method", values="cell")
+    methods = in_order(numbers["method"])
+    wide = wide[methods].fillna("not applicable").reset_index()
+    wide["x"] = wide["x"].map("{:.4g}".format)
+    return Listing((*keys, *methods), [[str(v) for v in line] for line in wide.to_numpy()])
+
+
+def budget(numbers: pd.DataFrame) -> Listing:
+    """A line a method, a column a part of its error."""
+    wide = numbers.pivot(index="method", columns="source", values="increment")
+    sources = in_order(numbers["source"])
+    totals = numbers.groupby("method")["nmse"].last()
+    counts = numbers.groupby("method")["scenes"].last()
+    lines = [
+        [
+            method,
+            *(scientific(float(wide.loc[method, source])) for source in sources),
+            scientific(float(totals[method])),
+            str(counts[method]),
+        ]
+        for method in in_order(numbers["method"])
+    ]
+    return Listing(("method", *sources, "sum", "scenes"), lines)
+
+
+def points(numbers: pd.DataFrame) -> Listing:
+    """A line a setting of the work-precision diagrams."""
+    lines = [
+        [
+            row["diagram"], row["method"], row["setting"],
+            f"{scientific(row['seconds'])} ± {scientific(row['spread'])}", row["unit"],
+            scientific(row["error"]), "yes" if row["pareto"] else "no",
+        ]
+        for row in _records(numbers)
+    ]  # fmt: skip
+    heads = ("diagram", "method", "setting", "seconds", "for", "error", "on the front")
+    return Listing(heads, lines)
+
+
 def range_of_means(rows: pd.DataFrame, by: str) -> str:
     """Smallest and largest mean of the groups of a column, as text."""
     means = rows.groupby(by)["value"].mean()

@@ -82,6 +82,28 @@ def coloured() -> pd.DataFrame:
     return pd.concat([plain, *kept], ignore_index=True)
 
 
+def laddered() -> pd.DataFrame:
+    """The errors of "eq8" on the ladder of knowledge: every rung adds to them.
+
+    Examples
+    --------
+    >>> sorted(laddered()["knowledge"].unique())
+    ['everything', 'lobes estimated', 'normals estimated', 'single image']
+    """
+    plain = table()
+    method = plain[plain["method"] == "eq8"]
+    error = method["metric"] == "nmse"
+    rungs = {"everything": 1e-3, "lobes estimated": 3e-3, "normals estimated": 7e-3}
+    rungs |= {"single image": 6e-3}
+    return pd.concat(
+        [
+            method.assign(knowledge=rung, value=method["value"].mask(error, value))
+            for rung, value in rungs.items()
+        ],
+        ignore_index=True,
+    )
+
+
 def run() -> dict[str, Any]:
     """What `run.json` of such a run would say.
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from malus.reports.drawings import Drawing
 from malus.reports.html import Markup, folded, scrolling, table, tag
 from malus.reports.inline import inlined
-from malus.reports.listing import Listing
 
 
 @dataclass(frozen=True)
@@ -19,7 +18,7 @@ class Section:
     content: Markup
 
 
-def figure(drawing: Drawing, numbers: Listing) -> Markup:
+def figure(drawing: Drawing) -> Markup:
     """A drawing with its caption and its numbers to open."""
     label = f"{drawing.title}: {drawing.caption}"
     picture = scrolling(inlined(drawing.svg, drawing.name, label), drawing.title)
@@ -28,6 +27,6 @@ def figure(drawing: Drawing, numbers: Listing) -> Markup:
         tag("h3", drawing.title),
         picture,
         tag("figcaption", drawing.caption),
-        folded("Numbers behind the figure", table(numbers, f"{drawing.name}.csv")),
+        folded("Numbers behind the figure", table(drawing.cells, f"{drawing.name}.csv")),
         class_="drawing",
     )

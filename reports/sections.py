@@ -12,11 +12,10 @@ import pandas as pd
 
 from malus.reports import facts, listing
 from malus.reports.colour_errors import table1_listing
-from malus.reports.drawings import Drawing
 from malus.reports.error_maps import WHITE, gallery
 from malus.reports.heat import maps as skill_maps
 from malus.reports.html import folded, join, table, tag
-from malus.reports.listing import Listing, range_of_means
+from malus.reports.listing import range_of_means
 from malus.reports.section import Section, figure
 from malus.reports.source import Source
 from malus.reports.studies import read_study
@@ -98,21 +97,15 @@ def figures(source: Source) -> Section | None:
     """Every figure with the numbers behind it."""
     if not source.drawings:
         return None
-    return Section(
-        "figures", "Errors", join(*(figure(one, _numbers(one)) for one in source.drawings))
-    )
+    return Section("figures", "Errors", join(*map(figure, source.drawings)))
 
 
-def _numbers(drawing: Drawing) -> Listing:
-    """A line a place on the axis, a column a method: mean ± standard deviation."""
-    rows = drawing.numbers
-    cells = rows["mean"].map(scientific) + " ± " + rows["std"].map(scientific)
-    keys = [name for name in ("panel", "light", "name", "x") if name in rows]
-    wide = rows.assign(cell=cells).pivot(index=keys, columns="method", values="cell")
-    methods = in_order(rows["method"])
-    wide = wide[methods].fillna("not applicable").reset_index()
-    wide["x"] = wide["x"].map("{:.4g}".format)
-    return Listing((*keys, *methods), [[str(v) for v in line] for line in wide.to_numpy()])
+def ladder(source: Source) -> Section | None:
+    """The error budget, where methods were told less than everything."""
+    if not source.ladders:
+        return None
+    content = join(tag("p", facts.LADDER), *map(figure, source.ladders))
+    return Section("ladder", "Where the error comes from", content)
 
 
 def colour(source: Source) -> Section | None:
@@ -201,5 +194,5 @@ def of_run(source: Source) -> list[Section]:
 
 
 SECTIONS: tuple[Callable[[Source], Section | None], ...] = (
-    headline, look, maps, figures, colour, skill, noise, savings, provenance,
+    headline, look, maps, figures, colour, ladder, skill, noise, savings, provenance,
 )  # fmt: skip

@@ -17,13 +17,15 @@ from malus.reports.examples import Example, read_examples
 class Source:
     """The results, the folder in which other files of the run may lie, and the figures made.
 
-    `beside` are folders of studies whose sections the page shows too.
+    `ladders` are the figures of the error budget, `beside` folders of
+    studies whose sections the page shows too.
     """
 
     table: pd.DataFrame
     run: dict[str, Any]
     folder: Path
     drawings: tuple[Drawing, ...]
+    ladders: tuple[Drawing, ...] = ()
     beside: tuple[Path, ...] = ()
 
     @cached_property

@@ -57,7 +57,7 @@ def read_study(folder: Path) -> Study:
     if (folder / "precision.csv").exists():
         found = _read(folder / "precision.csv")
         drawings.append(precision_drawing(found))
-        sections.append(precision(found, drawings[0], run))
+        sections.append(precision(drawings[0], run))
     if (folder / "stress.csv").exists():
         sections.append(stress(_read(folder / "stress.csv"), run))
     return Study(run, tuple(drawings), tuple(sections))
@@ -89,23 +89,10 @@ def _read(path: Path) -> pd.DataFrame:
     return found.fillna({name: "" for name in _TEXTS if name in found})
 
 
-def precision(found: pd.DataFrame, drawing: Drawing, run: dict[str, Any]) -> Section:
+def precision(drawing: Drawing, run: dict[str, Any]) -> Section:
     """Work-precision diagrams with their Pareto fronts."""
-    content = join(tag("p", facts.PRECISION), figure(drawing, _points(found)), _origin(run))
+    content = join(tag("p", facts.PRECISION), figure(drawing), _origin(run))
     return Section("precision", "Error against run time", content)
-
-
-def _points(found: pd.DataFrame) -> Listing:
-    lines = [
-        [
-            row.diagram, row.method, row.setting,
-            f"{scientific(row.seconds)} ± {scientific(row.spread)}", row.unit,
-            scientific(row.error), "yes" if row.pareto else "no",
-        ]
-        for row in found.itertuples()
-    ]  # fmt: skip
-    heads = ("diagram", "method", "setting", "seconds", "for", "error", "on the front")
-    return Listing(heads, lines)
 
 
 def stress(found: pd.DataFrame, run: dict[str, Any]) -> Section:

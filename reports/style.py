@@ -27,7 +27,7 @@ BAND = "#f0e3b8"
 DPI = 200
 
 # Okabe and Ito's palette, less its yellow (invisible on white) and with its black kept for text.
-_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+PALETTE = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _KNOWN = ("eq8", "visible", "half_vector", "shadowed")
 _TRIVIAL = "unpolarised"
@@ -105,9 +105,9 @@ def _look(method: str, families: Sequence[str]) -> Look:
         return Look(SOFT, "x", "--", True)
     place = families.index(method.removesuffix(_BODY))
     body = method.endswith(_BODY)
-    round_, kind = divmod(place, len(_COLOURS))
+    round_, kind = divmod(place, len(PALETTE))
     marker = _MARKERS[(kind + round_) % len(_MARKERS)]
-    return Look(_COLOURS[kind], marker, ":" if body else "-", not body)
+    return Look(PALETTE[kind], marker, ":" if body else "-", not body)
 
 
 def style() -> AbstractContextManager[None]:

@@ -46,8 +46,14 @@ def whole(table: pd.DataFrame, metric: str) -> pd.DataFrame:
     >>> len(whole(table, "nmse"))
     1
     """
-    chosen = (table["metric"] == metric) & (table["knowledge"] == KNOWLEDGE)
-    return table[chosen & table["band_nm"].isna() & table["angle_deg"].isna()]
+    rows = over_all(table, metric)
+    return rows[rows["knowledge"] == KNOWLEDGE]
+
+
+def over_all(table: pd.DataFrame, metric: str) -> pd.DataFrame:
+    """Rows of a metric over all bands and angles, at every level of knowledge."""
+    chosen = (table["metric"] == metric) & table["band_nm"].isna() & table["angle_deg"].isna()
+    return table[chosen]
 
 
 def by_angle(table: pd.DataFrame, metric: str) -> pd.DataFrame:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from malus.bench.results import write_whole
 from malus.reports.colour_errors import table1
-from malus.reports.drawings import Drawing, drawings
+from malus.reports.drawings import Drawing, drawings, ladders
 from malus.reports.page import PAGE, page
 from malus.reports.sections import of_run
 from malus.reports.skills import by_light_and_body
@@ -48,16 +48,17 @@ def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -
     """
     files = _Files(out)
     figures = tuple(drawings(results.table))
-    for drawing in figures:
+    budget = tuple(ladders(results.table))
+    for drawing in (*figures, *budget):
         files.keep_drawing(drawing)
     files.keep("errors.csv", by_light_and_body(results.table).to_csv(index=False))
     colours = table1(results.table)
     if len(colours):
         files.keep("table1.csv", colours.to_csv(index=False))
-    names = [f"{drawing.name}.png" for drawing in figures]
+    names = [f"{drawing.name}.png" for drawing in (*figures, *budget)]
     files.keep("summary.md", summary(results.table, results.run, names))
     suite = results.run["suite"]
-    sections = of_run(Source(results.table, results.run, out, figures, tuple(beside)))
+    sections = of_run(Source(results.table, results.run, out, figures, budget, tuple(beside)))
     files.keep(PAGE, page(suite["name"], suite.get("description", ""), sections))
     return files.written
 

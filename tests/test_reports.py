@@ -19,6 +19,7 @@ from malus.reports.colour_errors import figure9_numbers, table1, table1_listing
 from malus.reports.drawings import drawings
 from malus.reports.figure5 import figure5, figure5_by_light, numbers
 from malus.reports.figure9 import figure9
+from malus.reports.ladder import figure_ladder, ladder_numbers
 from malus.reports.listing import savings
 from malus.reports.panels import spread
 from malus.reports.sections import of_run
@@ -291,6 +292,47 @@ def test_spread_keeps_order_and_distance() -> None:
     assert places.mean() == pytest.approx(0.8)  # moved as little as possible: the mean stays
 
 
+def test_the_parts_of_an_error_add_up_to_it() -> None:
+    table = sample.laddered()
+    # On one scene a rung has no error: that scene is left out everywhere.
+    rows = (table["knowledge"] == "lobes estimated") & (table["scene"] == f"{0:016x}")
+    table = table[~rows]
+    first = table["scene"] == f"{1:016x}"
+    table.loc[first & (table["metric"] == "nmse"), "value"] *= 5
+    found = ladder_numbers(table)
+    assert found["source"].tolist() == [
+        "Monte Carlo noise", "model form", "lobes estimated", "normals estimated", "single image",
+    ]  # fmt: skip
+    assert set(found["scenes"]) == {11}
+    np.testing.assert_allclose(found["increment"].cumsum(), found["nmse"], rtol=1e-12)
+    for rung, total in zip(table["knowledge"].unique(), found["nmse"][1:], strict=True):
+        every = [
+            row["value"]
+            for row in table[table["scene"] != f"{0:016x}"].to_dict("records")
+            if row["knowledge"] == rung and row["metric"] == "nmse" and math.isnan(row["angle_deg"])
+        ]
+        assert total == pytest.approx(statistics.fmean(every), rel=1e-12)
+    assert found["increment"].iloc[-1] < 0  # a rung may help
+
+
+def test_the_bars_are_those_parts() -> None:
+    table = sample.laddered()
+    widths = [
+        round(bar.get_width(), 12)
+        for bar in figure_ladder(table, "unpolarised").axes[0].patches
+        if bar.get_width()
+    ]
+    wanted = ladder_numbers(table)["increment"].round(12).tolist()
+    assert widths == [width for width in wanted if width]
+
+
+def test_the_ladder_is_on_the_page_of_a_run_that_has_one(tmp_path: Path) -> None:
+    results = SimpleNamespace(table=sample.laddered(), run=sample.run())
+    names = {path.name for path in write_report(results, tmp_path)}
+    assert {"ladder.svg", "ladder.png", "ladder.csv"} <= names
+    assert "normals estimated" in (tmp_path / "report.html").read_text("utf-8")
+
+
 def a_study(folder: Path, **tables: pd.DataFrame) -> None:
     folder.mkdir()
     for name, found in tables.items():
@@ -345,7 +387,7 @@ def test_stress_names_what_failed_and_counts_every_group(tmp_path: Path) -> None
 
 def test_a_run_shows_the_studies_that_it_is_given(table: pd.DataFrame, tmp_path: Path) -> None:
     a_study(tmp_path / "stress", stress=stress_table())
-    source = Source(table, sample.run(), tmp_path, (), (tmp_path / "stress",))
+    source = Source(table, sample.run(), tmp_path, (), (), (tmp_path / "stress",))
     names = [section.name for section in of_run(source)]
     assert names[-2:] == ["stress", "provenance"]
 
