@@ -85,6 +85,11 @@ def _checked(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[FloatArray, EtaA
     return cosine, checked_eta(eta)
 
 
+def physical(eta: EtaArray) -> NDArray[np.bool_]:
+    """Which indices are those of a body that does not amplify light: n > 0, k ≥ 0."""
+    return np.asarray((np.abs(eta) < 1e100) & (eta.real > 0.0) & (eta.imag >= 0.0))
+
+
 def checked_eta(eta: ArrayLike) -> EtaArray:
     """Relative index as float64, or complex128 where any is absorbing; ValueError if unphysical.
 
@@ -93,7 +98,7 @@ def checked_eta(eta: ArrayLike) -> EtaArray:
     """
     index = np.asarray(eta)
     index = index.astype(np.complex128 if np.iscomplexobj(index) else np.float64)
-    good = (np.abs(index) < 1e100) & (index.real > 0.0) & (index.imag >= 0.0)
+    good = physical(index)
     if not np.all(good):
         worst = index[~good].flat[0]
         raise ValueError(

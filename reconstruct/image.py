@@ -8,16 +8,15 @@ few megabytes however large the image is.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from malus.reconstruct.block import Block
-from malus.reconstruct.lobes import BlockModel, LobeModel
-from malus.reconstruct.observation import Components, Image, Observation
+from malus.reconstruct.lobes import AboutNormals, Lobe, LobeModel
+from malus.reconstruct.observation import Components, Observation
 
 BLOCK_PIXELS = 1 << 17
 """Measured best of 2^13 to 2^19: smaller blocks pay for calls, larger ones leave the cache."""
@@ -49,83 +48,60 @@ def from_lobes(
     """
     specular = observation.require("specular")
     observation.require("diffuse")
+    from malus.reconstruct import kernels  # imports numba
+
+    lobes: dict[str, Lobe] = {"specular": specular_model(observation)}
+    if body_model is not None:
+        lobes["diffuse"] = body_model(observation)
+    tabled = {name: lobe for name, lobe in lobes.items() if isinstance(lobe, AboutNormals)}
+    others = {name: lobe for name, lobe in lobes.items() if not isinstance(lobe, AboutNormals)}
+    table = _joined(list(tabled.values()))
+
     dtype = np.result_type(specular.dtype, np.float32)
-    image, s1, s2 = (np.empty(specular.shape, dtype) for _ in range(3))
+    image = np.empty(specular.shape, dtype)
+    s1, s2 = (np.zeros(specular.shape, dtype) for _ in range(2))
     valid = np.empty(observation.mask.shape, dtype=bool)
 
-    mirrored = specular_model(observation)
-    scattered = body_model(observation) if body_model is not None else None
-
     def work(rows: slice) -> None:
-        block = Block(_rows(observation, rows))
-        valid[rows] = block.valid
-        _add_lobes(block, image[rows])
-        _polarise(block, mirrored, scattered, s1[rows], s2[rows])
+        block = Block(observation, rows)
+        valid[rows] = block.valid.reshape(valid[rows].shape)
+        total, first, second = (
+            part[rows].reshape(block.mask.size, specular.shape[2]) for part in (image, s1, s2)
+        )
+        light = {name: block.lobe(name) for name in ("specular", "diffuse")}
+        np.add(light["specular"], light["diffuse"], out=total)  # Equation 7
+        if tabled:
+            one, *more = (light[name] for name in tabled)
+            other = more[0] if more else one
+            kernels.about_normals(one, other, block.normals, table, block.longest, first, second)
+        for name, ratio in others.items():
+            kernels.add_ratio(light[name], ratio(block), first, second)
 
-    blocks = list(_blocks(specular.shape[:2]))
+    _in_threads(work, list(_blocks(specular.shape[:2])))
+    return Components(image, s1, s2, valid)
+
+
+def _joined(lobes: Sequence[AboutNormals]) -> NDArray[np.float64]:
+    """The tables of all bands and lobes as columns of one, on the finest of their grids."""
+    columns = [grid for lobe in lobes for grid in lobe.grids]
+    finest = np.linspace(0.0, 1.0, max((column.size for column in columns), default=1))
+    for k, column in enumerate(columns):
+        if column.size < finest.size:
+            columns[k] = np.interp(finest, np.linspace(0.0, 1.0, column.size), column)
+    joined = np.stack(columns, axis=-1) if columns else np.zeros((1, 0))
+    return np.concatenate([joined, joined[-1:]])  # one cell more, for x = 1 itself
+
+
+def _in_threads(work: Callable[[slice], None], blocks: Sequence[slice]) -> None:
     if len(blocks) > 2:
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
             list(pool.map(work, blocks))
     else:
         for rows in blocks:
             work(rows)
-    return Components(image, s1, s2, valid)
-
-
-def _add_lobes(block: Block, out: Image) -> None:
-    """I = I_d + I_s, Equation 7; zero where a pixel is not valid."""
-    lobes = (block.observation.require("specular"), block.observation.require("diffuse"))
-    if block.all_valid:
-        np.add(*lobes, out=out)
-        return
-    out[...] = 0
-    np.add(*lobes, out=out, where=block.valid[..., None])
-
-
-def _polarise(
-    block: Block,
-    specular_model: BlockModel,
-    body_model: BlockModel | None,
-    s1: Image,
-    s2: Image,
-) -> None:
-    """Write s1 and s2; plane by plane, as loops over three bands would be all overhead."""
-    specular, mirrored = block.lobe("specular"), specular_model(block)
-    diffuse, scattered = [], None
-    if body_model is not None:
-        diffuse, scattered = block.lobe("diffuse"), body_model(block)
-    for band, lobe in enumerate(specular):
-        polarised = lobe * mirrored.degree[band]
-        cos2, sin2 = mirrored.cos2[band], mirrored.sin2[band]
-        if scattered is None:
-            np.multiply(polarised, cos2, out=s1[..., band])
-            np.multiply(polarised, sin2, out=s2[..., band])
-            continue
-        other = diffuse[band] * scattered.degree[band]
-        if scattered.cos2[band] is cos2:  # one frame for both lobes
-            polarised += other
-            np.multiply(polarised, cos2, out=s1[..., band])
-            np.multiply(polarised, sin2, out=s2[..., band])
-        else:
-            np.add(polarised * cos2, other * scattered.cos2[band], out=s1[..., band])
-            np.add(polarised * sin2, other * scattered.sin2[band], out=s2[..., band])
 
 
 def _blocks(shape: tuple[int, int]) -> Iterator[slice]:
     rows = max(1, BLOCK_PIXELS // max(shape[1], 1))
     for start in range(0, shape[0], rows):
         yield slice(start, min(start + rows, shape[0]))
-
-
-def _rows(observation: Observation, rows: slice) -> Observation:
-    """The same observation of some rows; views, nothing is copied."""
-    images: dict[str, Any] = {
-        name: getattr(observation, name)[rows]
-        for name in ("image", "mask", "specular", "diffuse", "normals", "view")
-        if getattr(observation, name) is not None
-    }
-    for name, flat in (("eta", 1), ("alpha", 0)):
-        value = getattr(observation, name)
-        if value is not None and np.ndim(value) > flat:
-            images[name] = value[rows]
-    return replace(observation, **images)

@@ -17,71 +17,34 @@ from numpy.typing import ArrayLike, NDArray
 
 from malus.reconstruct.chebyshev import Function, chebyshev_pieces, evaluate_pieces
 from malus.reconstruct.facets import integrate_dolp
-from malus.reconstruct.fresnel import checked_eta, excess, transmission_dolp
+from malus.reconstruct.fresnel import checked_eta, excess, smooth_dolp, transmission_dolp
 from malus.reconstruct.ratio import Measure, checked_measure, checked_sigma
 
 FloatArray = NDArray[np.float64]
 
 _PART_ERROR = 3e-7  # of the series, and as much of the straight lines: together below 1e-6
 _NARROWEST = 1e-5  # pieces of x that are not halved any more
-_FEWEST_CELLS = 1 << 11  # of the even grid: two columns of float32 fill half a first-level cache
+_FEWEST_CELLS = 1 << 11  # of the even grid: six tables, of both lobes in RGB, take 100 kB
 _MOST_CELLS = 1 << 17
-_BLOCK = 1 << 14  # pixels at once: temporaries of 64 kB, which stay in cache
 
 
-class Lines(NamedTuple):
-    """y = intercept + slope · x on every cell of an even grid in x = √cos θ.
-
-    Both stand in one complex array, intercept + i slope: one look-up a pixel instead of two.
-    """
-
-    pairs: NDArray[np.complexfloating]
-
-    @classmethod
-    def through(cls, values: FloatArray, dtype: type[np.complexfloating]) -> Lines:
-        """Lines between values at the edges of the cells; one cell more, for x = 1 itself."""
-        cells = values.size - 1
-        slope = np.append(np.diff(values), 0.0) * cells
-        intercept = values - slope * (np.arange(values.size) / cells)
-        return cls((intercept + 1j * slope).astype(dtype))
-
-    def __call__(self, root: NDArray[np.floating], out: NDArray[np.floating]) -> None:
-        """Write y at x ≥ 0 of any shape into `out`, both of the precision of the lines."""
-        cell = (root * out.dtype.type(self.pairs.size - 1)).astype(np.int32)
-        line = np.take(self.pairs, cell, mode="clip")
-        np.multiply(line.imag, root, out=out)
-        out += line.real
-
-
-class _Table(NamedTuple):
-    """`function` of x = √cos θ, and lines for float32 and float64 pixels where they do for it."""
+class _Values(NamedTuple):
+    """`function` of x = √cos θ; its values on an even grid over [0, 1] where lines do for it."""
 
     function: Function
-    lines: tuple[Lines, Lines] | None
+    grid: FloatArray | None
     coefficients: int
 
-    def read(self, cos_zenith: ArrayLike) -> NDArray[np.floating]:
-        cosine = np.asarray(cos_zenith)
-        if cosine.dtype not in (np.float32, np.float64):
-            cosine = cosine.astype(np.float64)
-        flat = cosine.ravel()
-        out = np.empty(flat.shape, flat.dtype)
-        for start in range(0, flat.size, _BLOCK):
-            block = slice(start, start + _BLOCK)
-            root = np.sqrt(np.minimum(np.fmax(flat[block], 0.0), 1.0))
-            out[block] = self.at_root(root)
-        return out.reshape(cosine.shape)
-
-    def at_root(self, root: NDArray[np.floating]) -> NDArray[np.floating]:
-        if self.lines is None:
-            exact = self.function(np.minimum(root.ravel(), 1.0).astype(np.float64))
-            return exact.reshape(root.shape).astype(root.dtype)
-        out = np.empty_like(root)
-        self.lines[int(root.dtype == np.float64)](root, out)
-        return out
+    def at(self, root: FloatArray) -> FloatArray:
+        if self.grid is None:
+            return self.function(root)
+        where = root * (self.grid.size - 1)
+        cell = np.minimum(where.astype(np.intp), self.grid.size - 2)
+        low = self.grid[cell]
+        return low + (where - cell) * (self.grid[cell + 1] - low)
 
 
-def _tabulated(function: Function, coefficients: int = 0) -> _Table:
+def _tabulated(function: Function, coefficients: int = 0) -> _Values:
     """Lines on as many cells as the bulge of the function over its chords asks for."""
     cells = _FEWEST_CELLS
     while cells <= _MOST_CELLS:
@@ -89,14 +52,14 @@ def _tabulated(function: Function, coefficients: int = 0) -> _Table:
         # A chord over two cells lies four times as far from the curve as one over a single cell.
         bulge = 0.25 * float(np.max(np.abs(edges[1:-1] - 0.5 * (edges[:-2] + edges[2:]))))
         if bulge <= _PART_ERROR:
-            lines = Lines.through(edges, np.complex64), Lines.through(edges, np.complex128)
-            return _Table(function, lines, coefficients)
+            edges.flags.writeable = False  # shared by all callers
+            return _Values(function, edges, coefficients)
         cells *= 1 << max(1, int(np.ceil(0.5 * np.log2(bulge / _PART_ERROR))))
-    return _Table(function, None, coefficients)
+    return _Values(function, None, coefficients)
 
 
 @lru_cache(maxsize=1024)
-def _specular(eta: complex, sigma: float, measure: Measure) -> _Table:
+def _specular(eta: complex, sigma: float, measure: Measure) -> _Values:
     index = eta if eta.imag else eta.real
 
     def rho(x: FloatArray) -> FloatArray:
@@ -116,11 +79,47 @@ def _specular(eta: complex, sigma: float, measure: Measure) -> _Table:
 
 
 @lru_cache(maxsize=1024)
-def _body(eta: float) -> _Table:
+def _body(eta: complex) -> _Values:
     return _tabulated(lambda x: transmission_dolp(np.square(x), eta))
 
 
-class DolpTable:
+@lru_cache(maxsize=1024)
+def _smooth(eta: complex) -> _Values:
+    return _tabulated(lambda x: smooth_dolp(np.square(x), eta))
+
+
+class Table:
+    """A degree of polarisation of one surface against the cosine of the zenith angle."""
+
+    def __init__(self, values: _Values) -> None:
+        """Hold values that were found or made before."""
+        self._values = values
+
+    @property
+    def coefficients(self) -> int:
+        """How many numbers the series of this surface holds; 0 where there is a closed form."""
+        return self._values.coefficients
+
+    @property
+    def grid(self) -> FloatArray | None:
+        """Values at even steps of √cos θ over [0, 1], between which straight lines do.
+
+        None where no grid of up to 2^17 cells is fine enough.
+        """
+        return self._values.grid
+
+    def __call__(self, cos_zenith: ArrayLike) -> NDArray[np.floating]:
+        """Degree at cosines in [0, 1], same shape; float32 for float32, float64 for all else.
+
+        Rounding beyond [0, 1] reads as the end, and NaN as 0: telling valid pixels is not its job.
+        """
+        cosine = np.asarray(cos_zenith)
+        root = np.sqrt(np.minimum(np.fmax(cosine.astype(np.float64).ravel(), 0.0), 1.0))
+        dtype = np.float32 if cosine.dtype == np.float32 else np.float64
+        return self._values.at(root).reshape(cosine.shape).astype(dtype)
+
+
+class DolpTable(Table):
     """Specular degree of polarisation ρ of one surface against the cosine of the zenith angle.
 
     Parameters
@@ -151,35 +150,12 @@ class DolpTable:
 
     def __init__(self, eta: complex, sigma: float, measure: Measure = "eq8") -> None:
         """Build the table, or find it among those of this process."""
-        self.eta = complex(checked_eta(eta))
-        self.sigma = float(checked_sigma(sigma))
-        self.measure: Measure = checked_measure(measure)
-        self._table = _specular(self.eta, self.sigma, self.measure)
-
-    @property
-    def coefficients(self) -> int:
-        """How many numbers the series of this surface holds."""
-        return self._table.coefficients
-
-    def __call__(self, cos_zenith: ArrayLike) -> NDArray[np.floating]:
-        """ρ at cosines in [0, 1], same shape; float32 for float32, float64 for all else.
-
-        Rounding beyond [0, 1] reads as the end, and NaN as 0: telling valid pixels is not its job.
-        """
-        return self._table.read(cos_zenith)
-
-    def at_root(self, root_cosine: NDArray[np.floating]) -> NDArray[np.floating]:
-        """ρ at √cos θ, float32 or float64, not negative and not NaN, 1 or a little more at most.
-
-        For images: what many tables are read at is computed and checked once.
-        """
-        return self._table.at_root(root_cosine)
+        index, exponent = complex(checked_eta(eta)), float(checked_sigma(sigma))
+        super().__init__(_specular(index, exponent, checked_measure(measure)))
 
 
-class BodyTable:
-    """Degree of polarisation ρ_d of body light against the cosine of the zenith angle.
-
-    `transmission_dolp` of one real index, read as a `DolpTable` is, within 1e-6.
+class BodyTable(Table):
+    """Degree of polarisation ρ_d of body light, `transmission_dolp`, within 1e-6.
 
     Examples
     --------
@@ -187,21 +163,20 @@ class BodyTable:
     0.09594
     """
 
-    def __init__(self, eta: float) -> None:
+    def __init__(self, eta: complex) -> None:
         """Build the table, or find it among those of this process."""
-        index = checked_eta(eta)
-        if np.iscomplexobj(index):
-            raise ValueError(f"eta must be real: a metal has no body light, got {complex(index)}")
-        self.eta = float(index)
-        self._table = _body(self.eta)
+        super().__init__(_body(complex(checked_eta(eta))))
 
-    def __call__(self, cos_zenith: ArrayLike) -> NDArray[np.floating]:
-        """ρ_d at cosines in [0, 1], same shape and floating type."""
-        return self._table.read(cos_zenith)
 
-    def at_root(self, root_cosine: NDArray[np.floating]) -> NDArray[np.floating]:
-        """ρ_d at √cos θ, float32 or float64, not negative and not NaN, 1 or a little more at most.
+class SmoothTable(Table):
+    """Degree of polarisation ρ of light mirrored by a smooth surface, `smooth_dolp`, within 1e-6.
 
-        For images: what many tables are read at is computed and checked once.
-        """
-        return self._table.at_root(root_cosine)
+    Examples
+    --------
+    >>> round(float(SmoothTable(1.5)(1 / np.sqrt(1 + 1.5**2))), 5)
+    1.0
+    """
+
+    def __init__(self, eta: complex) -> None:
+        """Build the table, or find it among those of this process."""
+        super().__init__(_smooth(complex(checked_eta(eta))))

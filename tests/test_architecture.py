@@ -96,7 +96,7 @@ def test_the_command_line_imports_nothing_heavy() -> None:
     script = (
         "import sys, malus.bench.cli as c; c.cli.main(['run', '--help'], standalone_mode=False);"
         "print([m for m in ('mitsuba', 'drjit', 'numpy', 'pandas', 'matplotlib', 'colour',"
-        " 'trimesh', 'rich', 'pydantic', 'dask') if m in sys.modules])"
+        " 'trimesh', 'rich', 'pydantic', 'dask', 'numba') if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True

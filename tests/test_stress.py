@@ -48,7 +48,7 @@ def test_a_wrong_integral_fails(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_silent_repair_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     def all_good(rows: block.Block) -> np.ndarray:
-        return np.ones(rows.observation.mask.shape, dtype=bool)
+        return np.ones(rows.mask.shape, dtype=bool)
 
     monkeypatch.setattr(block.Block, "valid", property(all_good))
     table = stress.stress_table([], methods=("eq8+body",))
@@ -75,7 +75,7 @@ def test_a_warning_fails(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_unchecked_roughness_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lobes, "one_alpha", lambda observation: abs(observation.alpha) + 0.1)
+    monkeypatch.setattr(lobes, "uniform_alpha", lambda observation: abs(observation.alpha) + 0.1)
     failed = stress.stress_table([], methods=())
     failed = failed[~failed.passed]
     assert "eq8, alpha -0.3" in set(failed.case)
