@@ -55,6 +55,7 @@ def score_capture(capture: Capture, fit: Fit, known: Knowledge, where: str) -> d
         "delta_e76": colour_differences(estimated, true, peak),
         "delta_e76_trivial": colour_differences(trivial, true, peak),
         "statements": list(found.statements),
+        "warnings": list(found.warnings),
     }
 
 

@@ -87,6 +87,7 @@ def _told(results: dict[str, Any]) -> str:
         score = results["score"]
         if score["convention"]:
             lines.append(f"warning: {score['convention']}")
+        lines += [f"warning: {warning}" for warning in score["warnings"]]
         lines += [f"- {statement}" for statement in score["statements"]]
         lines.append(
             f"NMSE {score['nmse']:.2e} (doing nothing: {score['nmse_trivial']:.2e}), "

@@ -99,6 +99,8 @@ def filter_command(
         done = filter_picture(picture, image.stem, folder, knowledge, output, tell)
     for statement in done.statements:
         click.echo(f"- {statement}")
+    for warning in done.warnings:
+        click.echo(f"warning: {warning}", err=True)
     click.echo(f"{len(done.files)} files in {folder}")
 
 

@@ -47,10 +47,11 @@ class Output:
 
 @dataclass(frozen=True)
 class Filtered:
-    """Files that were written, and in words what they rest on."""
+    """Files that were written, in words what they rest on, and why not to believe them."""
 
     files: tuple[Path, ...]
     statements: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 def filter_picture(
@@ -76,18 +77,22 @@ def filter_picture(
     Raises
     ------
     InputError
-        An angle that is no number, a picture that nothing can be told from, or a folder that
-        cannot be written. Then nothing is written.
+        An angle that is no number, a picture that nothing can be told from, a folder that cannot
+        be written. Then nothing is.
     """
     output, tell = output or Output(), progress or (lambda _what, _share: None)
     _check_angles(output.angles_deg)
     tell("separating light and estimating polarisation", 0.05)
-    found = estimate(picture.linear, known, stem)
+    where = f"{stem}{picture.suffix}"
+    if picture.clipped == 1.0:
+        raise InputError(where, "light that is not clipped", "none", "expose it again")
+    found = estimate(picture.linear, known, where)
     with all_or_nothing(out) as folder:
         _write(folder, stem, picture, found.components, output, tell)
         names = sorted(path.name for path in folder.iterdir())
     tell("done", 1.0)
-    return Filtered(tuple(out / name for name in names), _statements(picture, found, output))
+    files = tuple(out / name for name in names)
+    return Filtered(files, _statements(picture, found, output), _warnings(picture, found))
 
 
 def _check_angles(angles_deg: Sequence[float]) -> None:
@@ -98,13 +103,16 @@ def _check_angles(angles_deg: Sequence[float]) -> None:
 
 def _statements(picture: Picture, found: Estimate, output: Output) -> tuple[str, ...]:
     said = [picture.assumption, *found.statements]
-    if picture.clipped > _CLIPPED:
-        said.append(
-            f"{picture.clipped:.1%} of the pixels are clipped: their highlights are too weak"
-        )
     if not output.physical:
         said.append("exposure makes up for the filter's one stop; --physical leaves it out")
     return tuple(said)
+
+
+def _warnings(picture: Picture, found: Estimate) -> tuple[str, ...]:
+    if picture.clipped <= _CLIPPED:
+        return found.warnings
+    clipped = f"{picture.clipped:.1%} of the pixels are clipped: their highlights are too weak"
+    return (*found.warnings, clipped)
 
 
 def _write(
@@ -146,11 +154,7 @@ def polarised(found: Components, angle_deg: float) -> NDArray[Any]:
 
 
 def _name(angle_deg: float) -> str:
-    return (
-        f"angle{angle_deg % 180.0:06.2f}".rstrip("0").rstrip(".")
-        if angle_deg % 1
-        else (f"angle{angle_deg % 180.0:03.0f}")
-    )
+    return f"angle{round(angle_deg, 2) % 180.0:06.2f}".rstrip("0").rstrip(".")
 
 
 def _maps(folder: Path, stem: str, found: Components) -> list[tuple[str, NDArray[np.uint8]]]:
@@ -209,7 +213,8 @@ def _sweep(path: Path, picture: Picture, found: Components, gain: np.float32) ->
     """An animation through 180° of the polariser."""
     import PIL.Image
 
-    small = Components(*(_reduced(a, SWEEP_SIDE) for a in (found.image, found.s1, found.s2)))
+    image, s1, s2 = (_reduced(a, SWEEP_SIDE) for a in (found.image, found.s1, found.s2))
+    small = Components(image, s1, s2)
     angles = np.arange(SWEEP_FRAMES) * (180.0 / SWEEP_FRAMES)
     frames = [
         PIL.Image.fromarray(_thumbnail(gain * polarised(small, float(a)), picture, SWEEP_SIDE))

@@ -56,6 +56,8 @@ class Score:
         Slope and rotation of the estimated against the true field.
     extra : tuple of Value
         Of the further metrics that were asked for.
+    converged : bool or None
+        As the method says of its own search; None where it searches nothing.
     """
 
     residuals: Residuals
@@ -66,6 +68,7 @@ class Score:
     wavelengths_nm: tuple[float, ...]
     agreement: Agreement
     extra: tuple[Value, ...] = ()
+    converged: bool | None = None
 
     @property
     def nmse(self) -> float:
@@ -94,6 +97,8 @@ class Score:
         for band, wavelength in enumerate(self.wavelengths_nm):
             yield from self._values(errors[:, 0, band], band_nm=wavelength)
         yield Value("violations", float(self.violations))
+        if self.converged is not None:
+            yield Value("converged", float(self.converged))
         yield from self.extra
 
     def _values(
@@ -144,6 +149,7 @@ class Judge:
             self.truth.scene.wavelengths_nm,
             self.field.agreement(difference, change),
             tuple(value for metric in metrics for value in metric(estimate, self.truth)),
+            estimate.converged,
         )
 
     def _differences(self, method: Method) -> tuple[Components, Image, Image]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.bench.pictures import Image, check_size, read_picture
+from malus.bench.companion_files import read_mask, read_normals
+from malus.bench.pictures import Image
 from malus.reconstruct import Components, Inapplicable, Observation
 from malus.reconstruct.blind import run_chain
 from malus.reconstruct.illuminant import ILLUMINANTS
@@ -69,10 +70,11 @@ class Knowledge:
 
 
 class Estimate(NamedTuple):
-    """Components of a photograph, and in words what they rest on."""
+    """Components of a photograph, and in words what they rest on and why not to believe them."""
 
     components: Components
     statements: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
 
 def gather(
@@ -111,63 +113,6 @@ def gather(
     )
 
 
-def read_mask(path: Path, shape: tuple[int, int]) -> Mask:
-    """A mask from a picture: lighter than half is the object. Raises InputError."""
-    values = read_picture(path, linear=True).linear.mean(axis=-1)
-    _check_shape(path, values.shape, shape)
-    if not (values > 0.5).any():
-        raise InputError(str(path), "an object, lighter than half", "none", "check the mask")
-    return np.asarray(values > 0.5)
-
-
-def read_normals(path: Path, shape: tuple[int, int]) -> Image:
-    """Normals (height, width, 3) from a .npy or EXR of vectors, or a picture of ½ (n + 1).
-
-    Vectors are made unit; those shorter than ½, or that face away, become zero: no normal.
-
-    Raises
-    ------
-    InputError
-        Another size, another number of channels, or an unreadable file.
-    """
-    vectors = _npy(path) if path.suffix.lower() == ".npy" else _vectors(path)
-    if vectors.ndim != 3 or vectors.shape[-1] != 3:
-        found = f"shape {vectors.shape}"
-        raise InputError(str(path), "three values a pixel", found, "write x, y, z to 3 channels")
-    _check_shape(path, vectors.shape[:2], shape)
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    good = np.isfinite(length) & (length > 0.5) & (vectors[..., 2:] >= 0)
-    return np.where(good, vectors / np.where(good, length, 1), 0).astype(np.float32)
-
-
-def _vectors(path: Path) -> NDArray[Any]:
-    picture = read_picture(path, linear=True)
-    return picture.linear if picture.kind == "EXR" else 2 * picture.linear - 1
-
-
-def _npy(path: Path) -> NDArray[Any]:
-    try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-        if array.ndim == 3:
-            check_size(path, array.shape[1], array.shape[0])
-        return np.asarray(array, dtype=np.float32)
-    except (OSError, ValueError, EOFError) as error:
-        reason = str(error).split("\n")[0]
-        raise InputError(
-            str(path), "an array of numbers", reason, "write it with numpy.save"
-        ) from None
-
-
-def _check_shape(path: Path, found: tuple[int, ...], expected: tuple[int, int]) -> None:
-    if tuple(found) != tuple(expected):
-        raise InputError(
-            str(path),
-            f"the picture's size, {expected[1]} x {expected[0]}",
-            f"{found[1]} x {found[0]}",
-            "make it of the picture's size",
-        )
-
-
 def estimate(image: Image, known: Knowledge, where: str) -> Estimate:
     """Components of a photograph (height, width, 1 or 3) in linear light.
 
@@ -184,6 +129,7 @@ def estimate(image: Image, known: Knowledge, where: str) -> Estimate:
     mask = known.mask if known.mask is not None else np.ones(image.shape[:2], bool)
     if known.normals is not None:
         mask = mask & (known.normals[..., 2] > 0)
+    warnings: tuple[str, ...] = ()
     try:
         light = ILLUMINANTS[known.illuminant](image, mask)
         colour = light.colour.astype(np.float32)
@@ -200,13 +146,13 @@ def estimate(image: Image, known: Knowledge, where: str) -> Estimate:
             found, said = _surrounded(observation, known)
         else:
             chain = run_chain(observation, calibrated=False)
-            found, said = chain.components, chain.statements
+            found, said, warnings = chain.components, chain.statements, chain.warnings
     except Inapplicable as reason:
         raise InputError(
             where, "a picture that this can be told from", str(reason), _advice(known)
         ) from None
-    coloured = Components(image, found.s1 * colour, found.s2 * colour, found.valid)
-    return Estimate(coloured, (light.assumption, *said))
+    coloured = replace(found, image=image, s1=found.s1 * colour, s2=found.s2 * colour)
+    return Estimate(coloured, (light.assumption, *said), warnings)
 
 
 def _advice(known: Knowledge) -> str:

@@ -21,6 +21,7 @@ from malus.bench.metrics import Error, Residuals, peak, skill
 from malus.bench.view import observe
 from malus.reconstruct import Components, Inapplicable
 from malus.reconstruct.blind import run_chain
+from malus.reconstruct.convergence import Convergence
 from malus.reconstruct.illuminant import ILLUMINANTS, mirrored_tint
 from malus.reconstruct.separation import SEPARATIONS, separate
 from malus.renderers.family import render_family
@@ -117,12 +118,22 @@ def chain_row(truth: Truth, level: str) -> Row:
         "eta_error": abs(eta - float(np.mean(truth.eta.real))),
         "alpha_error": abs(alpha / float(np.mean(truth.alpha)) - 1.0),
         "body_right": float(chain.body == truth.scene.surface.body),
-        "converged": float(chain.converged),
         "light_deg": _light_error(found.light, truth.scene.light_in_image),
         "nmse": error,
         "skill": skill(Error(error, noise), Error(guess, noise), int(mask.sum())),
     }
-    return row
+    return row | _convergence_columns(chain.convergence)
+
+
+def _convergence_columns(found: Convergence | None) -> Row:
+    if found is None:
+        return {}
+    unanimous = float(found.agreed == found.starts)
+    return {
+        "converged": float(found.converged),
+        "residual": found.residual,
+        "unanimous": unanimous,
+    }
 
 
 def _errors(found: Components, truth: Truth) -> tuple[float, float, float]:

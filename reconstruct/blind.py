@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct import lobes
+from malus.reconstruct.convergence import Convergence
 from malus.reconstruct.illuminant import mirrored_tint
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.light_direction import estimate_direction
@@ -44,7 +45,8 @@ class Chain:
         The picture with everything filled in that was estimated.
     body : 'unpolarised' or 'polarised'
     components : Components
-    converged : bool
+    convergence : Convergence or None
+        How the search for a shape ended; None where the normals were given.
     statements : tuple of str
         What was assumed, found, or failed, stage by stage.
     """
@@ -52,8 +54,13 @@ class Chain:
     observation: Observation
     body: BodyKind
     components: Components
-    converged: bool
+    convergence: Convergence | None
     statements: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Why not to believe it, in words; empty where nothing speaks against it."""
+        return self.convergence.warnings if self.convergence else ()
 
 
 def blind(observation: Observation) -> Components:
@@ -92,13 +99,13 @@ def run_chain(observation: Observation, calibrated: bool = True) -> Chain:
     known = Known(irradiance, _mean_or_none(observation.eta), _mean_or_none(observation.alpha))
     if observation.normals is None:
         shape = recover_shape(observation.image, observation.mask, direction, known, specular)
-        normals, parameters, converged = shape.normals, shape.parameters, shape.converged
-        statements = (*statements, *said, shape.statement, *parameters.notes)
+        normals, parameters, convergence = shape.normals, shape.parameters, shape.convergence
+        said = (*said, convergence.statement)
     else:
-        normals, converged = observation.normals, True
+        normals, convergence = observation.normals, None
         parameters = _parameters(observation, normals, direction, known)
-        body = f"body taken for {parameters.body}"
-        statements = (*statements, *said, body, *parameters.notes)
+    body = f"body taken for {parameters.body}"
+    statements = (*statements, *said, body, *parameters.notes)
     if specular is None:
         specular = _by_model(observation, normals, direction, parameters)
     filled = replace(
@@ -111,7 +118,9 @@ def run_chain(observation: Observation, calibrated: bool = True) -> Chain:
         light=_distant(direction, irradiance),
     )
     components = _polarised(filled, parameters.body)
-    return Chain(filled, parameters.body, components, converged, statements)
+    if convergence is not None:
+        components = replace(components, converged=convergence.converged)
+    return Chain(filled, parameters.body, components, convergence, statements)
 
 
 def _require_light(observation: Observation) -> None:

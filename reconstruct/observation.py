@@ -117,12 +117,16 @@ class Components:
     valid : (height, width) bool or None
         False where the inputs were no physical values; the components are zero there. None means
         that the method does not tell.
+    converged : bool or None
+        Whether the search behind the estimate ended where it explains the image; None means that
+        nothing was searched.
     """
 
     image: Image
     s1: Image
     s2: Image
     valid: NDArray[np.bool_] | None = None
+    converged: bool | None = None
 
     @classmethod
     def from_extremes(cls, i_max: Image, i_min: Image, phase: Image) -> Self:

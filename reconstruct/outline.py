@@ -39,6 +39,8 @@ class Outline:
         Times `size` squared.
     size : float
         Radius in pixels of the disc of equal area: makes derivatives dimensionless.
+    at_ring, whole : (mask pixels,) bool
+        Pixels that touch the ring; pixels with all four neighbours, the rows of `laplacian`.
     """
 
     mask: Mask
@@ -48,6 +50,8 @@ class Outline:
     dy: sparse.csr_array
     laplacian: sparse.csr_array
     size: float
+    at_ring: Mask
+    whole: Mask
 
     @property
     def count(self) -> int:
@@ -98,14 +102,17 @@ def outline_of(mask: Mask) -> Outline:
     right, left, up, down = neighbours
     columns = int(index.max()) + 1
     here = index[mask]
+    whole = np.all([n >= 0 for n in neighbours], axis=0)
     return Outline(
         mask,
         ring,
         _across(mask, ring),
         _difference(right, left, here, columns, size),
         _difference(up, down, here, columns, size),
-        _laplacian(neighbours, here, columns, size),
+        _laplacian(neighbours, here, whole, columns, size),
         size,
+        np.any([n >= area for n in neighbours], axis=0),
+        whole,
     )
 
 
@@ -134,9 +141,12 @@ def _difference(
 
 
 def _laplacian(
-    neighbours: list[NDArray[np.int64]], here: NDArray[np.int64], columns: int, size: float
+    neighbours: list[NDArray[np.int64]],
+    here: NDArray[np.int64],
+    whole: Mask,
+    columns: int,
+    size: float,
 ) -> sparse.csr_array:
-    whole = np.all([n >= 0 for n in neighbours], axis=0)
     count = int(whole.sum())
     rows = np.tile(np.arange(count), 5)
     where = np.concatenate([*(n[whole] for n in neighbours), here[whole]])

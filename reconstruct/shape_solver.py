@@ -10,7 +10,9 @@ n = (2f, 2g, 1 − f² − g²)/(1 + f² + g²), and ln albedo, ln level and ln 
 * integrability  n_z³ (∂_y p − ∂_x q) with p = n_x/n_z, q = n_y/n_z, which is a polynomial,
                (1 − n_y²) ∂_y n_x − (1 − n_x²) ∂_x n_y + n_x n_y (∂_y n_y − ∂_x n_x),
                and stays finite at the occluding boundary, where the slopes do not;
-* plausibility  ln level − ln(usual level), where the irradiance of the light is known;
+* plausibility  ln level − ln(usual level), where the irradiance of the light is known, and
+               ln alpha − ln(usual alpha): a wider lobe on a surface that is bent a little more
+               looks the same, so that without it alpha would run away;
 * the outline enters smoothness and integrability: around the object is a ring of known normals.
 
 After Huynh and Robles-Kelly, "Simultaneous photometric invariance and shape recovery", ICCV (2009),
@@ -29,9 +31,14 @@ from scipy.optimize import OptimizeResult, least_squares
 from malus.reconstruct.outline import Outline
 from malus.reconstruct.parameters import ALPHA_RANGE
 from malus.reconstruct.shading import BodyKind, body_shading, mirrored_shading
+from malus.reconstruct.stereographic import normals_of, plane_slopes, to_rim
 
 Floats = NDArray[np.float64]
 
+RIM = 0.1
+"""Weight of smoothness and integrability at pixels beside the outline. There the outline runs
+somewhere through the ring, and the normal's change has a root in it: the true normals of blobs have
+8 times the bending there that they have inside, and 16 times the curl."""
 _STEP = 1e-5
 """Of the central differences of the shading, whose second derivatives are of order one."""
 
@@ -59,13 +66,16 @@ class Guess:
 class Weights:
     """How much each residual counts beside the irradiance, whose weight is 1.
 
-    `level` pulls ln level towards `usual_level`, what a typical dielectric would mirror.
+    `level` pulls ln level towards `usual_level`, what a typical dielectric would mirror, and
+    `alpha` pulls ln alpha towards `usual_alpha`.
     """
 
     smoothness: float
     integrability: float
     level: float = 0.0
     usual_level: float = 1.0
+    alpha: float = 0.0
+    usual_alpha: float = 0.3
 
 
 class ShapeProblem:
@@ -94,9 +104,11 @@ class ShapeProblem:
     ) -> None:
         self.pictures, self.outline = pictures, outline
         self.direction, self.body, self.eta = direction, body, eta
-        self.smooth, self.integrable = np.sqrt(weights.smoothness), np.sqrt(weights.integrability)
-        self.plausible = np.sqrt(weights.level * outline.count)
-        self.usual_level = weights.usual_level
+        trust = np.where(outline.at_ring, RIM, 1.0)
+        self.smooth = np.sqrt(weights.smoothness) * trust[outline.whole]
+        self.integrable = np.sqrt(weights.integrability) * trust
+        self.plausible = np.sqrt(np.array([weights.level, weights.alpha]) * outline.count)
+        self.usual = np.array([weights.usual_level, weights.usual_alpha])
         self.alpha = alpha
 
     def solve(self, start: Guess, max_steps: int, tolerance: float) -> tuple[Guess, OptimizeResult]:
@@ -114,7 +126,7 @@ class ShapeProblem:
             max_nfev=max_steps,
         )
         f, g, albedo, level, alpha = self._unpacked(found.x)
-        normals = _normals(*_to_rim(f, g))
+        normals = normals_of(*to_rim(f, g))
         return replace(start, normals=normals, albedo=albedo, level=level, alpha=alpha), found
 
     def residuals(self, x: Floats) -> Floats:
@@ -125,10 +137,10 @@ class ShapeProblem:
         for picture in self.pictures:
             model = picture.body * albedo * shaded + picture.mirrored * level * mirrored
             parts.append((model - picture.radiance) * self._scale(picture))
-        field = self._with_ring(_normals(f, g).T[:2])
-        bending = self.smooth * (self.outline.laplacian @ field.T).T
-        unusual = self.plausible * np.log(level / self.usual_level)
-        return np.concatenate([*parts, *bending, self.integrable * self._curl(field), [unusual]])
+        field = self._with_ring(normals_of(f, g).T[:2])
+        bending = (self.outline.laplacian @ field.T).T * self.smooth
+        unusual = self.plausible * np.log([level, alpha] / self.usual)
+        return np.concatenate([*parts, *bending, self.integrable * self._curl(field), unusual])
 
     def jacobian(self, x: Floats) -> sparse.csr_array:
         """Derivatives of the residuals, sparse but for the columns of the surface."""
@@ -148,10 +160,8 @@ class ShapeProblem:
             blocks.append(sparse.hstack([*slopes, sparse.csr_array(surface)]))
         geometry = self._geometry_jacobian(f, g)
         none = sparse.csr_array((geometry.shape[0], 3))
-        unusual = sparse.csr_array(
-            ([self.plausible], ([0], [2 * len(f) + 1])),
-            shape=(1, len(x)),
-        )
+        pulls = self.plausible * [1.0, float(self.alpha is None)]
+        unusual = sparse.csr_array((pulls, ([0, 1], [len(x) - 2, len(x) - 1])), shape=(2, len(x)))
         return sparse.csr_array(sparse.vstack([*blocks, sparse.hstack([geometry, none]), unusual]))
 
     def error(self, guess: Guess) -> float:
@@ -170,7 +180,7 @@ class ShapeProblem:
         return 1.0 / (peak * np.sqrt(len(self.pictures)))
 
     def _shadings(self, f: Floats, g: Floats, alpha: float) -> tuple[Floats, Floats]:
-        normals = _normals(*_to_rim(f, g))
+        normals = normals_of(*to_rim(f, g))
         return (
             body_shading(normals, self.direction, self.body, self.eta),
             mirrored_shading(normals, self.direction, alpha),
@@ -184,13 +194,14 @@ class ShapeProblem:
 
     def _geometry_jacobian(self, f: Floats, g: Floats) -> sparse.csr_array:
         """Of smoothness and integrability, by f and g."""
-        laplacian = self.outline.laplacian[:, : self.outline.count] * self.smooth
+        smooth = sparse.diags_array(self.smooth)
+        laplacian = smooth @ self.outline.laplacian[:, : self.outline.count]
         none = sparse.csr_array(laplacian.shape)
-        curl = self._curl_jacobian(self._with_ring(_normals(f, g).T[:2]))
+        curl = self._curl_jacobian(self._with_ring(normals_of(f, g).T[:2]))
         by_normal = sparse.vstack(
             [sparse.hstack([laplacian, none]), sparse.hstack([none, laplacian]), curl]
         )
-        slopes = _plane_slopes(f, g)
+        slopes = plane_slopes(f, g)
         chain = sparse.block_array([[sparse.diags_array(s) for s in row] for row in slopes])
         return sparse.csr_array(by_normal @ chain)
 
@@ -216,7 +227,7 @@ class ShapeProblem:
         by_x = by_x + diagonal(1 - n_y**2) @ dy - diagonal(n_x * n_y) @ dx
         by_y = diagonal(-2 * n_y * xy + n_x * (yy - xx))
         by_y = by_y - diagonal(1 - n_x**2) @ dx + diagonal(n_x * n_y) @ dy
-        return sparse.csr_array(sparse.hstack([by_x, by_y]) * self.integrable)
+        return sparse.csr_array(diagonal(self.integrable) @ sparse.hstack([by_x, by_y]))
 
     def _packed(self, guess: Guess) -> Floats:
         n_z = np.clip(guess.normals[:, 2], 0.0, None)
@@ -228,23 +239,3 @@ class ShapeProblem:
         f, g = x[:-3].reshape(2, -1)
         albedo, level, alpha = np.exp(np.clip(x[-3:], -25.0, 25.0))
         return f, g, float(albedo), float(level), float(np.clip(alpha, *ALPHA_RANGE))
-
-
-def _to_rim(f: Floats, g: Floats) -> tuple[Floats, Floats]:
-    """Points beyond the unit circle, whose normals face away, moved onto it."""
-    beyond = np.maximum(np.hypot(f, g), 1.0)
-    return f / beyond, g / beyond
-
-
-def _normals(f: Floats, g: Floats) -> Floats:
-    """Unit normals (n, 3) from stereographic coordinates: the rim is the unit circle."""
-    square = f * f + g * g
-    over = 1.0 / (1.0 + square)
-    return np.stack([2 * f * over, 2 * g * over, (1 - square) * over], axis=-1)
-
-
-def _plane_slopes(f: Floats, g: Floats) -> list[list[Floats]]:
-    """Derivatives of n_x and n_y (rows) by f and g (columns)."""
-    over = 1.0 / (1.0 + f * f + g * g)
-    cross = -4 * f * g * over**2
-    return [[2 * over - 4 * f * f * over**2, cross], [cross, 2 * over - 4 * g * g * over**2]]

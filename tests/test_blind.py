@@ -9,7 +9,7 @@ import pytest
 
 from malus.bench.judge import Judge
 from malus.bench.view import observe
-from malus.reconstruct import Inapplicable, Method, Observation
+from malus.reconstruct import Inapplicable, Method, Observation, shape
 from malus.reconstruct.blind import BLIND, blind, run_chain
 from malus.renderers import render
 from malus.renderers.truth import Truth
@@ -45,13 +45,32 @@ def test_the_way_is_told() -> None:
     truth = sphere()
     chain = run_chain(observe(truth, frozenset()))
     told = " ".join(chain.statements)
-    for stage in ("grey image where colour is needed", "estimated", "minimum", "eta is assumed"):
+    for stage in (
+        "grey image where colour is needed",
+        "estimated",
+        "starts ended there",
+        "eta is assumed",
+    ):
         assert stage in told
     assert (
         run_chain(observe(sphere(coloured=True), frozenset()))
         .statements[0]
         .startswith("separated by colour")
     )
+
+
+@pytest.mark.parametrize(("steps", "converged"), [(30, 1.0), (2, 0.0)])
+def test_a_score_says_whether_the_search_converged(
+    steps: int, converged: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shape, "_STEPS", steps)
+    values = Judge(sphere(side=24)).score(METHODS["blind-light"]).values()
+    assert [v.value for v in values if v.metric == "converged"] == [converged]
+
+
+def test_where_nothing_is_searched_nothing_is_said_of_convergence() -> None:
+    score = Judge(sphere(side=24)).score(METHODS["blind-normals"])
+    assert not [v for v in score.values() if v.metric == "converged"]
 
 
 @pytest.mark.parametrize("body", ["unpolarised", "polarised"])

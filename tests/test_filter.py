@@ -19,7 +19,7 @@ from malus.bench.filter import Output, filter_picture, polarised
 from malus.bench.knowledge import PRESETS, Knowledge, gather
 from malus.bench.pictures import Picture, read_picture
 from malus.bench.transfer import linear_transfer, srgb_transfer
-from malus.reconstruct import Components
+from malus.reconstruct import Components, shape
 from malus.scenes import InputError, polarisation
 
 RNG = np.random.default_rng(0)
@@ -100,6 +100,17 @@ def test_the_command_writes_the_pictures_own_form(tmp_path: Path) -> None:
     with PIL.Image.open(out / "dome_dolp.png") as image:
         assert image.mode.startswith("I;16")
     assert "taken for sRGB" in result.output
+
+
+def test_a_search_that_failed_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, normals = saved_dome(tmp_path)
+    mask = tmp_path / "mask.png"
+    PIL.Image.fromarray((np.load(normals)[..., 2] > 0).astype(np.uint8) * 255).save(mask)
+    monkeypatch.setattr(shape, "_STEPS", 2)
+    arguments = [str(path), "--mask", str(mask), "--light", "1,1,2", "--out", str(tmp_path / "o")]
+    result = CliRunner().invoke(filter_command, arguments)
+    assert result.exit_code == 0, result.output
+    assert "warning: the search for a shape did not converge" in result.stderr
 
 
 def test_exposure_makes_up_for_one_stop(tmp_path: Path) -> None:
@@ -210,7 +221,10 @@ def test_clipped_highlights_are_told(tmp_path: Path) -> None:
     codes = table.encoded(3 * linear)
     picture = Picture(table.linear(codes), "PNG", table)
     done = filter_picture(picture, "d", tmp_path, Knowledge(normals, light=(1, 1, 2)))
-    assert any("clipped" in statement for statement in done.statements)
+    assert any("clipped" in warning for warning in done.warnings)
+    white = Picture(np.ones_like(linear), "PNG", table)
+    with pytest.raises(InputError, match="expected light that is not clipped"):
+        filter_picture(white, "w", tmp_path / "w", Knowledge(normals))
 
 
 @pytest.mark.parametrize("name", sorted(PRESETS))

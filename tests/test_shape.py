@@ -7,6 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from malus.reconstruct import shape
+from malus.reconstruct.convergence import Convergence
 from malus.reconstruct.light_direction import estimate_direction
 from malus.reconstruct.observation import Inapplicable
 from malus.reconstruct.outline import outline_of
@@ -154,12 +156,39 @@ def test_a_sphere_its_index_and_roughness(alpha: float, incidence_deg: float) ->
     truth = sphere(alpha, 1.5, incidence_deg)
     light = truth.scene.light
     found = recover_shape(truth.image, truth.mask, light_of(truth), Known(light.irradiance))
-    assert found.converged
+    assert found.convergence.converged
     # Measured 0.7°; the truth's masking is another than the model's, on purpose.
     assert mean_angle_deg(found.normals[truth.mask], truth.normals[truth.mask]) < 2.5
     assert found.parameters.eta == pytest.approx(1.5, abs=0.08)
     assert found.parameters.alpha == pytest.approx(alpha, rel=0.25)
     assert found.parameters.body == "unpolarised"
+
+
+def test_a_search_cut_short_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = sphere(side=24)
+    arguments = truth.image, truth.mask, light_of(truth), Known(truth.scene.light.irradiance)
+    whole = recover_shape(*arguments).convergence
+    assert whole.converged
+    assert whole.residual < 0.008
+    assert whole.starts == 2
+    assert not any("did not converge" in warning for warning in whole.warnings)
+    monkeypatch.setattr(shape, "_STEPS", 2)
+    short = recover_shape(*arguments).convergence
+    assert not short.at_minimum
+    assert not short.converged
+    assert "did not converge: the search for a shape ran out of steps" in short.warnings[0]
+
+
+def test_a_picture_that_is_not_explained_is_no_convergence() -> None:
+    found = Convergence(at_minimum=True, residual=0.02, agreed=2, starts=2)
+    assert not found.converged
+    assert "2.0% of the largest value unexplained" in found.warnings[0]
+
+
+def test_starts_that_disagree_are_a_warning() -> None:
+    found = Convergence(at_minimum=True, residual=0.001, agreed=1, starts=2)
+    assert found.converged
+    assert "1 of 2 starts" in found.warnings[0]
 
 
 def test_known_parameters_are_kept() -> None:

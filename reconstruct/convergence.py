@@ -1,0 +1,73 @@
+"""How a search for a shape ended: said out loud, because a bad answer looks like a good one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+EXPLAINED = 0.008
+"""Residual below which a picture counts as explained: 2 of 255 grey levels."""
+
+
+class Convergence(NamedTuple):
+    """The end of a search from several starts.
+
+    Attributes
+    ----------
+    at_minimum : bool
+        The optimiser stopped because nothing improved, not because it ran out of steps.
+    residual : float
+        Root mean square of what the shape leaves unexplained, over the picture's largest value.
+    agreed, starts : int
+        How many starts of the search ended at this minimum, and how many there were for this kind
+        of body.
+    """
+
+    at_minimum: bool
+    residual: float
+    agreed: int
+    starts: int
+
+    @property
+    def converged(self) -> bool:
+        """A minimum was found, and it explains the picture.
+
+        Examples
+        --------
+        >>> Convergence(True, 0.004, 2, 2).converged, Convergence(True, 0.05, 2, 2).converged
+        (True, False)
+        """
+        return self.at_minimum and self.residual < EXPLAINED
+
+    @property
+    def statement(self) -> str:
+        """The same in words.
+
+        Examples
+        --------
+        >>> Convergence(True, 0.004, 1, 2).statement
+        'the shape leaves 0.4% of the largest value unexplained; 1 of 2 starts ended there'
+        """
+        steps = "" if self.at_minimum else "the search for a shape ran out of steps; "
+        return (
+            f"{steps}the shape leaves {self.residual:.1%} of the largest value unexplained; "
+            f"{self.agreed} of {self.starts} starts ended there"
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user must know before the answer is believed; empty where all is well.
+
+        Examples
+        --------
+        >>> Convergence(True, 0.004, 2, 2).warnings
+        ()
+        """
+        found = []
+        if not self.converged:
+            found.append(f"the search for a shape did not converge: {self.statement}")
+        elif self.agreed < self.starts:
+            found.append(
+                f"the shape is one of several that explain the picture: {self.statement}; "
+                "roughness and normals are uncertain"
+            )
+        return tuple(found)
