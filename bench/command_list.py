@@ -15,11 +15,12 @@ from malus.scenes.albedo import reflectance, swatches
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Light
 from malus.scenes.materials import materials, surfaces
+from malus.scenes.metals import metals
 from malus.scenes.model import Model
 from malus.scenes.shapes import Shape
 from malus.scenes.suite import load_suite, suite_names
 
-SWATCH_NM = (450.0, 550.0, 650.0)
+SHOWN_NM = (450.0, 550.0, 650.0)
 
 
 def list_things(what: str) -> None:
@@ -34,6 +35,7 @@ def list_things(what: str) -> None:
         "suites": _suites,
         "methods": _methods,
         "materials": _materials,
+        "metals": _metals,
         "surfaces": _surfaces,
         "swatches": _swatches,
         "shapes": lambda: _kinds("shapes", Shape),
@@ -81,6 +83,14 @@ def _materials() -> Table:
     return table
 
 
+def _metals() -> Table:
+    table = _new("metals: materials without a body", "name", *map(_nm, SHOWN_NM), "source")
+    for item in metals().values():
+        values = item.eta(SHOWN_NM)
+        table.add_row(item.id, *(f"{v.real:.2f} + {v.imag:.2f}i" for v in values), item.source)
+    return table
+
+
 def _surfaces() -> Table:
     table = _new("surfaces", "name", "alpha", "σ = 1/alpha²", "albedo", "status")
     for surface in surfaces().values():
@@ -95,9 +105,9 @@ def _surfaces() -> Table:
 
 
 def _swatches() -> Table:
-    table = _new("swatches: colours that `albedo` may name", "name", *map(_nm, SWATCH_NM))
+    table = _new("swatches: colours that `albedo` may name", "name", *map(_nm, SHOWN_NM))
     for name in swatches():
-        values = reflectance(name, SWATCH_NM)
+        values = reflectance(name, SHOWN_NM)
         table.add_row(name, *(f"{value:.3f}" for value in values))
     return table
 

@@ -38,7 +38,7 @@ def chosen(families: Sequence[FamilyPlan]) -> frozenset[str]:
 
 
 def _middle(scenes: Sequence[Scene]) -> Scene:
-    ordered = sorted(scenes, key=lambda scene: float(scene.eta.mean()))
+    ordered = sorted(scenes, key=lambda scene: float(scene.eta.real.mean()))
     return ordered[len(ordered) // 2]
 
 

@@ -68,5 +68,5 @@ def _family(key: FamilyKey, scenes: Sequence[Scene], sampling: Sampling) -> Fami
         return FamilyPlan(tuple(scenes), sampling, bands, bands, traces=bands)
     nodes = Nodes.of(np.concatenate([scene.eta for scene in scenes]))
     interface = len(nodes.rendered)
-    body = 1 if key.body == "unpolarised" else interface
+    body = interface if key.body == "polarised" else 1
     return FamilyPlan(tuple(scenes), sampling, interface, body)

@@ -84,7 +84,7 @@ def describe(scene: Scene) -> dict[str, Any]:
         "scene": scene.id,
         "shape": scene.label,
         "material": surface.material_label,
-        "eta": float(scene.eta.mean()),
+        "eta": float(scene.eta.real.mean()),
         "surface": surface.label,
         "alpha": surface.alpha,
         "body": surface.body,

@@ -106,7 +106,7 @@ def _rays(families: Sequence[FamilyPlan]) -> list[Saving]:
 
 
 def _has_fixed_body(scene: Scene) -> bool:
-    return scene.surroundings is None and scene.surface.body == "unpolarised"
+    return scene.surroundings is None and scene.surface.body != "polarised"
 
 
 def _is_convex(scene: Scene) -> bool:

@@ -9,16 +9,18 @@ from typing import Any
 
 from malus.renderers.translate import body_bsdf, interface_bsdf
 from malus.renderers.variant import Variant, mitsuba
-from malus.scenes.surface import Body
+from malus.scenes.surface import AnyBody
+
+Index = float | complex
 
 
 def bsdfs(
-    variant: Variant, etas: Sequence[float], alpha: float, body: Body
+    variant: Variant, etas: Sequence[Index], alpha: float, body: AnyBody
 ) -> tuple[list[Any], list[Any]]:
     """Interface and body BSDFs at the given indices; one body where it does not depend on η."""
     mi = mitsuba(variant)
-    interface = _pool(variant, len(etas), None)
-    scattering = _pool(variant, 1 if body == "unpolarised" else len(etas), body)
+    interface = _pool(variant, len(etas), None, body == "none")
+    scattering = _pool(variant, len(etas) if body == "polarised" else 1, body)
     _update(mi, interface, etas, alpha)
     if body == "polarised":
         _update(mi, scattering, etas, alpha)
@@ -26,19 +28,22 @@ def bsdfs(
 
 
 @functools.lru_cache(maxsize=32)
-def _pool(variant: Variant, count: int, body: Body | None) -> list[Any]:
+def _pool(variant: Variant, count: int, body: AnyBody | None, metal: bool = False) -> list[Any]:
     mi = mitsuba(variant)
-    describe = interface_bsdf(1.5, 0.3) if body is None else body_bsdf(1.5, 0.3, body)
+    some: Index = 1.5 + 1j if metal else 1.5
+    describe = interface_bsdf(some, 0.3) if body is None else body_bsdf(some, 0.3, body)
     return [mi.load_dict(describe) for _ in range(count)]
 
 
-def _update(mi: ModuleType, pool: Sequence[Any], etas: Sequence[float], alpha: float) -> None:
+def _update(mi: ModuleType, pool: Sequence[Any], etas: Sequence[Index], alpha: float) -> None:
     import drjit as dr
 
     # The same variable in every BSDF: Dr.Jit then computes the facet distribution only once.
     shared_alpha = dr.opaque(mi.Float, alpha)
     for bsdf, eta in zip(pool, etas, strict=True):
         parameters = mi.traverse(bsdf)
-        parameters["eta.value"] = dr.opaque(mi.Float, eta)
+        parameters["eta.value"] = dr.opaque(mi.Float, eta.real)
+        if isinstance(eta, complex):
+            parameters["k.value"] = dr.opaque(mi.Float, eta.imag)
         parameters["alpha.value"] = shared_alpha
         parameters.update()

@@ -66,7 +66,7 @@ def render_family(
 
 
 def _render(
-    key: FamilyKey, etas: list[float], sampling: Sampling, variant: Variant, errors: bool
+    key: FamilyKey, etas: list[float | complex], sampling: Sampling, variant: Variant, errors: bool
 ) -> Lobes:
     if not variant.vectorised:
         return stock.render_lobes(

@@ -17,7 +17,7 @@ from malus.scenes.camera import Camera
 from malus.scenes.lights import Light
 from malus.scenes.scene import Scene
 from malus.scenes.shapes import Shape
-from malus.scenes.surface import Body
+from malus.scenes.surface import AnyBody
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -30,7 +30,7 @@ class FamilyKey:
     camera: Camera
     light: Light
     alpha: float
-    body: Body
+    body: AnyBody
     room: Scene | None = None
 
     @classmethod

@@ -7,7 +7,7 @@ that a polynomial through a few Chebyshev nodes gives the image at any η betwee
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,7 @@ class Nodes:
     Attributes
     ----------
     values : (K,)
-        Chebyshev nodes, or all indices that are wanted where those are few.
+        Chebyshev nodes, or all indices that are wanted where those are few or complex.
     held_out : float or None
         The end of the interval next to η = 1, where the error is largest: rendered too, to measure
         it. None where nothing is interpolated.
@@ -68,13 +68,15 @@ class Nodes:
     7
     """
 
-    values: Floats
+    values: NDArray[np.inexact[Any]]
     held_out: float | None = None
 
     @classmethod
-    def of(cls, eta: Floats, count: int | None = None) -> Self:
+    def of(cls, eta: NDArray[np.inexact[Any]], count: int | None = None) -> Self:
         """Nodes for indices (N,); `count` asks for so many Chebyshev nodes."""
         wanted = np.unique(eta)
+        if np.iscomplexobj(wanted):
+            return cls(wanted)
         low, high = float(wanted[0]), float(wanted[-1])
         if count is None:
             count = node_count(low, high)
@@ -83,12 +85,12 @@ class Nodes:
         return cls(chebyshev_nodes(low, high, count), low)
 
     @property
-    def rendered(self) -> tuple[float, ...]:
+    def rendered(self) -> tuple[float | complex, ...]:
         """All indices that are rendered, the held-out one last."""
         extra = () if self.held_out is None else (self.held_out,)
-        return (*map(float, self.values), *extra)
+        return (*self.values.tolist(), *extra)
 
-    def weights(self, eta: Floats) -> Floats:
+    def weights(self, eta: NDArray[np.inexact[Any]]) -> Floats:
         """Weights (len(eta), K) of the nodes' images in the images at `eta`.
 
         Raises
@@ -102,7 +104,7 @@ class Nodes:
         else:
             edge = self._edge
             known = eta.min() >= self.values[0] - edge and eta.max() <= self.values[-1] + edge
-            hits = interpolation_weights(self.values, eta)
+            hits = interpolation_weights(self.values.real, eta.real)
         if not known:
             raise ValueError(f"eta: expected a value among this family's indices, found {eta}")
         return hits

@@ -12,9 +12,9 @@ import numpy as np
 from malus.renderers.translate import body_bsdf, interface_bsdf, mesh_object, tessellated
 from malus.scenes.scene import Placed
 from malus.scenes.shapes import Plane, Sphere
-from malus.scenes.surface import Dielectric
+from malus.scenes.surface import Conductor, Dielectric
 
-_ETA, _BODY, _LAMBERT = "eta.value", "diffuse_reflectance.value", "reflectance.value"
+_ETA, _K, _BODY, _LAMBERT = "eta.value", "k.value", "diffuse_reflectance.value", "reflectance.value"
 
 
 class Painted:
@@ -24,9 +24,12 @@ class Painted:
     and its sum with the interface is `_added`, because Mitsuba has no BSDF for sums.
     """
 
-    def __init__(self, mi: ModuleType, surface: Dielectric) -> None:
+    def __init__(self, mi: ModuleType, surface: Dielectric | Conductor) -> None:
         self.mi, self.surface = mi, surface
-        if surface.body == "polarised":
+        if isinstance(surface, Conductor):
+            self.bsdf = mi.load_dict(interface_bsdf(1.5 + 1j, surface.alpha))
+            self.parts = [(self.bsdf, _ETA), (self.bsdf, _K)]
+        elif surface.body == "polarised":
             # The mirror's factor stays at its default: Mitsuba makes one object of two equal
             # textures, and a change of the albedo would change both.
             self.bsdf = mi.load_dict(interface_bsdf(1.5, surface.alpha))
@@ -37,11 +40,12 @@ class Painted:
             self.bsdf = _added(mi, mi.variant())(interface, body)
             self.parts = [(interface, _ETA), (body, _LAMBERT)]
 
-    def set_band(self, eta: float, albedo: float) -> None:
-        """Change index and albedo."""
+    def set_band(self, eta: float | complex, albedo: float) -> None:
+        """Change index and albedo; a conductor has none, but its k."""
         import drjit as dr
 
-        for (bsdf, key), value in zip(self.parts, (eta, albedo), strict=True):
+        values = (eta.real, eta.imag if isinstance(eta, complex) else albedo)
+        for (bsdf, key), value in zip(self.parts, values, strict=True):
             parameters = self.mi.traverse(bsdf)
             parameters[key] = dr.opaque(self.mi.Float, value)
             parameters.update()

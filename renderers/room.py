@@ -126,7 +126,7 @@ class Room:
             alpha_map=alpha,
         )
 
-    def _maps(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _maps(self) -> tuple[NDArray[np.inexact[Any]], NDArray[np.float64]]:
         """η (height, width, bands) and α (height, width); off the objects those of the first."""
         side = self.scene.camera.resolution
         surfaces = [placed.surface for placed in self.scene.objects]
@@ -139,7 +139,7 @@ class Room:
         nm = (self.scene.wavelengths_nm[band],)
         for paint in self.paints:
             albedo = paint.surface.albedos(self.scene.wavelengths_nm)[band]
-            paint.set_band(float(paint.surface.indices(nm)[0]), float(albedo))
+            paint.set_band(paint.surface.indices(nm)[0].item(), float(albedo))
         light = sampler(self.mi, self.scene.light)
         total = self.scene.camera.resolution**2
         sums = np.empty((_CHANNELS, HALVES, total), dtype=np.float32)

@@ -20,7 +20,7 @@ from malus.scenes.camera import Camera
 from malus.scenes.lights import Environment, Light
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes import Shape
-from malus.scenes.surface import Body
+from malus.scenes.surface import AnyBody
 
 BATCHES = 8
 """Independent renders that the standard error comes from: four a half, 7 degrees of freedom."""
@@ -34,9 +34,9 @@ def render_lobes(
     shape: Shape,
     camera: Camera,
     light: Light,
-    etas: list[float],
+    etas: list[float | complex],
     alpha: float,
-    body: Body,
+    body: AnyBody,
     sampling: Sampling,
 ) -> Lobes:
     """Lobes of one family; arguments and result as for the vectorised renderer."""
@@ -129,10 +129,14 @@ def _renders(
 
 def _set_index(mi: ModuleType, scene: Any, bsdf: dict[str, Any]) -> None:
     parameters = mi.traverse(scene)
-    key = "shape.bsdf.eta.value"
-    if key in parameters:
-        parameters[key] = bsdf["int_ior"]
-        parameters.update()
+    prefix = "shape.bsdf."
+    values = {"eta.value": bsdf.get("int_ior")}
+    if bsdf["type"] == "roughconductor":
+        values = {f"{name}.value": bsdf[name]["value"] for name in ("eta", "k")}
+    for key, value in values.items():
+        if prefix + key in parameters:
+            parameters[prefix + key] = value
+    parameters.update()
 
 
 def _stokes(raw: Floats) -> Floats:

@@ -15,7 +15,7 @@ from malus.scenes.camera import Camera
 from malus.scenes.geometry import TriangleMesh
 from malus.scenes.lights import Area, Distant, Light, Uniform
 from malus.scenes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
-from malus.scenes.surface import Body
+from malus.scenes.surface import AnyBody
 
 CONVEX = frozenset({"sphere"})
 """Kinds of shape that cast no shadow on themselves: no shadow ray is traced for them."""
@@ -127,19 +127,28 @@ def _upward(light: Area) -> list[float]:
     return [1.0, 0.0, 0.0] if abs(light.direction[1]) > 0.9 else [0.0, 1.0, 0.0]
 
 
-def interface_bsdf(eta: float, alpha: float) -> dict[str, Any]:
-    """The specular lobe alone: Mitsuba's `pplastic` over a black body."""
+def interface_bsdf(eta: float | complex, alpha: float) -> dict[str, Any]:
+    """The specular lobe alone: `pplastic` over a black body; of a metal, `roughconductor`."""
+    if isinstance(eta, complex):
+        return {
+            "type": "roughconductor",
+            "eta": _flat(eta.real),
+            "k": _flat(eta.imag),
+            "alpha": float(alpha),
+            "distribution": "beckmann",
+        }
     return _pplastic(eta, alpha) | {"diffuse_reflectance": _flat(0.0)}
 
 
-def body_bsdf(eta: float, alpha: float, body: Body) -> dict[str, Any]:
+def body_bsdf(eta: float | complex, alpha: float, body: AnyBody) -> dict[str, Any]:
     """The body lobe alone at albedo 1; both bodies are linear in the albedo.
 
     'polarised' is `pplastic` without its mirror term; 'unpolarised' is Lambertian, which is the
-    paper's assumption.
+    paper's assumption. A conductor has none: its albedo is zero, and so is what is rendered here.
     """
-    if body == "unpolarised":
+    if body != "polarised":
         return {"type": "diffuse", "reflectance": _flat(1.0)}
+    assert not isinstance(eta, complex)
     return _pplastic(eta, alpha) | {
         "diffuse_reflectance": _flat(1.0),
         "specular_reflectance": _flat(0.0),

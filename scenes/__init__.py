@@ -6,12 +6,13 @@ from malus.scenes.lights import Area, Distant, Environment, Light, Uniform
 from malus.scenes.scene import Placed, Sampling, Scene, Surroundings
 from malus.scenes.shapes import Blob, MeshFile, Plane, Shape, Sphere, Superquadric, Torus
 from malus.scenes.suite import Suite, load_suite, suite_names
-from malus.scenes.surface import Dielectric
+from malus.scenes.surface import Conductor, Dielectric
 
 __all__ = [
     "Area",
     "Blob",
     "Camera",
+    "Conductor",
     "Dielectric",
     "Distant",
     "Environment",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from malus.scenes.camera import Camera
 from malus.scenes.lights import Light, turned
 from malus.scenes.model import Model
 from malus.scenes.shapes import Shape, ShapeOrPlane
-from malus.scenes.surface import Dielectric
+from malus.scenes.surface import Surface
 
 Coordinate = Annotated[float, Field(ge=-1000, le=1000)]
 
@@ -27,7 +27,7 @@ class Placed(Model):
     """
 
     shape: ShapeOrPlane
-    surface: Dielectric
+    surface: Surface
     position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
     scale: float = Field(default=1.0, gt=0, le=1000)
     tilt_deg: float = Field(default=0.0, ge=-360, le=360)
@@ -40,6 +40,7 @@ class Placed(Model):
         Examples
         --------
         >>> from malus.scenes import Plane
+        >>> from malus.scenes import Dielectric, Plane
         >>> paint = Dielectric(eta=1.5, alpha=0.3)
         >>> wall = Placed(shape=Plane(), surface=paint, tilt_deg=90)
         >>> (wall.rotation @ [0, 1, 0]).round(9).tolist()  # its upper side faces the viewer
@@ -78,14 +79,14 @@ class Scene(Model):
 
     Examples
     --------
-    >>> from malus.scenes import Sphere, Uniform
+    >>> from malus.scenes import Dielectric, Sphere, Uniform
     >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3), light=Uniform())
     >>> len(scene.id)
     16
     """
 
     shape: Shape
-    surface: Dielectric
+    surface: Surface
     light: Light
     camera: Camera = Camera()
     wavelengths_nm: Wavelengths = (550.0,)
@@ -110,8 +111,8 @@ class Scene(Model):
         return f"{shape} in {self.surroundings.name}" if self.surroundings else shape
 
     @property
-    def eta(self) -> NDArray[np.float64]:
-        """Relative refractive index of every band, shape (bands,)."""
+    def eta(self) -> NDArray[np.inexact[Any]]:
+        """Relative refractive index of every band, shape (bands,); complex for a conductor."""
         return self.surface.indices(self.wavelengths_nm)
 
     @property

@@ -12,32 +12,19 @@ from typing import Any, Literal, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
-from malus.scenes.albedo import Albedo
 from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Light
-from malus.scenes.materials import material, materials, surface, surfaces
+from malus.scenes.materials import materials, surface, surfaces
 from malus.scenes.model import Model
 from malus.scenes.scene import Sampling, Scene, Surroundings, Wavelengths
 from malus.scenes.shapes import MeshFile, Shape
-from malus.scenes.surface import Body, Dielectric
+from malus.scenes.substances import Roughness, Substance, coated, known
+from malus.scenes.surface import Body
 
 AnyShape = TypeVar("AnyShape", bound=Model)
 Renderer = Literal["mitsuba", "torrance-sparrow"]
 MAX_SUITE_BYTES = 1 << 20
-
-
-class Index(Model):
-    """A material that is only a refractive index, the same in every band."""
-
-    eta: float = Field(gt=1, le=4)
-
-
-class Roughness(Model):
-    """A surface that is only a roughness and the albedo of the body below it."""
-
-    alpha: float = Field(gt=0, le=1)
-    albedo: Albedo = 0.5
 
 
 class Smaller(Model):
@@ -67,7 +54,7 @@ class Suite(Model):
     name: str = Field(min_length=1, max_length=100)
     description: str = ""
     shapes: tuple[Shape, ...] = Field(min_length=1)
-    materials: tuple[str | Index, ...] = Field(min_length=1)
+    materials: tuple[Substance, ...] = Field(min_length=1)
     surfaces: tuple[str | Roughness, ...] = Field(min_length=1)
     lights: tuple[Light, ...] = Field(min_length=1)
     bodies: tuple[Body, ...] = Field(default=("unpolarised",), min_length=1)
@@ -93,8 +80,7 @@ class Suite(Model):
     @model_validator(mode="after")
     def _known_names(self) -> Self:
         for substance in self.materials:
-            if isinstance(substance, str):
-                material(substance)
+            known(substance)
         for rough in self.surfaces:
             if isinstance(rough, str):
                 surface(rough)
@@ -105,29 +91,21 @@ class Suite(Model):
         families = itertools.product(
             self.shapes, self.surroundings or (None,), self.lights, self.surfaces, self.bodies
         )
+        seen = set()
         for shape, surroundings, light, rough, body in families:
             for substance in self.materials:
-                yield Scene(
+                scene = Scene(
                     shape=shape,
-                    surface=_dielectric(substance, rough, body),
+                    surface=coated(substance, rough, body),
                     light=light,
                     camera=self.camera,
                     wavelengths_nm=self.wavelengths_nm,
                     surroundings=surroundings,
                 )
-
-
-def _dielectric(substance: str | Index, rough: str | Roughness, body: Body) -> Dielectric:
-    name = rough if isinstance(rough, str) else None
-    known = surface(rough) if isinstance(rough, str) else rough
-    return Dielectric(
-        material=substance if isinstance(substance, str) else None,
-        eta=None if isinstance(substance, str) else substance.eta,
-        roughness=name,
-        alpha=known.alpha,
-        albedo=known.albedo,
-        body=body,
-    )
+                # A metal has no body, so that its scene is the same for every one.
+                if scene not in seen:
+                    seen.add(scene)
+                    yield scene
 
 
 def suite_names() -> tuple[str, ...]:

@@ -2,20 +2,40 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from malus.scenes.albedo import Albedo, reflectance
 from malus.scenes.materials import material, surface
+from malus.scenes.metals import metal
 from malus.scenes.model import Model
 
 Body = Literal["unpolarised", "polarised"]
+AnyBody = Literal["unpolarised", "polarised", "none"]
+"""What is inside the interface; nothing in a conductor."""
 
 
-class Dielectric(Model):
+class Rough(Model):
+    """What rough surfaces share: Beckmann facets of roughness `alpha`, and its name."""
+
+    roughness: str | None = None
+    alpha: float = Field(gt=0, le=1)
+
+    @property
+    def sigma(self) -> float:
+        """Exponent σ = 1/m² of the paper's Equation 2."""
+        return 1.0 / self.alpha**2
+
+    @property
+    def label(self) -> str:
+        """Name of the roughness in tables."""
+        return self.roughness or f"alpha {self.alpha:g}"
+
+
+class Dielectric(Rough):
     """A rough dielectric over a body that scatters.
 
     Exactly one of `material` (a name with dispersion) and `eta` (one relative index for every
@@ -27,8 +47,6 @@ class Dielectric(Model):
     kind: Literal["dielectric"] = "dielectric"
     material: str | None = None
     eta: float | None = Field(default=None, gt=1, le=4)
-    roughness: str | None = None
-    alpha: float = Field(gt=0, le=1)
     albedo: Albedo = 0.5
     body: Body = "polarised"
 
@@ -41,14 +59,9 @@ class Dielectric(Model):
         return self
 
     @property
-    def sigma(self) -> float:
-        """Exponent σ = 1/m² of the paper's Equation 2."""
-        return 1.0 / self.alpha**2
-
-    @property
     def label(self) -> str:
         """Name of the roughness in tables, with the body's colour where it has one."""
-        name = self.roughness or f"alpha {self.alpha:g}"
+        name = super().label
         if isinstance(self.albedo, float):
             return name
         return f"{name}, {self.albedo if isinstance(self.albedo, str) else 'coloured'}"
@@ -97,3 +110,62 @@ class Dielectric(Model):
             albedo=rough.albedo,
             body=body,
         )
+
+
+class Conductor(Rough):
+    """A rough metal: light is mirrored or absorbed, and there is no body.
+
+    Either `material`, a metal with dispersion, or one complex index `eta` + i `k` for every band.
+    """
+
+    kind: Literal["conductor"] = "conductor"
+    material: str | None = None
+    eta: float | None = Field(default=None, gt=0, le=20)
+    k: float | None = Field(default=None, ge=0, le=20)
+
+    @model_validator(mode="after")
+    def _one_index(self) -> Self:
+        numbers = (self.eta is not None, self.k is not None)
+        if numbers not in ((True, True), (False, False)) or all(numbers) == bool(self.material):
+            raise ValueError("either material, or eta and k")
+        if self.material is not None:
+            metal(self.material)
+        return self
+
+    @property
+    def body(self) -> AnyBody:
+        """There is none."""
+        return "none"
+
+    @property
+    def material_label(self) -> str:
+        """Name of the material in tables."""
+        return self.material or f"eta {self.eta:g} + {self.k:g}i"
+
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.complex128]:
+        """Complex index n + ik of every band.
+
+        Examples
+        --------
+        >>> Conductor(eta=0.2, k=3.0, alpha=0.1).indices((450.0, 550.0)).tolist()
+        [(0.2+3j), (0.2+3j)]
+        """
+        if self.material is not None:
+            return metal(self.material).eta(wavelengths_nm)
+        assert self.eta is not None
+        assert self.k is not None
+        return np.full(len(wavelengths_nm), complex(self.eta, self.k))
+
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+        """No light comes back from inside, in no band."""
+        return np.zeros(len(wavelengths_nm))
+
+
+def _kind(value: Any) -> Any:
+    return value.get("kind", "dielectric") if isinstance(value, dict) else value.kind
+
+
+Surface = Annotated[
+    Annotated[Dielectric, Tag("dielectric")] | Annotated[Conductor, Tag("conductor")],
+    Discriminator(_kind),
+]
