@@ -13,23 +13,13 @@ at η = 1, where nothing is reflected.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 EtaArray = NDArray[Any]  # float64, or complex128 for metals
-
-
-class Facet(NamedTuple):
-    """What Fresnel's equations say about facets, common factor |δ|² removed.
-
-    `total` is (F_⊥ + F_∥)/|δ|², `contrast` is (F_⊥ − F_∥)/(|δ|² sin²γ).
-    """
-
-    total: FloatArray
-    contrast: FloatArray
 
 
 def excess(eta: EtaArray) -> EtaArray:
@@ -47,34 +37,6 @@ def refracted(cos_incidence: FloatArray, delta: EtaArray) -> EtaArray:
 
 def _square_modulus(z: EtaArray) -> FloatArray:
     return np.asarray(z.real * z.real + z.imag * z.imag if np.iscomplexobj(z) else z * z)
-
-
-def facet(cos_incidence: FloatArray, sin2_incidence: FloatArray, delta: EtaArray) -> Facet:
-    """Sum and difference of the two reflectances of facets, free of cancellation.
-
-    Parameters
-    ----------
-    cos_incidence, sin2_incidence : float64 arrays, cos γ and sin²γ
-        Both are asked for, because sin²γ = 1 − cos²γ loses its digits near γ = 0.
-    delta : float64 or complex128 array
-        η² − 1 (see `excess`), broadcast with the cosines. Cosine and δ not both zero.
-    """
-    if np.iscomplexobj(delta):
-        q = refracted(cos_incidence, delta)
-        cq = cos_incidence * q
-        root = _square_modulus(cos_incidence + q) * np.abs(cq + sin2_incidence)
-        over = 1.0 / (root * root)
-        total = 2.0 * over * (_square_modulus(cq) + sin2_incidence * sin2_incidence)
-        return Facet(total, 4.0 * over * cq.real)
-    square = cos_incidence * cos_incidence + delta
-    real_q = np.sqrt(np.maximum(square, 0.0))
-    cq = cos_incidence * real_q
-    root = np.square(cos_incidence + real_q) * (cq + sin2_incidence)
-    over = np.square(1.0 / np.maximum(root, 1e-150))  # 0 only past the critical angle
-    total = 2.0 * over * (cq * cq + sin2_incidence * sin2_incidence)
-    if np.any(square < 0.0):
-        total = np.where(square < 0.0, 2.0 / (delta * delta), total)  # total reflection: F = 1
-    return Facet(total, 4.0 * over * cq)
 
 
 def _checked(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[FloatArray, EtaArray]:

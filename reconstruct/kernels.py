@@ -13,10 +13,10 @@ from typing import Any, TypeVar
 import numba
 import numpy as np
 
-Loop = TypeVar("Loop", bound=Callable[..., None])
+Loop = TypeVar("Loop", bound=Callable[..., Any])
 
 
-def _compiled(loop: Loop) -> Loop:
+def compiled(loop: Loop) -> Loop:
     """Machine code that runs without the interpreter's lock, for each dtype when first called."""
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
     try:
@@ -25,7 +25,7 @@ def _compiled(loop: Loop) -> Loop:
         return numba.njit(**options)(loop)
 
 
-@_compiled
+@compiled
 def accept(specular: Any, diffuse: Any, normals: Any, most: Any, valid: Any) -> None:
     """Mark the pixels whose intensities are in [0, most] and whose normals face the viewer.
 
@@ -49,7 +49,7 @@ def accept(specular: Any, diffuse: Any, normals: Any, most: Any, valid: Any) -> 
         valid[i] &= (abs(x * x + y * y + z * z - 1) < 1e-3) & (z >= 0)
 
 
-@_compiled
+@compiled
 def about_normals(
     light: Any, other: Any, normals: Any, table: Any, longest: float, s1: Any, s2: Any
 ) -> None:
@@ -81,7 +81,7 @@ def about_normals(
             s2[i, b] = polarised * sin2
 
 
-@_compiled
+@compiled
 def add_ratio(light: Any, ratio: Any, s1: Any, s2: Any) -> None:
     """Add light (pixels, bands) times its s1/s0 and s2/s0, ratio (pixels or 1, bands, 2)."""
     pixels, bands = light.shape
