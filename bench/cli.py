@@ -13,6 +13,7 @@ from malus.bench.cli_capture import capture_command
 from malus.bench.cli_dataset import export_command, render_command, score_command
 from malus.bench.cli_filter import filter_command
 from malus.bench.cli_gate import gate_command
+from malus.bench.cli_place import PLACE
 from malus.bench.cli_status import status_command
 
 STUDIES = ("stress", "precision")
@@ -35,7 +36,7 @@ def cli() -> None:
 
 @cli.command()
 @click.argument("suite", default="fig5")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [default: results/SUITE].")
+@click.option("--out", type=PLACE, help="Folder or URL [default: results/SUITE].")
 @click.option("--samples", type=int, help="Samples a pixel, instead of the suite's.")
 @click.option("--resolution", type=int, help="Pixels a side, instead of the suite's.")
 @click.option("--seed", type=int, help="Seed, instead of the suite's.")
@@ -86,7 +87,7 @@ def run(
 
 
 @cli.command()
-@click.argument("results", type=click.Path(path_type=Path))
+@click.argument("results", type=PLACE)
 @click.option(
     "--with",
     "beside",

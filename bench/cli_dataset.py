@@ -7,12 +7,12 @@ from pathlib import Path
 
 import click
 
-FOLDER = click.Path(path_type=Path)
+from malus.bench.cli_place import PLACE
 
 
 @click.command("render")
 @click.argument("suite")
-@click.option("--out", type=FOLDER, required=True, help="Folder of the dataset.")
+@click.option("--out", type=PLACE, required=True, help="Folder or URL of the dataset.")
 @click.option("--samples", type=int, help="Samples a pixel, instead of the suite's.")
 @click.option("--resolution", type=int, help="Pixels a side, instead of the suite's.")
 @click.option("--seed", type=int, help="Seed, instead of the suite's.")
@@ -48,7 +48,7 @@ def render_command(
 
 
 @click.command("export")
-@click.argument("dataset", type=FOLDER)
+@click.argument("dataset", type=PLACE)
 @click.option(
     "--format",
     "layout",
@@ -56,7 +56,7 @@ def render_command(
     required=True,
     help="numpy: one .npz a scene; png: AoLP and DoLP; polanalyser: one image an angle.",
 )
-@click.option("--out", type=FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", type=PLACE, required=True, help="Folder to write to.")
 @click.option(
     "--pixels",
     type=click.Choice(["exr", "png"]),
@@ -77,11 +77,11 @@ def export_command(dataset: Path, layout: str, out: Path, pixels: str, as_json: 
 
 
 @click.command("score")
-@click.argument("dataset", type=FOLDER)
+@click.argument("dataset", type=PLACE)
 @click.option("--method", "methods", multiple=True, help="A method; may be given several times.")
-@click.option("--predictions", type=FOLDER, help="Folder of somebody else's images.")
+@click.option("--predictions", type=PLACE, help="Folder of somebody else's images.")
 @click.option("--name", default="predictions", help="What the predictions are called in tables.")
-@click.option("--out", type=FOLDER, help="Folder of the results [default: results/scores].")
+@click.option("--out", type=PLACE, help="Folder of the results [default: results/scores].")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
 def score_command(
     dataset: Path,

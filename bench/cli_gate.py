@@ -7,11 +7,13 @@ from pathlib import Path
 
 import click
 
+from malus.bench.cli_place import PLACE
+
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 @click.command("gate")
-@click.argument("results", type=click.Path(path_type=Path))
+@click.argument("results", type=PLACE)
 @click.option("--baseline", required=True, type=_FILE, help="TOML file with rules and values.")
 @click.option("--junit", type=_FILE, help="Write JUnit XML here.")
 @click.option("--summary", type=_FILE, help="Write a Markdown summary here.")

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import click
 
+from malus.bench.cli_place import PLACE
+
 
 @click.command("status")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PLACE)
 @click.option("--json", "as_json", is_flag=True, help="Print it as JSON, every failure included.")
 def status_command(folder: Path, as_json: bool) -> None:
     """Say what of a run or dataset in FOLDER is done, what failed and why, and what is left.

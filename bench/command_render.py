@@ -24,6 +24,7 @@ from malus.bench.work import Made, truths
 from malus.renderers.dataset import DatasetWriter
 from malus.renderers.dataset_record import Failed
 from malus.renderers.storage import owned
+from malus.renderers.stores import place
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, choose
 from malus.scenes.errors import InputError
@@ -110,7 +111,7 @@ def render_dataset(
         A folder that cannot be written, not a single scene that can be rendered.
     """
     started = time.perf_counter()
-    folder = prepare_folder(Path(out))
+    folder = prepare_folder(place(out))
     chosen = variant or choose()
     families = plan(suite)
     planned = {

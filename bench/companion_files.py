@@ -54,7 +54,9 @@ def _npy(path: Path) -> NDArray[Any]:
         if array.ndim == 3:
             check_size(path, array.shape[1], array.shape[0])
         return np.asarray(array, dtype=np.float32)
-    except (OSError, ValueError, EOFError) as error:
+    except InputError:
+        raise
+    except Exception as error:  # a foreign parser raises anything on a broken file
         reason = str(error).split("\n")[0]
         raise InputError(
             str(path), "an array of numbers", reason, "write it with numpy.save"

@@ -29,6 +29,7 @@ from malus.renderers.dataset import Dataset, open_dataset
 from malus.renderers.dataset_record import CONVENTIONS
 from malus.renderers.spectral_exr import write_exr
 from malus.renderers.storage import remove_abandoned, replace_folder, replace_text
+from malus.renderers.stores import place
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 
@@ -109,7 +110,7 @@ def export(
     write, words = _LAYOUTS[layout]
     if layout == "polanalyser":
         write = partial(write_polanalyser, pixels=pixels)
-    folder = prepare_folder(Path(out))
+    folder = prepare_folder(place(out))
     remove_abandoned(folder)
     replace_text(folder / "conventions.json", json.dumps(words, indent=1) + "\n")
     for done, scene_id in enumerate(dataset.scenes):

@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 
 from malus.bench.plan import FamilyPlan
 from malus.bench.results import PARTS, write_whole
-from malus.renderers.storage import read_json
+from malus.renderers.storage import open_regular, read_json
 from malus.renderers.variant import Variant
 from malus.scenes.errors import InputError, printable
 from malus.scenes.model import content_id
@@ -113,8 +113,9 @@ class Parts:
     def table(self, name: str) -> pd.DataFrame | None:
         """The rows of a family; None where there are none, or the file is damaged."""
         try:
-            return pd.read_parquet(self._path(name))
-        except (OSError, ValueError):
+            with open_regular(self._path(name)) as file:
+                return pd.read_parquet(file)
+        except Exception:  # a foreign parser raises anything on a broken file
             return None
 
     def write(self, name: str, table: pd.DataFrame, methods: Iterable[str]) -> None:
@@ -126,10 +127,11 @@ class Parts:
     def methods(self, name: str) -> tuple[str, ...]:
         """Methods that a family has for every scene, from the end of the file alone."""
         try:
-            described = pq.read_schema(self._path(name)).pandas_metadata or {}
-        except (OSError, ValueError):
+            with open_regular(self._path(name)) as file:
+                described = pq.read_schema(file).pandas_metadata or {}
+            return tuple(described.get("attributes", {}).get(METHODS, ()))
+        except Exception:  # a foreign parser raises anything on a broken file
             return ()
-        return tuple(described.get("attributes", {}).get(METHODS, ()))
 
     def failures(self, name: str) -> tuple[Failure, ...]:
         """What of a family could not be done; a record that is damaged counts as none."""

@@ -46,8 +46,7 @@ def read_tiff(path: Path, linear: bool) -> Picture:
             metadata = _tiff_metadata(page)
     except InputError:
         raise
-    except (tifffile.TiffFileError, OSError, ValueError, KeyError, IndexError, struct.error,
-            ImportError, RuntimeError, MemoryError) as error:  # fmt: skip
+    except Exception as error:  # a foreign parser raises anything on a broken file
         reason = str(error).split("\n")[0]
         raise InputError(str(path), "a whole TIFF file", reason, "save it again") from None
     if codes.dtype.kind == "f":
@@ -106,7 +105,7 @@ def read_exr(path: Path, linear: bool) -> Picture:
             header = {k: v for k, v in file.header().items() if k not in _EXR_STRUCTURE}
     except InputError:
         raise
-    except (RuntimeError, ValueError, TypeError, LookupError, OSError, MemoryError) as error:
+    except Exception as error:  # a foreign parser raises anything on a broken file
         reason = str(error).split("\n")[0]
         raise InputError(str(path), "a whole OpenEXR file", reason, "save it again") from None
     names = next((n for n in (("R", "G", "B"), ("Y",)) if set(n) <= set(channels)), None)

@@ -18,6 +18,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
@@ -42,7 +43,7 @@ EXTREMES = ("i_max", "i_min", "phase")
 _ID = re.compile(r"[0-9a-f]{16}")
 _DAMAGED = (
     zipfile.BadZipFile, zlib.error, ValueError, RuntimeError, EOFError, KeyError, OSError,
-    NotImplementedError, MemoryError,
+    NotImplementedError, MemoryError, tokenize.TokenError,
 )  # fmt: skip
 _HINT = "see `malus score --help`"
 

@@ -15,7 +15,8 @@ from typing import Any
 import pandas as pd
 
 from malus.bench.judge import Score, Value
-from malus.renderers.storage import remove_abandoned, replace_file
+from malus.renderers.storage import TEMPORARY, open_regular, remove_abandoned, replace_file
+from malus.renderers.stores import is_here, put_mark
 from malus.scenes.errors import InputError
 from malus.scenes.scene import Scene
 
@@ -131,15 +132,25 @@ def prepare_folder(out: Path) -> Path:
         out.mkdir(parents=True, exist_ok=True)
         for folder in (out, out / PARTS, out / EXAMPLES):
             remove_abandoned(folder)
-        # Without a name, so that a kill at this moment leaves nothing.
-        with tempfile.TemporaryFile(dir=out) as file:
-            file.write(bytes(4096))
-    except OSError as error:
-        reason = error.strerror or str(error)
+        _try_to_write(out)
+    except Exception as error:
+        # What a store elsewhere raises, for wrong credentials say, is its package's business.
+        if is_here(out) and not isinstance(error, OSError):
+            raise
+        reason = getattr(error, "strerror", None) or str(error).split("\n")[0]
         raise InputError(
             f"output folder {out}", "a folder that can be written", reason, "choose another --out"
         ) from None
     return out
+
+
+def _try_to_write(out: Path) -> None:
+    if is_here(out):
+        # Without a name, so that a kill at this moment leaves nothing.
+        with tempfile.TemporaryFile(dir=out) as file:
+            file.write(bytes(4096))
+    else:
+        put_mark(out, f"{TEMPORARY}*").unlink()
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
@@ -177,13 +188,14 @@ def read_results(folder: Path) -> Results:
         If the folder holds none, or they cannot be read.
     """
     try:
-        table = pd.read_parquet(folder / TABLE)
+        with open_regular(folder / TABLE) as file:
+            table = pd.read_parquet(file)
         run = json.loads((folder / RUN).read_text("utf-8"))
-    except (OSError, ValueError) as error:
+    except Exception as error:  # a foreign parser raises anything on a broken file
         raise InputError(
             f"results folder {folder}",
             f"{TABLE} and {RUN} of a finished run",
-            str(error).splitlines()[0],
+            (str(error).splitlines() or [type(error).__name__])[0],
             "`malus run SUITE --out DIR` makes them",
         ) from None
     return Results(table, run)

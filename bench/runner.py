@@ -26,6 +26,7 @@ from malus.bench.savings import plan_record
 from malus.bench.work import Engine, Made, Task, here
 from malus.reconstruct import get_method
 from malus.renderers.storage import owned
+from malus.renderers.stores import place
 from malus.renderers.variant import Variant, choose
 from malus.scenes.errors import InputError
 from malus.scenes.suite import Suite
@@ -76,7 +77,7 @@ def run(
     chosen_variant = variant or choose()
     families = plan(suite)
     methods = {get_method(reference).name: reference for reference in suite.methods}
-    folder = prepare_folder(Path(out))
+    folder = prepare_folder(place(out))
     job = Job(suite, families, methods, folder, chosen_variant, progress, retry_failed)
     with owned(folder, suite.id):
         write_plan(folder, suite, families, methods, chosen_variant)

@@ -16,6 +16,7 @@ from malus.bench.parts import PLAN, Failure, Parts
 from malus.bench.results import RUN
 from malus.renderers.dataset import DATASET, open_dataset
 from malus.renderers.storage import read_json
+from malus.renderers.stores import place
 from malus.scenes.errors import InputError, printable
 
 MAX_PLAN_BYTES = 1 << 28
@@ -89,7 +90,7 @@ def status(folder: Path | str) -> Status:
     >>> status(folder).left
     1
     """
-    folder = Path(folder)
+    folder = place(folder)
     if (folder / PLAN).exists():
         return _of_run(folder)
     if (folder / DATASET).exists():

@@ -30,6 +30,7 @@ from malus.renderers.scene_folder import (
     write_scene,
 )
 from malus.renderers.storage import read_json, remove_abandoned, replace_text
+from malus.renderers.stores import place
 from malus.renderers.truth import Truth
 from malus.scenes.errors import InputError
 
@@ -102,7 +103,7 @@ class Dataset:
 
 
 def open_dataset(path: Path | str) -> Dataset:
-    """Open the dataset in a folder.
+    """Open the dataset in a folder, by path or URL.
 
     Raises
     ------
@@ -122,9 +123,10 @@ def open_dataset(path: Path | str) -> Dataset:
     >>> open_dataset(folder).truth(scene.id).scene == scene
     True
     """
-    file = Path(path) / DATASET
+    folder = place(path)
+    file = folder / DATASET
     content, sha256 = read_json(file, MAX_DATASET_BYTES)
-    return Dataset(Path(path), DatasetRecord.parse(content, str(file)), sha256)
+    return Dataset(folder, DatasetRecord.parse(content, str(file)), sha256)
 
 
 class DatasetWriter:
@@ -154,7 +156,7 @@ class DatasetWriter:
         planned: Mapping[str, str] | None = None,
         about: Mapping[str, Any] | None = None,
     ) -> None:
-        self.folder = Path(folder)
+        self.folder = place(folder)
         self.planned = planned
         self.about = dict(about or {})
         self.done: dict[str, Entry] = {}

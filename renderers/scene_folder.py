@@ -41,6 +41,7 @@ from malus.renderers.spectral_exr import (
     write_spectral,
 )
 from malus.renderers.storage import check_digest, digest, read_json, replace_folder
+from malus.renderers.stores import lstat
 from malus.renderers.truth import Truth
 from malus.scenes.errors import InputError
 from malus.scenes.model import Model
@@ -155,7 +156,7 @@ def read_record(folder: Path) -> tuple[SceneRecord, str]:
 def is_whole(folder: Path, record: SceneRecord) -> bool:
     """Whether every file is there at its full size: enough to take a scene over."""
     try:
-        sizes = {name: (folder / name).lstat().st_size for name in record.files}
+        sizes = {name: lstat(folder / name).st_size for name in record.files}
     except OSError:
         return False
     return all(sizes[name] == stored.bytes for name, stored in record.files.items())

@@ -22,6 +22,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from malus.renderers.preview import preview
+from malus.renderers.stores import lstat, readable
 from malus.scenes.errors import InputError
 
 Image = NDArray[np.floating[Any]]
@@ -155,8 +156,9 @@ def read_exr(
     names = list(required)
     allowed = {*names, *optional}
     _check_size(path, shape, len(allowed))
-    _check_header(path, _opened(path, header_only=True), shape, set(names), allowed)
-    found = _decoded(path, _opened(path, header_only=False))
+    with readable(path) as file:
+        _check_header(path, _opened(file, header_only=True), shape, set(names), allowed)
+        found = _decoded(path, _opened(file, header_only=False))
     planes: Channels = {}
     for name in names:
         plane = found[name]
@@ -179,7 +181,7 @@ def _check_size(path: Path, shape: tuple[int, int], channels: int) -> None:
         limit = f"an image of at most {MAX_IMAGE_BYTES} bytes"
         raise InputError(str(path), limit, f"{decoded} bytes", "split the bands over scenes")
     try:
-        status = path.lstat()
+        status = lstat(path)
     except OSError as error:
         raise InputError(str(path), "a file", error.strerror or str(error), hint) from None
     if not stat.S_ISREG(status.st_mode):

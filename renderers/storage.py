@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
 import json
 import os
 import shutil
@@ -14,8 +13,9 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, cast
 
+from malus.renderers.stores import is_here, put_file, put_folder, put_mark
 from malus.scenes.errors import InputError
 
 TEMPORARY = ".part-"
@@ -32,6 +32,9 @@ def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
     >>> [path.name for path in base.iterdir()]
     ['a']
     """
+    if not is_here(final):
+        put_folder(final, write)
+        return
     temporary, aside = _own_folder(final.parent), None
     try:
         write(temporary)
@@ -64,6 +67,9 @@ def replace_file(final: Path, write: Callable[[Path], object]) -> None:
     """
     temporary = None
     try:
+        if not is_here(final):
+            put_file(final, write)
+            return
         # The suffix stays: writers choose a format by it, or append it where it is missing.
         handle, name = tempfile.mkstemp(dir=final.parent, prefix=_prefix(), suffix=final.suffix)
         os.close(handle)
@@ -89,7 +95,7 @@ def replace_text(final: Path, text: str) -> None:
 def remove_abandoned(folder: Path) -> None:
     """Remove temporary files and folders of processes of this machine that are gone."""
     mine = f"{TEMPORARY}{socket.gethostname()}-"
-    for entry in folder.glob(f"{mine}*"):
+    for entry in _temporary(folder, mine):
         owner = entry.name.removeprefix(mine).split("-")[0]
         if not owner.isdigit() or _runs(int(owner)) or entry.is_symlink():
             continue
@@ -119,18 +125,17 @@ def owned(folder: Path, purpose: str) -> Iterator[None]:
     ...     [path.name.endswith("-for-a") for path in folder.iterdir()]
     [True, True]
     """
-    handle, name = tempfile.mkstemp(dir=folder, prefix=_prefix(), suffix=f"{_PURPOSE}{purpose}")
-    os.close(handle)
+    mark = put_mark(folder, f"{_prefix()}*{_PURPOSE}{purpose}")
     try:
-        for other in folder.glob(f"{TEMPORARY}*{_PURPOSE}*"):
-            if not other.name.endswith(f"{_PURPOSE}{purpose}"):
+        for other in _temporary(folder):
+            if _PURPOSE in other.name and not other.name.endswith(f"{_PURPOSE}{purpose}"):
                 hint = f"choose another --out, wait, or if that process is gone remove {other}"
                 raise InputError(
                     str(folder), "a folder that nothing else is made in", "another suite's", hint
                 )
         yield
     finally:
-        Path(name).unlink(missing_ok=True)
+        mark.unlink(missing_ok=True)
 
 
 def read_json(path: Path, limit: int) -> tuple[Any, str]:
@@ -152,7 +157,7 @@ def read_json(path: Path, limit: int) -> tuple[Any, str]:
         raise InputError(str(path), "a JSON file", reason, "write it again") from None
 
 
-def open_regular(path: Path) -> io.BufferedReader:
+def open_regular(path: Path) -> BinaryIO:
     """Open a regular file for reading; no link is followed and no pipe is waited for.
 
     Raises
@@ -161,9 +166,11 @@ def open_regular(path: Path) -> io.BufferedReader:
         If there is no such file.
     """
     try:
+        if not is_here(path):
+            return cast(BinaryIO, path.open("rb"))
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        found = "a link" if path.is_symlink() else error.strerror or str(error)
+        found = "a link" if path.is_symlink() else error.strerror or "no such file"
         raise InputError(str(path), "a readable file", found, "check the path") from None
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
@@ -174,8 +181,8 @@ def open_regular(path: Path) -> io.BufferedReader:
 def digest(path: Path) -> tuple[int, str]:
     """Size and SHA-256 of a regular file."""
     with open_regular(path) as file:
-        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-        return os.fstat(file.fileno()).st_size, sha256
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
+        return file.seek(0, os.SEEK_END), sha256
 
 
 def check_digest(path: Path, size: int, sha256: str, hint: str) -> None:
@@ -187,12 +194,21 @@ def check_digest(path: Path, size: int, sha256: str, hint: str) -> None:
         If it is missing, cut or changed.
     """
     with open_regular(path) as file:
-        found = os.fstat(file.fileno()).st_size
+        found = file.seek(0, os.SEEK_END)
         if found != size:
             raise InputError(str(path), f"{size} bytes", f"{found} bytes", hint)
-        actual = hashlib.file_digest(file, "sha256").hexdigest()
+        file.seek(0)
+        actual = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
     if actual != sha256:
         raise InputError(str(path), f"SHA-256 {sha256}", actual, hint)
+
+
+def _temporary(folder: Path, beginning: str = TEMPORARY) -> list[Path]:
+    """What lies in a folder under temporary names; nothing where there is no folder."""
+    try:
+        return [entry for entry in folder.iterdir() if entry.name.startswith(beginning)]
+    except (FileNotFoundError, NotADirectoryError):
+        return []
 
 
 def _own_folder(parent: Path) -> Path:

@@ -107,7 +107,9 @@ def _read(path: Path) -> NDArray[np.float32]:
             )
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.asarray(c.pixels) for name, c in file.channels().items()}
-    except (OSError, RuntimeError, KeyError, TypeError) as error:
+    except InputError:
+        raise
+    except Exception as error:  # a foreign parser raises anything on a broken file
         raise InputError(
             str(path), "a readable EXR file", str(error) or "another file", "check the path"
         ) from None

@@ -1,0 +1,302 @@
+"""Every reader of malus, with a small valid file to begin from: material for fuzzing.
+
+A reader gets a folder and the content of one file; it has to take it or to raise an InputError.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import json
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from made_up import BANDS, made_up_truth
+
+from malus.bench import read_results
+from malus.bench.baseline import DEFAULT_RULES, Baseline, Origin, read_baseline, write_baseline
+from malus.bench.capture import read_capture
+from malus.bench.companion_files import read_normals
+from malus.bench.parts import Parts
+from malus.bench.pictures import read_picture
+from malus.bench.predictions import find_predictions
+from malus.bench.status import status
+from malus.renderers.dataset import DatasetWriter, open_dataset
+from malus.renderers.scene_folder import read_record
+from malus.renderers.spectral_exr import read_spectral, write_exr, write_spectral
+from malus.reports import sample
+from malus.reports.examples import read_example
+from malus.scenes import load_suite
+from malus.scenes.environment import radiance_map
+from malus.scenes.lights import Environment
+from malus.scenes.meshes import load_mesh
+
+SIDE = 6
+TRUTH = made_up_truth(side=SIDE)
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A function of a folder and the content of a file, and a valid content."""
+
+    read: Callable[[Path, bytes], object]
+    valid: Callable[[], bytes]
+
+
+def of_file(name: str, read: Callable[[Path], object]) -> Callable[[Path, bytes], object]:
+    """A reader of one file, whose suffix matters."""
+
+    def put_and_read(folder: Path, content: bytes) -> object:
+        (folder / name).write_bytes(content)
+        return read(folder / name)
+
+    return put_and_read
+
+
+def written(name: str, write: Callable[[Path], object]) -> Callable[[], bytes]:
+    """The content of a file that a function writes."""
+
+    def content() -> bytes:
+        with tempfile.TemporaryDirectory() as folder:
+            write(Path(folder) / name)
+            return (Path(folder) / name).read_bytes()
+
+    return content
+
+
+# --- suites and meshes ---
+
+SUITE = b"""name = "vase"
+shapes = [{ kind = "torus", tilt_deg = 30 }, { kind = "sphere" }]
+materials = ["pmma", { eta = 1.5 }]
+surfaces = ["rust", { alpha = 0.2, albedo = 0.4 }]
+bodies = ["polarised"]
+lights = [{ kind = "uniform" }, { kind = "area", incidence_deg = 60, half_angle_deg = 15 }]
+wavelengths_nm = [450, 550, 650]
+methods = ["unpolarised", "eq8"]
+camera = { resolution = 96 }
+sampling = { samples = 64, seed = 1 }
+"""
+
+
+def mesh(kind: str) -> Callable[[], bytes]:
+    def content() -> bytes:
+        import trimesh
+
+        exported = trimesh.creation.icosahedron().export(file_type=kind)
+        return exported.encode() if isinstance(exported, str) else exported
+
+    return content
+
+
+# --- pictures ---
+
+
+def picture(kind: str, depth: type = np.uint8) -> Callable[[], bytes]:
+    def content() -> bytes:
+        from PIL import Image
+
+        codes = np.random.default_rng(1).integers(0, np.iinfo(depth).max, (8, 8, 3), depth)
+        out = io.BytesIO()
+        if kind == "tiff":
+            import tifffile
+
+            tifffile.imwrite(out, codes, photometric="rgb", compression="deflate")
+        elif depth is np.uint16:
+            import imagecodecs
+
+            return bytes(imagecodecs.png_encode(codes))
+        else:
+            Image.fromarray(codes).save(out, format=kind)
+        return out.getvalue()
+
+    return content
+
+
+def colours(path: Path) -> None:
+    write_exr(path, dict.fromkeys("RGB", np.full((4, 8), 0.5, np.float32)))
+
+
+def npy(path: Path) -> None:
+    np.save(path, np.full((4, 4, 3), 0.5, np.float32))
+
+
+def capture(folder: Path, content: bytes) -> object:
+    for angle in (0, 60, 120):
+        (folder / f"pol_{angle}.png").write_bytes(picture("png")())
+    (folder / "angles.json").write_bytes(content)
+    return read_capture(folder)
+
+
+# --- datasets and predictions ---
+
+
+@functools.cache
+def dataset() -> Path:
+    """A dataset of one scene, whose files are never changed."""
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    with DatasetWriter(folder) as writer:
+        writer.add(TRUTH)
+    return folder
+
+
+def dataset_file(name: str) -> Callable[[], bytes]:
+    return lambda: (dataset() / name.format(scene=TRUTH.scene.id)).read_bytes()
+
+
+def scene_json(folder: Path, content: bytes) -> object:
+    (folder / TRUTH.scene.id).mkdir(exist_ok=True)
+    (folder / TRUTH.scene.id / "scene.json").write_bytes(content)
+    return read_record(folder / TRUTH.scene.id)
+
+
+def dataset_json(folder: Path, content: bytes) -> object:
+    (folder / "dataset.json").write_bytes(content)
+    return status(folder)
+
+
+def prediction(name: str) -> Callable[[Path, bytes], object]:
+    def read(folder: Path, content: bytes) -> object:
+        path = folder / name.format(scene=TRUTH.scene.id)
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content)
+        if path.suffix == ".npy":
+            for angle in (45, 90):
+                image = TRUTH.polarised(angle)
+                np.save(path.with_name(f"{angle}.npy"), image)
+        opened = open_dataset(dataset())
+        predictions, _ = find_predictions(folder, opened)
+        return predictions.stokes(opened.scene(TRUTH.scene.id))
+
+    return read
+
+
+def stokes_npz() -> bytes:
+    out = io.BytesIO()
+    np.savez_compressed(out, stokes=TRUTH.stokes)
+    return out.getvalue()
+
+
+def angle_npy() -> bytes:
+    out = io.BytesIO()
+    np.save(out, TRUTH.polarised(0))
+    return out.getvalue()
+
+
+# --- results ---
+
+
+def results(folder: Path, content: bytes) -> object:
+    (folder / "results.parquet").write_bytes(content)
+    (folder / "run.json").write_text(json.dumps(sample.run()), "utf-8")
+    return read_results(folder)
+
+
+def part(folder: Path, content: bytes) -> object:
+    (folder / "parts").mkdir(exist_ok=True)
+    (folder / "parts" / "a.parquet").write_bytes(content)
+    return Parts(folder).table("a"), Parts(folder).methods("a")
+
+
+def failures(folder: Path, content: bytes) -> object:
+    (folder / "parts").mkdir(exist_ok=True)
+    (folder / "parts" / "a.failed.json").write_bytes(content)
+    return [str(failure.reason) for failure in Parts(folder).failures("a")]
+
+
+FAILURES = b'{"family": "sphere", "failures": [{"scene": null, "method": "eq8", "reason": "x"}]}'
+PLAN = (
+    b'{"suite": "a", "suite_id": "b", "methods": ["eq8"], '
+    b'"families": [{"id": "0123456789abcdef", "label": "sphere", "scenes": 2}]}'
+)
+
+
+def plan(folder: Path, content: bytes) -> object:
+    (folder / "plan.json").write_bytes(content)
+    return status(folder).as_json()
+
+
+def table(path: Path) -> None:
+    sample.table().head(50).to_parquet(path, index=False)
+
+
+def baseline(path: Path) -> None:
+    origin = Origin(suite="gate", scenes="0", seed=1, variant="scalar")
+    write_baseline(path, Baseline(origin=origin, rules=DEFAULT_RULES))
+
+
+def example() -> bytes:
+    meta = {"scene": "0" * 16, "label": "sphere", "wavelengths_nm": list(BANDS)}
+    out = io.BytesIO()
+    np.savez_compressed(out, truth=TRUTH.stokes, mask=TRUTH.mask, meta=np.array(json.dumps(meta)))
+    return out.getvalue()
+
+
+def spectral(path: Path) -> None:
+    write_spectral(path, TRUTH.stokes, BANDS)
+
+
+READERS = {
+    "suite": Reader(of_file("a.toml", load_suite), lambda: SUITE),
+    **{
+        f"mesh-{kind}": Reader(of_file(f"a.{kind}", load_mesh), mesh(kind))
+        for kind in ("obj", "ply", "stl", "glb", "off")
+    },
+    "png": Reader(of_file("a.png", read_picture), picture("png")),
+    "png-16": Reader(of_file("a.png", read_picture), picture("png", np.uint16)),
+    "jpeg": Reader(of_file("a.jpg", read_picture), picture("jpeg")),
+    "tiff": Reader(of_file("a.tif", read_picture), picture("tiff", np.uint16)),
+    "picture-exr": Reader(of_file("a.exr", read_picture), written("a.exr", colours)),
+    "environment-exr": Reader(
+        of_file("a.exr", lambda path: radiance_map(Environment(name=str(path)))),
+        written("a.exr", colours),
+    ),
+    "normals-npy": Reader(
+        of_file("a.npy", lambda path: read_normals(path, (4, 4))), written("a.npy", npy)
+    ),
+    "normals-png": Reader(
+        of_file("a.png", lambda path: read_normals(path, (8, 8))), picture("png", np.uint16)
+    ),
+    "capture-angles": Reader(
+        capture, lambda: b'{"pol_0.png": 0, "pol_60.png": 60.0, "pol_120.png": 120}'
+    ),
+    "spectral-exr": Reader(
+        of_file("a.exr", lambda path: read_spectral(path, (SIDE, SIDE), BANDS)),
+        written("a.exr", spectral),
+    ),
+    "scene-json": Reader(scene_json, dataset_file("{scene}/scene.json")),
+    "dataset-json": Reader(dataset_json, dataset_file("dataset.json")),
+    "prediction-npz": Reader(prediction("{scene}.npz"), stokes_npz),
+    "prediction-npy": Reader(prediction("{scene}/0.npy"), angle_npy),
+    "prediction-exr": Reader(prediction("{scene}.exr"), dataset_file("{scene}/stokes.exr")),
+    "results-parquet": Reader(results, written("a.parquet", table)),
+    "part-parquet": Reader(part, written("a.parquet", table)),
+    "part-failures": Reader(failures, lambda: FAILURES),
+    "plan-json": Reader(plan, lambda: PLAN),
+    "baseline": Reader(of_file("a.toml", read_baseline), written("a.toml", baseline)),
+    "example-npz": Reader(of_file("a.npz", read_example), example),
+}  # fmt: skip
+
+
+def verdict(name: str, content: bytes) -> str | None:
+    """What is wrong with the way in which a reader takes a content; None where nothing is."""
+    import traceback
+
+    from malus.scenes import InputError
+
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    try:
+        READERS[name].read(folder, content)
+    except InputError as error:
+        return None if str(error).isprintable() else "InputError: more than one line"
+    except BaseException as error:
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if "malus" in f.filename]
+        place = f"{Path(frames[-1].filename).name}:{frames[-1].name}" if frames else "?"
+        return f"{type(error).__name__} in {place}"
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    return None
