@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.scenes.environment import directions, radiance_map, solid_angles
-from malus.scenes.lights import Area, Distant, Environment, Light
+from malus.scenes.lights import Area, Distant, Environment, Light, Sky
+from malus.scenes.sky import parts
 
 Floats = NDArray[np.float64]
 
@@ -44,11 +45,18 @@ def quadrature(light: Light, alpha: float) -> Directions:
     >>> round(float(lamp.power.sum()) / math.pi, 9)
     1.0
     """
+    several = parts(light)
+    if len(several) > 1:
+        pieces = [quadrature(part, alpha) for part in several]
+        return Directions(
+            np.concatenate([piece.toward for piece in pieces]),
+            np.concatenate([piece.power for piece in pieces]),
+        )
     if isinstance(light, Distant):
         return Directions(np.array([light.direction]), np.array([light.irradiance]))
     if isinstance(light, Area):
         return _cone(light, alpha)
-    if isinstance(light, Environment):
+    if isinstance(light, Environment | Sky):
         return _sphere(radiance_map(light).astype(np.float64), alpha, light.turn_deg)
     return _sphere(np.full((512, 1024), light.radiance), alpha)
 

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from malus.scenes.environment import radiance_map
-from malus.scenes.lights import Area, Distant, Environment, Light, Uniform
+from malus.scenes.lights import Area, Distant, Environment, Light, Sky, Uniform
+from malus.scenes.sky import parts
 
 Draws = list[tuple[Any, Any]]
 Sampler = Callable[[Any, Any, Any, Any], Draws]
@@ -27,6 +28,15 @@ Sampler = Callable[[Any, Any, Any, Any], Draws]
 
 def sampler(mi: ModuleType, light: Light) -> Sampler:
     """The sampler of a light; parameters are opaque, so that no light needs a new kernel."""
+    samplers = [_sampler(mi, part) for part in parts(light)]
+
+    def draw(hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+        return [pair for one in samplers for pair in one(hit, bsdf, random, valid)]
+
+    return draw
+
+
+def _sampler(mi: ModuleType, light: Light) -> Sampler:
     if isinstance(light, Distant):
         return _distant(mi, light)
     if isinstance(light, Uniform):
@@ -105,7 +115,7 @@ def _area(mi: ModuleType, light: Area) -> Sampler:
     return draw
 
 
-def _environment(mi: ModuleType, light: Environment) -> Sampler:
+def _environment(mi: ModuleType, light: Environment | Sky) -> Sampler:
     import drjit as dr
 
     scene = _environment_scene(mi.variant(), light)
@@ -136,7 +146,7 @@ def _environment(mi: ModuleType, light: Environment) -> Sampler:
 
 
 @functools.lru_cache(maxsize=2)
-def _environment_scene(variant: str, light: Environment) -> Any:
+def _environment_scene(variant: str, light: Environment | Sky) -> Any:
     """A scene that holds nothing but the map; the ball only gives it a size."""
     import mitsuba as mi
 
@@ -145,7 +155,7 @@ def _environment_scene(variant: str, light: Environment) -> Any:
     return mi.load_dict({"type": "scene", "map": environment_emitter(mi, light), "ball": ball})
 
 
-def environment_emitter(mi: ModuleType, light: Environment) -> dict[str, Any]:
+def environment_emitter(mi: ModuleType, light: Environment | Sky) -> dict[str, Any]:
     """Mitsuba's `envmap` of the light, whose y axis is up before it is turned."""
     values = radiance_map(light)
     bitmap = mi.Bitmap(np.ascontiguousarray(np.repeat(values[..., None], 3, axis=-1)))

@@ -23,7 +23,7 @@ from malus.renderers.lighting import Sampler, sampler
 from malus.renderers.lobes import HALVES, Floats, unit
 from malus.renderers.placed import Painted, placed_object
 from malus.renderers.rays import camera_ray, streams, to_camera_frame
-from malus.renderers.translate import emitter, sensor
+from malus.renderers.translate import emitters, sensor
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.errors import InputError
@@ -85,7 +85,7 @@ class Room:
         look = sensor(mi, scene.camera, 2 * _reach(scene))
         # Rays of the camera and shadow rays must not meet a lamp, paths of light have to.
         self.dark = mi.load_dict({"type": "scene", "sensor": look} | parts)
-        self.lit = mi.load_dict({"type": "scene", "light": emitter(mi, scene.light)} | parts)
+        self.lit = mi.load_dict({"type": "scene"} | emitters(mi, scene.light) | parts)
         self.sensor = self.dark.sensors()[0]
         self.owner = covering(mi, self.dark, self.shapes, scene.camera.resolution)
         self.path = _path(mi, sampling.max_depth)

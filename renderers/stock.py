@@ -17,9 +17,10 @@ from malus.renderers.lobes import Floats, Lobes, unit
 from malus.renderers.translate import body_bsdf, emitter, interface_bsdf, sensor, shape_object
 from malus.renderers.variant import SCALAR, Variant, mitsuba
 from malus.scenes.camera import Camera
-from malus.scenes.lights import Environment, Light
+from malus.scenes.lights import Environment, Light, Sky
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes import Shape
+from malus.scenes.sky import parts
 from malus.scenes.surface import AnyBody
 
 BATCHES = 8
@@ -114,16 +115,17 @@ def _renders(
         "type": "stokes",
         "direct": {"type": "path", "max_depth": 2, "hide_emitters": True},
     }
-    scene = _load(mi, window, bsdfs[0], light=emitter(mi, light), integrator=integrator)
-    response = _response(mi, window, light)
-    images = np.empty((batches, len(bsdfs), window["sensor"]["film"]["width"] ** 2, 3), np.float32)
-    for node, bsdf in enumerate(bsdfs):
-        _set_index(mi, scene, bsdf)
-        for batch in range(batches):
-            # The same seed for every node: noise is a smooth function of the index.
-            seed = (sampling.seed * BATCHES + batch) * 2 + stream
-            raw = np.asarray(mi.render(scene, spp=sampling.samples // batches, seed=seed))
-            images[batch, node] = _stokes(raw).reshape(-1, 3) / response
+    images = np.zeros((batches, len(bsdfs), window["sensor"]["film"]["width"] ** 2, 3), np.float32)
+    for part in parts(light):  # one at a time, because the film's response is that of its kind
+        scene = _load(mi, window, bsdfs[0], light=emitter(mi, part), integrator=integrator)
+        response = _response(mi, window, part)
+        for node, bsdf in enumerate(bsdfs):
+            _set_index(mi, scene, bsdf)
+            for batch in range(batches):
+                # The same seed for every node: noise is a smooth function of the index.
+                seed = (sampling.seed * BATCHES + batch) * 2 + stream
+                raw = np.asarray(mi.render(scene, spp=sampling.samples // batches, seed=seed))
+                images[batch, node] += _stokes(raw).reshape(-1, 3) / response
     return images
 
 
@@ -157,7 +159,7 @@ def _response(mi: ModuleType, window: dict[str, Any], light: Light) -> float:
     look = window["sensor"]
     small = look | {"film": look["film"] | {"width": 8, "height": 8}}
     sky: dict[str, Any] = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
-    if isinstance(light, Environment):
+    if isinstance(light, Environment | Sky):
         sky = {"type": "envmap", "bitmap": mi.Bitmap(np.ones((2, 4, 3), np.float32))}
     scene = mi.load_dict(
         {

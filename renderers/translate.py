@@ -15,6 +15,7 @@ from malus.scenes.camera import Camera
 from malus.scenes.geometry import TriangleMesh
 from malus.scenes.lights import Area, Distant, Light, Uniform
 from malus.scenes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
+from malus.scenes.sky import parts
 from malus.scenes.surface import AnyBody
 
 CONVEX = frozenset({"sphere"})
@@ -95,8 +96,13 @@ def mesh_object(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
     return result
 
 
+def emitters(mi: ModuleType, light: Light) -> dict[str, Any]:
+    """The parts of a light as emitters of a scene, by name."""
+    return {f"light{k}": emitter(mi, part) for k, part in enumerate(parts(light))}
+
+
 def emitter(mi: ModuleType, light: Light) -> dict[str, Any]:
-    """The light as an emitter with a flat spectrum."""
+    """A light of one part as an emitter with a flat spectrum."""
     if isinstance(light, Uniform):
         return {"type": "constant", "radiance": _flat(light.radiance)}
     if isinstance(light, Distant):

@@ -2,7 +2,7 @@
 
 from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
-from malus.scenes.lights import Area, Distant, Environment, Light, Uniform
+from malus.scenes.lights import Area, Distant, Environment, Light, Sky, Uniform
 from malus.scenes.scene import Placed, Sampling, Scene, Surroundings
 from malus.scenes.shapes import Blob, MeshFile, Plane, Shape, Sphere, Superquadric, Torus
 from malus.scenes.suite import Suite, load_suite, suite_names
@@ -24,6 +24,7 @@ __all__ = [
     "Sampling",
     "Scene",
     "Shape",
+    "Sky",
     "Sphere",
     "Suite",
     "Superquadric",

@@ -8,24 +8,30 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.scenes import sky
 from malus.scenes.errors import InputError
-from malus.scenes.lights import Environment
+from malus.scenes.lights import Environment, Sky
 
 Map = NDArray[np.float32]
 
 HEIGHT = 128
+SKY_HEIGHT = 256
+"""Rows of a sky's map: between them its horizon is blurred, by 0.15 % of what a ball mirrors."""
+_HDR_SIZE = re.compile(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n")
+
 LARGEST_PIXELS = 1 << 26
 """Bounds the memory that a hostile file can ask for: 64 megapixels."""
 
 
 @functools.lru_cache(maxsize=4)
-def radiance_map(light: Environment) -> Map:
-    """The map's radiance, shape (height, width), one value for every band.
+def radiance_map(light: Environment | Sky) -> Map:
+    """The map's radiance, shape (height, width), one value for every band; a sky's without sun.
 
     Raises
     ------
@@ -37,14 +43,16 @@ def radiance_map(light: Environment) -> Map:
     >>> radiance_map(Environment()).shape
     (128, 256)
     """
+    if isinstance(light, Sky):
+        return sky.radiance(light, directions(SKY_HEIGHT, 2 * SKY_HEIGHT)).astype(np.float32)
     if light.name == "studio":
         return _studio()
     path = Path(light.name)
-    if path.suffix.lower() != ".exr":
-        raise InputError(
-            "environment", "studio, or the path of an .exr file", light.name, "correct the name"
-        )
-    return _checked(_read(path), path)
+    readers = {".exr": _read_exr, ".hdr": _read_hdr}
+    if path.suffix.lower() not in readers:
+        expected = "studio, or the path of an .exr or .hdr file"
+        raise InputError("environment", expected, light.name, "correct the name")
+    return _checked(readers[path.suffix.lower()](path), path)
 
 
 def directions(height: int, width: int, turn_deg: float = 0.0) -> NDArray[np.float64]:
@@ -94,17 +102,14 @@ def _studio() -> Map:
     return light.astype(np.float32)
 
 
-def _read(path: Path) -> NDArray[np.float32]:
+def _read_exr(path: Path) -> Map:
     import OpenEXR
 
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             window = file.header()["dataWindow"]
             size = np.asarray(window[1], np.int64) - np.asarray(window[0], np.int64) + 1
-        if np.prod(size) > LARGEST_PIXELS:
-            raise InputError(
-                str(path), "at most 64 megapixels", f"{size[0]} x {size[1]}", "make it smaller"
-            )
+        _check_size(path, int(size[0]), int(size[1]))
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.asarray(c.pixels) for name, c in file.channels().items()}
     except InputError:
@@ -120,6 +125,34 @@ def _read(path: Path) -> NDArray[np.float32]:
             str(path), "channels R, G, B or Y", ", ".join(channels), "export it as RGB"
         )
     return np.mean(colours, axis=0).astype(np.float32)
+
+
+def _read_hdr(path: Path) -> Map:
+    """Radiance's RGBE format; rows from the top, as nearly all such files are."""
+    import imagecodecs
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(str(path), "a readable file", reason, "check the path") from None
+    size = _HDR_SIZE.search(content, 0, 1 << 16)
+    if size is None:
+        expected = "a Radiance file whose size reads -Y height +X width"
+        raise InputError(str(path), expected, "another", "export the map again")
+    _check_size(path, int(size[2]), int(size[1]))
+    try:
+        colours = imagecodecs.rgbe_decode(content)
+    except (RuntimeError, ValueError) as error:
+        raise InputError(str(path), "a whole Radiance file", str(error), "copy it again") from None
+    return np.asarray(colours.mean(axis=-1), dtype=np.float32)
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if width * height > LARGEST_PIXELS:
+        raise InputError(
+            str(path), "at most 64 megapixels", f"{width} x {height}", "make it smaller"
+        )
 
 
 def _checked(values: Map, path: Path) -> Map:

@@ -78,7 +78,7 @@ class Area(Model):
 
 
 class Environment(Model):
-    """Light from all around: a radiance map that malus brings, or an EXR file of the user's.
+    """Light from all around: a radiance map that malus brings, or an EXR or HDR file.
 
     Maps are equirectangular with y up: see `malus.scenes.environment`. `turn_deg` turns the map
     about the viewing axis, anticlockwise as an unrolled camera sees it.
@@ -95,7 +95,45 @@ class Environment(Model):
         return f"environment {Path(self.name).stem}"
 
 
-Light = Annotated[Uniform | Distant | Area | Environment, Field(discriminator="kind")]
+class Sky(Model):
+    """A clear sky by day, with its sun or without, above a dark ground; y is up.
+
+    The model of Hosek and Wilkie, as Mitsuba's: see `malus.scenes.sky`. `sun_azimuth_deg` counts
+    from straight behind the viewer, over the right, to straight ahead at 180. `turbidity` is 2 for
+    clear air, 10 for haze. Like every light the sky is unpolarised and has one spectrum, that of
+    its light at `wavelength_nm`: a scene for every colour is what shows its colours. `turn_deg`
+    turns it about the viewing axis as it does an `Environment`.
+    """
+
+    kind: Literal["sky"] = "sky"
+    sun_elevation_deg: float = Field(default=45.0, ge=0, le=90)
+    sun_azimuth_deg: float = Field(default=60.0, ge=-360, le=360)
+    turbidity: float = Field(default=3.0, ge=1, le=10)
+    sun: bool = True
+    wavelength_nm: float = Field(default=550.0, ge=400, le=720)
+    turn_deg: float = Field(default=0.0, ge=-360, le=360, exclude_if=lambda turn: turn == 0.0)
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return f"sky {self.sun_elevation_deg:g}°" + ("" if self.sun else " without sun")
+
+    @property
+    def to_sun(self) -> tuple[float, float, float]:
+        """Unit vector towards the sun before the sky is turned.
+
+        Examples
+        --------
+        >>> Sky(sun_elevation_deg=90).to_sun[1]
+        1.0
+        """
+        elevation = math.radians(self.sun_elevation_deg)
+        azimuth = math.radians(self.sun_azimuth_deg)
+        level = math.cos(elevation)
+        return level * math.sin(azimuth), math.sin(elevation), level * math.cos(azimuth)
+
+
+Light = Annotated[Uniform | Distant | Area | Environment | Sky, Field(discriminator="kind")]
 
 
 def turned(light: Light, angle_deg: float) -> Light:
@@ -108,7 +146,7 @@ def turned(light: Light, angle_deg: float) -> Light:
     """
     if angle_deg == 0.0 or isinstance(light, Uniform):
         return light
-    key = "turn_deg" if isinstance(light, Environment) else "azimuth_deg"
+    key = "turn_deg" if isinstance(light, Environment | Sky) else "azimuth_deg"
     # Back into the keys' range, whatever the sum.
     angle = math.remainder(getattr(light, key) + angle_deg, 360.0)
     return light.model_copy(update={key: angle})

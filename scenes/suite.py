@@ -193,7 +193,7 @@ def _mesh_file(shape: AnyShape, folder: Path) -> AnyShape:
 
 
 def _map_file(light: Light, folder: Path) -> Light:
-    if not isinstance(light, Environment) or not light.name.lower().endswith(".exr"):
+    if not isinstance(light, Environment) or light.name == "studio":
         return light
     path, digest = _known_by_content(folder / light.name, "radiance map")
     return light.model_copy(update={"name": path, "digest": digest})

@@ -21,6 +21,7 @@ from malus.scenes import (
     InputError,
     Sampling,
     Scene,
+    Sky,
     Sphere,
     Uniform,
 )
@@ -67,7 +68,7 @@ def test_axes_and_view_are_those_of_mitsubas_rays(projection: str, roll: float) 
 @pytest.mark.parametrize("camera", [Camera(resolution=24), wide()], ids=lambda c: c.projection)
 @pytest.mark.parametrize(
     "light",
-    [Distant(incidence_deg=60), Area(incidence_deg=50), Environment()],
+    [Distant(incidence_deg=60), Area(incidence_deg=50), Environment(), Sky()],
     ids=lambda light: light.kind,
 )
 def test_rolling_the_camera_is_turning_the_light_the_other_way(
@@ -182,7 +183,9 @@ def test_the_right_physics_reaches_full_skill_from_a_rolled_camera_nearby(
     assert score(truth, method).skill < blindfolded
 
 
-@pytest.mark.parametrize("light", [Environment(), Area(incidence_deg=45)], ids=lambda x: x.kind)
+@pytest.mark.parametrize(
+    "light", [Environment(), Area(incidence_deg=45), Sky()], ids=lambda x: x.kind
+)
 def test_lights_turn_with_the_image_of_a_rolled_camera(light: Light) -> None:
     truth = truth_of(Camera(resolution=40, roll_deg=30.0), light, samples=64)
     assert score(truth, "lights+body").skill == pytest.approx(1.0, abs=0.01)

@@ -22,6 +22,7 @@ from malus.scenes import (
     InputError,
     Sampling,
     Scene,
+    Sky,
     Sphere,
     Torus,
     Uniform,
@@ -98,6 +99,7 @@ def test_a_family_refuses_strangers() -> None:
         (Area(incidence_deg=100, half_angle_deg=30), Torus()),
         (Environment(), Sphere()),
         (Environment(), Blob()),
+        (Sky(), Torus()),
     ],
     ids=lambda x: x.label,
 )
