@@ -15,7 +15,7 @@ from malus.renderers import render
 from malus.renderers.dataset import open_dataset
 from malus.renderers.family import render_family
 from malus.renderers.room import Room
-from malus.renderers.translate import emitter, sensor
+from malus.renderers.translate import emitters, sensor
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
     Area,
@@ -29,6 +29,7 @@ from malus.scenes import (
     Plane,
     Sampling,
     Scene,
+    Sky,
     Sphere,
     Suite,
     Superquadric,
@@ -92,9 +93,9 @@ def by_mitsuba(scene: Scene, sampling: Sampling, runs: int) -> np.ndarray:
         {
             "type": "scene",
             "sensor": sensor(mi, scene.camera, 100.0),
-            "light": emitter(mi, scene.light),
             "integrator": {"type": "stokes", "path": path},
         }
+        | emitters(mi, scene.light)
         | {f"object{i}": shape for i, shape in enumerate(room.shapes)}
     )
     images = [np.asarray(mi.render(loaded, spp=sampling.samples, seed=i)) for i in range(runs)]
@@ -111,6 +112,7 @@ def by_mitsuba(scene: Scene, sampling: Sampling, runs: int) -> np.ndarray:
         (Area(incidence_deg=60, azimuth_deg=60), "unpolarised"),
         (Uniform(), "unpolarised"),
         (Environment(), "polarised"),
+        (Sky(), "unpolarised"),
     ],
     ids=lambda value: getattr(value, "kind", value),
 )
