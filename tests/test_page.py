@@ -293,6 +293,70 @@ def test_keys_turn_zoom_and_move(opened: Browser) -> None:
     assert [int(n) for n in re.findall(r"\d+", opened.js(place))] == [was[0] + 1, was[1]]
 
 
+class Fingers:
+    """Fingers on the truth's panel; places are parts of its width and height."""
+
+    def __init__(self, browser: Browser) -> None:
+        self.browser = browser
+        browser.js("document.querySelector('[data-panel=truth]').scrollIntoView()")
+        browser.settle()
+        self.box = browser.js(
+            "const b = document.querySelector('[data-panel=truth] canvas').getBoundingClientRect();"
+            "return [b.left, b.top, b.width, b.height]"
+        )
+
+    def send(self, kind: str, *places: tuple[float, float]) -> None:
+        left, top, width, height = self.box
+        points = [
+            {"x": left + x * width, "y": top + y * height, "id": k}
+            for k, (x, y) in enumerate(places)
+        ]
+        event = {"type": kind, "touchPoints": points}
+        self.browser.driver.execute_cdp_cmd("Input.dispatchTouchEvent", event)
+
+    def drag(self, *ways: tuple[tuple[float, float], tuple[float, float]], steps: int = 8) -> None:
+        self.send("touchStart", *(start for start, _ in ways))
+        for step in range(1, steps + 1):
+            part = step / steps
+            now = [(a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1])) for a, b in ways]
+            self.send("touchMove", *now)
+            self.browser.settle()  # a browser may join the moves of one frame into one
+        self.send("touchEnd")
+        self.browser.settle()
+
+    def tap(self, x: float, y: float) -> list[int]:
+        """The pixel that is read out after a tap."""
+        self.send("touchStart", (x, y))
+        self.send("touchEnd")
+        self.browser.settle()
+        text = self.browser.js("return document.querySelector('#readout .place').textContent")
+        return [int(number) for number in re.findall(r"\d+", text)]
+
+
+def test_fingers_pick_pinch_and_pan(browser: Browser, report: Path) -> None:
+    touch = "Emulation.setTouchEmulationEnabled"
+    browser.driver.execute_cdp_cmd(touch, {"enabled": True, "maxTouchPoints": 2})
+    try:
+        browser.open(report, width=390)
+        fingers = Fingers(browser)
+        assert fingers.tap(0.26, 0.74) == [10, 29]  # of 40 pixels
+        # Two fingers from 0.4 and 0.6 to 0.2 and 0.8: three times as large, the middle stays.
+        fingers.drag(((0.4, 0.5), (0.2, 0.5)), ((0.6, 0.5), (0.8, 0.5)), steps=1)
+        pinched = fingers.tap(0.26, 0.74)
+        wanted = np.array([1 / 3 + 0.26 / 3, 1 / 3 + 0.74 / 3]) * SIZE
+        # A finger is at whole pixels of a panel that is some 170 wide: a quarter of one of ours.
+        assert np.abs(np.array(pinched) + 0.5 - wanted).max() < 1
+        # One finger 0.6 to the left and up pans by 0.2 of the image, also upwards.
+        fingers.drag(((0.8, 0.8), (0.2, 0.2)))
+        panned = fingers.tap(0.26, 0.74)
+        assert np.abs(np.array(panned) - pinched - 0.2 * SIZE).max() <= 1
+        browser.js("document.getElementById('zoom-reset').click()")
+        browser.settle()
+        assert fingers.tap(0.26, 0.74) == [10, 29]
+    finally:
+        browser.driver.execute_cdp_cmd(touch, {"enabled": False})
+
+
 def test_play_turns_and_stops(opened: Browser) -> None:
     opened.js("document.getElementById('play').click()")
     opened.until("Number(document.getElementById('angle').value) > 5")

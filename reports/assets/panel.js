@@ -11,7 +11,8 @@ class Panel {
   resize(width, height) {
     this.source.width = width;
     this.source.height = height;
-    this.context = this.source.getContext("2d");
+    // Every frame's pixels come from the processor: a copy on a graphics card would only cost.
+    this.context = this.source.getContext("2d", { willReadFrequently: true });
     this.image = this.context.createImageData(width, height);
     this.pixels = new Uint32Array(this.image.data.buffer);
     this.canvas.style.aspectRatio = width + " / " + height;
@@ -32,6 +33,9 @@ class Panel {
       canvas.width = width;
       canvas.height = height;
     }
+    // A finger scrolls the page until there is something to pan.
+    const touch = view.zoom > 1 ? "none" : "pan-y";
+    if (canvas.style.touchAction !== touch) canvas.style.touchAction = touch;
     const context = canvas.getContext("2d");
     context.clearRect(0, 0, width, height);
     context.imageSmoothingEnabled = false; // a pixel is a measurement: never blend two
@@ -116,7 +120,9 @@ function linkPointers(panel, view, redraw, pick) {
     if (others.length) {
       const other = others[0][1];
       const distance = (a) => Math.hypot(a.x - other.x, a.y - other.y) || 1e-6;
-      view.zoomBy(distance(now) / distance(before), (now.x + other.x) / 2, (now.y + other.y) / 2);
+      // About the fingers' middle as it was; the move below follows where it went.
+      view.zoomBy(distance(now) / distance(before), (before.x + other.x) / 2,
+        (before.y + other.y) / 2);
     }
     const share = others.length ? 0.5 : 1;
     view.moveBy((now.x - before.x) * share, (now.y - before.y) * share);
