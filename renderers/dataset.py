@@ -15,11 +15,12 @@ import functools
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from malus.renderers.dataset_maps import keep_map, with_own_map
 from malus.renderers.dataset_record import DatasetRecord, Entry, Failed
 from malus.renderers.scene_folder import (
     SCENE,
@@ -99,7 +100,8 @@ class Dataset:
             No such scene, or a file of it that is missing, cut or changed.
         """
         self.scene(scene_id)
-        return read_scene(self.path / scene_id)
+        truth = read_scene(self.path / scene_id)
+        return replace(truth, scene=with_own_map(truth.scene, self.path))
 
 
 def open_dataset(path: Path | str) -> Dataset:
@@ -190,6 +192,7 @@ class DatasetWriter:
         """
         folder = self.folder / truth.scene.id
         write_scene(folder, truth, origin)
+        keep_map(truth.scene, self.folder)
         self.done[truth.scene.id] = Entry.of(truth.scene, read_record(folder)[1])
         self.failed.pop(truth.scene.id, None)
 

@@ -14,7 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+<<<<<<< HEAD
 from malus.scenes import sky
+=======
+from malus.scenes.content import check_content
+>>>>>>> 71cee6b (A dataset keeps its radiance maps and opens no other file)
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Sky
 
@@ -36,7 +40,8 @@ def radiance_map(light: Environment | Sky) -> Map:
     Raises
     ------
     InputError
-        Unknown name, or a file that is not a readable map of non-negative finite radiance.
+        Unknown name, a file with another content than the light's digest tells, or one that is not
+        a readable map of non-negative finite radiance.
 
     Examples
     --------
@@ -47,12 +52,22 @@ def radiance_map(light: Environment | Sky) -> Map:
         return sky.radiance(light, directions(SKY_HEIGHT, 2 * SKY_HEIGHT)).astype(np.float32)
     if light.name == "studio":
         return _studio()
+<<<<<<< HEAD
     path = Path(light.name)
     readers = {".exr": _read_exr, ".hdr": _read_hdr}
     if path.suffix.lower() not in readers:
         expected = "studio, or the path of an .exr or .hdr file"
         raise InputError("environment", expected, light.name, "correct the name")
     return _checked(readers[path.suffix.lower()](path), path)
+=======
+    path = light.file
+    if path.suffix.lower() != ".exr":
+        raise InputError(
+            "environment", "studio, or the path of an .exr file", light.name, "correct the name"
+        )
+    check_content(path, light.digest, "radiance map")
+    return _checked(_read(path), path)
+>>>>>>> 71cee6b (A dataset keeps its radiance maps and opens no other file)
 
 
 def directions(height: int, width: int, turn_deg: float = 0.0) -> NDArray[np.float64]:

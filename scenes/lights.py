@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from malus.scenes.model import Model
 
@@ -88,6 +88,18 @@ class Environment(Model):
     name: str = Field(default="studio", min_length=1)
     digest: str = ""
     turn_deg: float = Field(default=0.0, ge=-360, le=360, exclude_if=lambda turn: turn == 0.0)
+    _file: Path | None = PrivateAttr(default=None)
+
+    @property
+    def file(self) -> Path:
+        """Where the map is read from; `name`, unless a dataset keeps a copy."""
+        return self._file or Path(self.name)
+
+    def read_from(self, file: Path) -> Environment:
+        """The same light, of the same id, whose map is read from another file."""
+        light = self.model_copy()
+        light._file = file
+        return light
 
     @property
     def label(self) -> str:

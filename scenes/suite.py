@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import tomllib
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from typing import Any, Literal, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from malus.scenes.camera import Camera
+from malus.scenes.content import digest_of
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Light
 from malus.scenes.materials import materials, surface, surfaces
@@ -201,10 +201,4 @@ def _map_file(light: Light, folder: Path) -> Light:
 
 def _known_by_content(path: Path, what: str) -> tuple[str, str]:
     """A file's path seen from the suite's folder, and the hash that makes it part of the id."""
-    try:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()[:16]
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(str(path), f"a readable {what}", reason, "check the path") from None
-    return str(path), digest
+    return str(path), digest_of(path, what)
