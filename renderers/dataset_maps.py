@@ -66,4 +66,5 @@ def with_own_map(scene: Scene, folder: Path) -> Scene:
 def _kept(light: Environment, folder: Path) -> Path:
     # The digest becomes a file name: nothing else may lead out of the folder.
     name = light.digest if _DIGEST.fullmatch(light.digest) else "unknown"
-    return folder / MAPS / f"{name}.exr"
+    suffix = ".hdr" if light.name.lower().endswith(".hdr") else ".exr"
+    return folder / MAPS / f"{name}{suffix}"

@@ -14,11 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-<<<<<<< HEAD
 from malus.scenes import sky
-=======
 from malus.scenes.content import check_content
->>>>>>> 71cee6b (A dataset keeps its radiance maps and opens no other file)
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Sky
 
@@ -52,22 +49,13 @@ def radiance_map(light: Environment | Sky) -> Map:
         return sky.radiance(light, directions(SKY_HEIGHT, 2 * SKY_HEIGHT)).astype(np.float32)
     if light.name == "studio":
         return _studio()
-<<<<<<< HEAD
-    path = Path(light.name)
+    path = light.file
     readers = {".exr": _read_exr, ".hdr": _read_hdr}
     if path.suffix.lower() not in readers:
         expected = "studio, or the path of an .exr or .hdr file"
         raise InputError("environment", expected, light.name, "correct the name")
-    return _checked(readers[path.suffix.lower()](path), path)
-=======
-    path = light.file
-    if path.suffix.lower() != ".exr":
-        raise InputError(
-            "environment", "studio, or the path of an .exr file", light.name, "correct the name"
-        )
     check_content(path, light.digest, "radiance map")
-    return _checked(_read(path), path)
->>>>>>> 71cee6b (A dataset keeps its radiance maps and opens no other file)
+    return _checked(readers[path.suffix.lower()](path), path)
 
 
 def directions(height: int, width: int, turn_deg: float = 0.0) -> NDArray[np.float64]:

@@ -121,6 +121,9 @@ def colours(path: Path) -> None:
     write_exr(path, dict.fromkeys("RGB", np.full((4, 8), 0.5, np.float32)))
 
 
+HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + bytes([128, 128, 128, 129]) * 32
+
+
 def npy(path: Path) -> None:
     np.save(path, np.full((4, 4, 3), 0.5, np.float32))
 
@@ -254,6 +257,9 @@ READERS = {
     "environment-exr": Reader(
         of_file("a.exr", lambda path: radiance_map(Environment(name=str(path)))),
         written("a.exr", colours),
+    ),
+    "environment-hdr": Reader(
+        of_file("a.hdr", lambda path: radiance_map(Environment(name=str(path)))), lambda: HDR
     ),
     "normals-npy": Reader(
         of_file("a.npy", lambda path: read_normals(path, (4, 4))), written("a.npy", npy)
