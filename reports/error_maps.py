@@ -99,9 +99,11 @@ def gallery(examples: Sequence[Example], budget: int = BUDGET) -> Markup | None:
         parts.append(folded(example.label, made, open=not parts, class_="error-maps"))
     if not parts:
         return None
+    first, *others = parts
+    more = folded(counted(len(others), "more scene"), *others) if others else ""
     left_out = len(examples) - len(parts)
     note = f"{counted(left_out, 'further scene')} would have made the page too large."
-    return join(*parts, tag("p", note, class_="note") if left_out else "")
+    return join(first, more, tag("p", note, class_="note") if left_out else "")
 
 
 def _table(example: Example) -> Markup:
@@ -128,7 +130,6 @@ def _cell(one: ErrorMap, mask: NDArray[np.bool_], step: int) -> Markup:
         "img",
         src=png_address(grey(one.difference[::step, ::step], mask)),
         alt=f"error map of {one.image} by {one.method}",
-        loading="lazy",
         width=str(mask.shape[1]),
         height=str(mask.shape[0]),
     )
