@@ -28,6 +28,7 @@ from malus.bench.stress_images import (
     image_faults,
     ordinary,
 )
+from malus.bench.stress_surfaces import surface_cases
 from malus.reconstruct import get_method, specular_dolp
 from malus.reconstruct.facet_domain import Measure
 
@@ -194,7 +195,7 @@ def stress_table(
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         exact = list(pool.map(_exact, chosen))
     rows = [_rho_row(case, value) for case, value in zip(chosen, exact, strict=True)]
-    for case in image_cases():
+    for case in image_cases() + surface_cases():
         rows += _image_rows(case, methods)
     rows += _shape_rows()
     rows += [_refusal_row(*refusal) for refusal in _refusals()]

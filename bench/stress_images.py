@@ -50,7 +50,7 @@ def ordinary(dtype: str, height: int = 5, width: int = 7) -> Observation:
     )
 
 
-def _planted(name: str, value: float | str, *where: int) -> Callable[[Observation], Observation]:
+def planted(name: str, value: float | str, *where: int) -> Callable[[Observation], Observation]:
     """Set one pixel, or one of its bands, of an array to a value ("max", "tiny" of the dtype)."""
 
     def make(observation: Observation) -> Observation:
@@ -108,7 +108,7 @@ def _cut(height: int, width: int) -> Callable[[Observation], Observation]:
 
 
 def image_cases() -> list[ImageCase]:
-    """Every extreme image."""
+    """Every extreme image of one surface under an orthographic camera."""
     cases = [
         ImageCase("ordinary pixels", lambda observation: observation, False),
         ImageCase("denormal intensities", _denormal, False),
@@ -117,25 +117,25 @@ def image_cases() -> list[ImageCase]:
         ImageCase("empty mask", _emptied, False),
         ImageCase("one-pixel image", _cut(1, 1), False),
         ImageCase("empty image", _cut(0, 0), False),
-        ImageCase("normal straight at the viewer", _planted("normals", (0, 0, 1)), False),  # type: ignore[arg-type]
-        ImageCase("normal at the limb", _planted("normals", (0.6, 0.8, 0)), False),  # type: ignore[arg-type]
-        ImageCase("normal facing away", _planted("normals", (0.6, 0, -0.8)), True),  # type: ignore[arg-type]
-        ImageCase("zero normal", _planted("normals", 0.0), True),
-        ImageCase("normal of length two", _planted("normals", (0, 0, 2)), True),  # type: ignore[arg-type]
-        ImageCase("largest number in a normal", _planted("normals", "max", 0), True),
-        ImageCase("NaN in a normal", _planted("normals", np.nan, 1), True),
-        ImageCase("infinite normal", _planted("normals", np.inf), True),
+        ImageCase("normal straight at the viewer", planted("normals", (0, 0, 1)), False),  # type: ignore[arg-type]
+        ImageCase("normal at the limb", planted("normals", (0.6, 0.8, 0)), False),  # type: ignore[arg-type]
+        ImageCase("normal facing away", planted("normals", (0.6, 0, -0.8)), True),  # type: ignore[arg-type]
+        ImageCase("zero normal", planted("normals", 0.0), True),
+        ImageCase("normal of length two", planted("normals", (0, 0, 2)), True),  # type: ignore[arg-type]
+        ImageCase("largest number in a normal", planted("normals", "max", 0), True),
+        ImageCase("NaN in a normal", planted("normals", np.nan, 1), True),
+        ImageCase("infinite normal", planted("normals", np.inf), True),
     ]
     for lobe in ("specular", "diffuse"):
         cases += [
-            ImageCase(f"black {lobe}", _planted(lobe, 0.0), False),
-            ImageCase(f"saturated {lobe}", _planted(lobe, "bright"), False),
-            ImageCase(f"largest number, {lobe}", _planted(lobe, "max"), True),
-            ImageCase(f"smallest number, {lobe}", _planted(lobe, "tiny", 1), False),
-            ImageCase(f"negative {lobe}, one band", _planted(lobe, -1e-3, 1), True),
-            ImageCase(f"NaN {lobe}, one band", _planted(lobe, np.nan, 2), True),
-            ImageCase(f"infinite {lobe}", _planted(lobe, np.inf), True),
-            ImageCase(f"minus infinite {lobe}", _planted(lobe, -np.inf, 0), True),
+            ImageCase(f"black {lobe}", planted(lobe, 0.0), False),
+            ImageCase(f"saturated {lobe}", planted(lobe, "bright"), False),
+            ImageCase(f"largest number, {lobe}", planted(lobe, "max"), True),
+            ImageCase(f"smallest number, {lobe}", planted(lobe, "tiny", 1), False),
+            ImageCase(f"negative {lobe}, one band", planted(lobe, -1e-3, 1), True),
+            ImageCase(f"NaN {lobe}, one band", planted(lobe, np.nan, 2), True),
+            ImageCase(f"infinite {lobe}", planted(lobe, np.inf), True),
+            ImageCase(f"minus infinite {lobe}", planted(lobe, -np.inf, 0), True),
         ]
     return cases
 
