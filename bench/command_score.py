@@ -65,6 +65,9 @@ def score_for_command_line(
         sys.stdout.write(json.dumps(found | {"run": results.run}) + "\n")
         return
     Console().print(final_table(results))
+    invalid = results.table.loc[results.table.metric == "invalid", "value"].sum()
+    if invalid > 0:
+        console.print(f"{invalid:.0f} pixels with invalid inputs: see the metric `invalid`")
     console.print(f"written to {out}", highlight=False)
 
 

@@ -50,8 +50,8 @@ class Score:
         makes to its residual.
     trivial, trivial_noise : Residuals
         The same for the guess I(ϑ) = I/2.
-    violations : int
-        Pixels whose estimate is unphysical.
+    violations, invalid : int
+        Pixels whose estimate is unphysical, and whose inputs were so that there is none.
     agreement : Agreement
         Slope and rotation of the estimated against the true field.
     extra : tuple of Value
@@ -65,6 +65,7 @@ class Score:
     trivial: Residuals
     trivial_noise: Residuals
     violations: int
+    invalid: int
     wavelengths_nm: tuple[float, ...]
     agreement: Agreement
     extra: tuple[Value, ...] = ()
@@ -97,6 +98,7 @@ class Score:
         for band, wavelength in enumerate(self.wavelengths_nm):
             yield from self._values(errors[:, 0, band], band_nm=wavelength)
         yield Value("violations", float(self.violations))
+        yield Value("invalid", float(self.invalid))
         if self.converged is not None:
             yield Value("converged", float(self.converged))
         yield from self.extra
@@ -146,6 +148,7 @@ class Judge:
             Residuals.of(change, self.peak),
             *self.trivial,
             violations(estimate, self.truth.image, self.truth.mask),
+            estimate.invalid(self.truth.mask),
             self.truth.scene.wavelengths_nm,
             self.field.agreement(difference, change),
             tuple(value for metric in metrics for value in metric(estimate, self.truth)),

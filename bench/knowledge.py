@@ -151,6 +151,9 @@ def estimate(image: Image, known: Knowledge, where: str) -> Estimate:
         raise InputError(
             where, "a picture that this can be told from", str(reason), _advice(known)
         ) from None
+    if (invalid := found.invalid(mask)) > 0:
+        flagged = f"{invalid} pixels of the object have no valid intensity or normal: not polarised"
+        warnings = (*warnings, flagged)
     coloured = replace(found, image=image, s1=found.s1 * colour, s2=found.s2 * colour)
     return Estimate(coloured, (light.assumption, *said), warnings)
 

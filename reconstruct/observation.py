@@ -141,6 +141,17 @@ class Components:
         stokes = polarisation.stokes_from_extremes(i_max, i_min, phase)
         return cls(stokes[..., 0], stokes[..., 1], stokes[..., 2])
 
+    def invalid(self, mask: NDArray[np.bool_]) -> int:
+        """How many of the mask's pixels are not `valid`; 0 where the method does not tell.
+
+        Examples
+        --------
+        >>> one, mask = np.ones((1, 2, 1)), np.array([[True, True]])
+        >>> Components(one, one, one, valid=np.array([[True, False]])).invalid(mask)
+        1
+        """
+        return 0 if self.valid is None else int(np.count_nonzero(mask & ~self.valid))
+
     @property
     def stokes(self) -> Image:
         """Stokes image (height, width, bands, 3)."""
