@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from malus.renderers.translate import body_bsdf, interface_bsdf, mesh_object, tessellated
-from malus.scenes.scene import Placed
 from malus.scenes.shapes import Plane, Sphere
 from malus.scenes.surface import Conductor, Dielectric
+from malus.scenes.surroundings import Placed
 
 _ETA, _K, _BODY, _LAMBERT = "eta.value", "k.value", "diffuse_reflectance.value", "reflectance.value"
 

@@ -3,10 +3,11 @@
 from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Area, Distant, Environment, Light, Sky, Uniform
-from malus.scenes.scene import Placed, Sampling, Scene, Surroundings
+from malus.scenes.scene import Sampling, Scene
 from malus.scenes.shapes import Blob, MeshFile, Plane, Shape, Sphere, Superquadric, Torus
 from malus.scenes.suite import Suite, load_suite, suite_names
 from malus.scenes.surface import Conductor, Dielectric
+from malus.scenes.surroundings import Placed, Surroundings
 
 __all__ = [
     "Area",

@@ -12,51 +12,9 @@ from pydantic import AfterValidator, Field, model_validator
 from malus.scenes.camera import Camera
 from malus.scenes.lights import Light, turned
 from malus.scenes.model import Model
-from malus.scenes.shapes import Shape, ShapeOrPlane
+from malus.scenes.shapes import Shape
 from malus.scenes.surface import Surface
-
-Coordinate = Annotated[float, Field(ge=-1000, le=1000)]
-
-
-class Placed(Model):
-    """An object beside others: its shape and surface, and where it stands.
-
-    The shape, which fits the unit sphere, is tilted by `tilt_deg` about +x (its top comes towards
-    the viewer), turned by `turn_deg` about the vertical (its front goes to the right), scaled and
-    moved to `position`, all in the world, whose unit is the radius of the scene's own shape.
-    """
-
-    shape: ShapeOrPlane
-    surface: Surface
-    position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
-    scale: float = Field(default=1.0, gt=0, le=1000)
-    tilt_deg: float = Field(default=0.0, ge=-360, le=360)
-    turn_deg: float = Field(default=0.0, ge=-360, le=360)
-
-    @property
-    def rotation(self) -> NDArray[np.float64]:
-        """The turn as a matrix (3, 3).
-
-        Examples
-        --------
-        >>> from malus.scenes import Plane
-        >>> from malus.scenes import Dielectric, Plane
-        >>> paint = Dielectric(eta=1.5, alpha=0.3)
-        >>> wall = Placed(shape=Plane(), surface=paint, tilt_deg=90)
-        >>> (wall.rotation @ [0, 1, 0]).round(9).tolist()  # its upper side faces the viewer
-        [0.0, 0.0, 1.0]
-        """
-        tilt, turn = np.radians([self.tilt_deg, self.turn_deg])
-        about_x = [[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]]
-        about_y = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
-        return np.array(about_y) @ np.array(about_x)
-
-
-class Surroundings(Model):
-    """What stands around the scene's own shape; light goes back and forth between all of them."""
-
-    name: str = Field(min_length=1, max_length=100)
-    objects: tuple[Placed, ...] = Field(min_length=1, max_length=64)
+from malus.scenes.surroundings import Placed, Surroundings
 
 
 def _increasing(wavelengths_nm: tuple[float, ...]) -> tuple[float, ...]:

@@ -17,10 +17,11 @@ from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Light
 from malus.scenes.materials import materials, surface, surfaces
 from malus.scenes.model import Model
-from malus.scenes.scene import Sampling, Scene, Surroundings, Wavelengths
+from malus.scenes.scene import Sampling, Scene, Wavelengths
 from malus.scenes.shapes import MeshFile, Shape
 from malus.scenes.substances import Roughness, Substance, coated, known
 from malus.scenes.surface import Body
+from malus.scenes.surroundings import Surroundings
 
 AnyShape = TypeVar("AnyShape", bound=Model)
 Renderer = Literal["mitsuba", "torrance-sparrow"]
