@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from malus.bench import run
+from malus.bench import run, score
 from malus.bench.command_render import render_dataset
 from malus.bench.export import export
 from malus.bench.plan import plan
@@ -335,3 +335,16 @@ def test_a_run_of_rooms_scores_and_goes_on(shelf: Path, tmp_path: Path) -> None:
     assert set(results.table["shape"]) == {"sphere in shelf", "blob in shelf"}
     assert results.run["families_failed"] == 0
     assert run(suite, tmp_path / "out").run["families_taken_over"] == 4
+
+
+@needs_arrays
+def test_light_between_objects_is_what_a_method_that_knows_the_light_lacks() -> None:
+    """Told of every pixel's index and roughness it is right about direct light, and only that."""
+    scene = table(Distant(incidence_deg=60, azimuth_deg=60), resolution=24)
+    direct, whole = (
+        score(render(scene, Sampling(samples=256, max_depth=depth)), "lights+body").skill
+        for depth in (2, 5)
+    )
+    # What is left: the mean of a pixel against one viewing direction and normal for it.
+    assert direct > 0.999
+    assert whole < 0.99
