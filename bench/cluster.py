@@ -21,7 +21,8 @@ from typing import Any
 
 from malus.bench.child import TIMEOUT_SECONDS, Child, at_most
 from malus.bench.parts import Failure
-from malus.bench.work import Engine, Made, Task, apart, work
+from malus.bench.task import Made, Task
+from malus.bench.work import Engine, apart, work
 from malus.renderers.variant import BACKENDS, Variant, choose
 from malus.scenes.errors import InputError
 from malus.scenes.model import content_id

@@ -20,7 +20,8 @@ from malus.bench.command_run import overridden
 from malus.bench.parts import Failure
 from malus.bench.plan import FamilyPlan, plan
 from malus.bench.results import prepare_folder
-from malus.bench.work import Made, truths
+from malus.bench.task import Made
+from malus.bench.work import truths
 from malus.renderers.dataset import DatasetWriter
 from malus.renderers.dataset_record import Failed
 from malus.renderers.storage import owned

@@ -21,10 +21,12 @@ from malus.bench.command_run import final_table, headline
 from malus.bench.judge import Judge
 from malus.bench.predictions import Image, Predictions, check_predictions
 from malus.bench.results import (
+    Record,
     Results,
-    inapplicable_rows,
+    describe,
+    inapplicable,
     prepare_folder,
-    score_rows,
+    record,
     table_of,
     write_results,
 )
@@ -157,13 +159,13 @@ def _predicted(observation: Observation, stokes: Image, seen: Image) -> Componen
 
 
 def _scene_table(truth: Truth, methods: Sequence[Method]) -> pd.DataFrame:
-    judge = Judge(truth)
-    records: list[dict[str, Any]] = []
+    judge, about = Judge(truth), describe(truth.scene)
+    records: list[Record] = []
     for method in methods:
         try:
-            records += score_rows(truth.scene, method.name, judge.score(method))
+            records.append(record(about, method.name, judge.score(method).values()))
         except Inapplicable as reason:
-            records += inapplicable_rows(truth.scene, method.name, str(reason))
+            records.append(inapplicable(about, method.name, str(reason)))
     return table_of(records)
 
 

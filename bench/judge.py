@@ -7,21 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from malus.bench.agreement import Agreement, TrueField
-from malus.bench.metrics import (
-    Error,
-    Floats,
-    Image,
-    Residuals,
-    Target,
-    peak,
-    skill,
-    violations,
-)
-from malus.bench.view import observe
+from malus.bench.agreement import Agreement
+from malus.bench.metrics import Error, Floats, Residuals, nmse_by, peak, skill, skills
+from malus.bench.pixel_kernels import count_violations, estimate_sums, field_sums
+from malus.bench.sight import Sight
 from malus.reconstruct import Components, Method, get_method
 from malus.renderers.truth import Truth
-from malus.scenes.polarisation import PAPER_ANGLES_DEG
+from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 
 
 @dataclass(frozen=True)
@@ -85,32 +77,29 @@ class Score:
 
     def values(self) -> Iterator[Value]:
         """Everything for the results table."""
-        sets = [PAPER_ANGLES_DEG, *((angle,) for angle in PAPER_ANGLES_DEG)]
         parts = (self.residuals, self.noise, self.trivial, self.trivial_noise)
-        errors = np.stack([part.nmse_by(sets) for part in parts])
-        yield from self._values(errors[:, 0].mean(axis=-1))
+        by_set = nmse_by(parts, _ANGLE_SETS)
+        # Over all, for every angle, for every band.
+        nmse, noise, guess, guess_noise = np.hstack([by_set.mean(axis=2), by_set[:, 0]])
+        worth = skills(nmse - noise, guess - guess_noise, guess_noise, self.residuals.pixels)
+        angles, bands = PAPER_ANGLES_DEG, self.wavelengths_nm
+        places = [(None, None), *((None, a) for a in angles), *((b, None) for b in bands)]
+        errors = zip(places, nmse.tolist(), noise.tolist(), worth.tolist(), strict=True)
+        for (band, angle), error, floor, skilled in errors:
+            yield Value("nmse", error, floor, band, angle)
+            yield Value("skill", skilled, 0.0, band, angle)
         yield Value("gain", *self.agreement.gain)
         yield Value("rotation", *self.agreement.rotation)
         yield Value("facing_skill", *self.agreement.facing_skill)
         yield Value("signal", *self.agreement.signal)
-        for row, angle in enumerate(PAPER_ANGLES_DEG, start=1):
-            yield from self._values(errors[:, row].mean(axis=-1), angle_deg=angle)
-        for band, wavelength in enumerate(self.wavelengths_nm):
-            yield from self._values(errors[:, 0, band], band_nm=wavelength)
         yield Value("violations", float(self.violations))
         yield Value("invalid", float(self.invalid))
         if self.converged is not None:
             yield Value("converged", float(self.converged))
         yield from self.extra
 
-    def _values(
-        self, errors: Floats, band_nm: float | None = None, angle_deg: float | None = None
-    ) -> Iterator[Value]:
-        """NMSE and skill from the four errors of method, noise, trivial guess and its noise."""
-        nmse, noise, trivial, trivial_noise = (float(error) for error in errors)
-        worth = skill(Error(nmse, noise), Error(trivial, trivial_noise), self.residuals.pixels)
-        yield Value("nmse", nmse, noise, band_nm, angle_deg)
-        yield Value("skill", worth, 0.0, band_nm, angle_deg)
+
+_ANGLE_SETS = (PAPER_ANGLES_DEG, *((angle,) for angle in PAPER_ANGLES_DEG))
 
 
 class Judge:
@@ -129,41 +118,59 @@ class Judge:
 
     def __init__(self, truth: Truth) -> None:
         self.truth = truth
-        self.half = truth.halves()[0]
-        self.targets = Target.of(truth), Target.of(self.half)
+        self.sight = Sight.of(truth)
         self.peak = peak(truth)
-        self.field = TrueField(truth, self.peak)
-        guess = get_method("unpolarised")
-        _, difference, change = self._differences(guess)
-        self.trivial = Residuals.of(difference, self.peak), Residuals.of(change, self.peak)
+        normals = truth.normals.reshape(-1, 3)[self.sight.pixels]
+        # The fourth power: see Agreement.facing_skill.
+        self.facing = np.clip(normals[:, 2].astype(np.float64), 0.0, 1.0) ** 4
+        self.form = angle_weights().copy()
+        field = self.sight.true, self.sight.draw, self.facing, self.form
+        moments, self.totals, self.draws = field_sums(*field)
+        self.guess = self._residuals(moments)
 
     def score(self, method: Method, metrics: Sequence[Metric] = ()) -> Score:
         """The score of one method; raises Inapplicable where it cannot work on this truth.
 
         `metrics` are further ones that cost more than those that every score has.
         """
-        estimate, difference, change = self._differences(method)
+        return self.score_estimate(self.sight.estimate(method), metrics)
+
+    def score_estimate(self, estimate: Components, metrics: Sequence[Metric] = ()) -> Score:
+        """The score of what a method made of this truth's sight."""
+        known = self.sight.known.image, self.sight.true, self.sight.draw
+        planes = estimate.image, estimate.s1, estimate.s2
+        weights = self.draws, self.facing, self.form
+        moments, totals, covariance = estimate_sums(planes, known, *weights)
+        scale = self.peak**2
+        residuals, noise = self._residuals(moments)
+        picture = self.sight.picture(estimate) if metrics else estimate
         return Score(
-            Residuals.of(difference, self.peak),
-            Residuals.of(change, self.peak),
-            *self.trivial,
-            violations(estimate, self.truth.image, self.truth.mask),
-            estimate.invalid(self.truth.mask),
+            residuals,
+            noise,
+            *self.guess,
+            self._violations(estimate),
+            estimate.invalid(self.sight.as_rendered),
             self.truth.scene.wavelengths_nm,
-            self.field.agreement(difference, change),
-            tuple(value for metric in metrics for value in metric(estimate, self.truth)),
+            Agreement(
+                np.concatenate([totals, self.totals]) / scale,
+                covariance / scale**2,
+                known[1][0].size,
+            ),
+            tuple(value for metric in metrics for value in metric(picture, self.truth)),
             estimate.converged,
         )
 
-    def _differences(self, method: Method) -> tuple[Components, Image, Image]:
-        """The estimate, what it misses by, and what one draw of the noise changes in that."""
-        whole, half = self.targets
-        estimate = method.reconstruct(observe(self.truth, method.needs))
-        difference = whole.missed_by(estimate)
-        # The half truth is this truth plus one draw of its noise, seen through the method.
-        shifted = half.missed_by(method.reconstruct(observe(self.half, method.needs)))
-        shifted -= difference
-        return estimate, difference, shifted
+    def _residuals(self, moments: Floats) -> tuple[Residuals, Residuals]:
+        """Of an estimate, and of what one draw of the noise changes in it."""
+        pixels = self.sight.true.shape[1]
+        whole, change = (Residuals.of_products(part, self.peak, pixels) for part in moments)
+        return whole, change
+
+    def _violations(self, estimate: Components) -> int:
+        planes = estimate.image[0], estimate.s1[0], estimate.s2[0]
+        # A few rounding errors of the dtype are allowed.
+        slack = 1.0 + 8.0 * float(np.finfo(planes[0].dtype).eps)
+        return count_violations(*planes, self.sight.known.image[0], slack)
 
 
 def score(truth: Truth, method: Method | str) -> Score:

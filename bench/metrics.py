@@ -7,6 +7,7 @@ no image per angle is ever made.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +16,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct import Components
 from malus.renderers.truth import Truth
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 
@@ -25,6 +25,8 @@ Image = NDArray[np.floating[Any]]
 SIGNIFICANCE = 10.0
 """Standard deviations by which the trivial guess must rise above the noise to have a skill: the
 skill then carries an error of at most about a tenth."""
+
+_SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,11 @@ class Residuals:
         moments = np.einsum("pbi,pbj->bij", scaled, scaled, optimize=True)
         return cls(moments, len(difference))
 
+    @classmethod
+    def of_products(cls, products: Floats, peak: float, pixels: int) -> Residuals:
+        """From the six distinct products (bands, 00 01 02 11 12 22) of `pixel_kernels`."""
+        return cls(products[:, _SYMMETRIC] / peak**2, pixels)
+
     def nmse(self, angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> float:
         """Normalised mean squared error over pixels, bands and polariser angles.
 
@@ -61,14 +68,26 @@ class Residuals:
         >>> round(one.nmse(), 12)
         0.01
         """
-        return float(self.nmse_by([angles_deg]).mean())
+        return float(nmse_by([self], (angles_deg,)).mean())
 
-    def nmse_by(self, angle_sets: Sequence[tuple[float, ...]]) -> Floats:
-        """The same for several sets of angles and every band apart, shape (sets, bands)."""
-        if self.pixels == 0:
-            return np.full((len(angle_sets), len(self.moments)), np.nan)
-        forms = np.stack([angle_weights(angles).ravel() for angles in angle_sets])
-        return forms @ self.moments.reshape(-1, 9).T / self.pixels
+
+def nmse_by(parts: Sequence[Residuals], angle_sets: tuple[tuple[float, ...], ...]) -> Floats:
+    """NMSE of residuals of the same pixels, for sets of angles and every band apart.
+
+    Returns
+    -------
+    (parts, sets, bands) array; NaN without pixels.
+    """
+    pixels = parts[0].pixels
+    moments = np.stack([part.moments.reshape(-1, 9).T for part in parts])
+    if pixels == 0:
+        return np.full((len(parts), len(angle_sets), moments.shape[2]), np.nan)
+    return np.asarray(_forms(angle_sets) @ moments / pixels)
+
+
+@functools.cache
+def _forms(angle_sets: tuple[tuple[float, ...], ...]) -> Floats:
+    return np.stack([angle_weights(angles).ravel() for angles in angle_sets])
 
 
 @dataclass(frozen=True)
@@ -99,36 +118,20 @@ def skill(method: Error, trivial: Error, pixels: int) -> float:
     >>> skill(Error(0.002, 0.001), Error(0.011, 0.001), pixels=1000)
     0.9
     """
+    return float(
+        skills(np.array([method.bias]), np.array([trivial.bias]), trivial.noise, pixels)[0]
+    )
+
+
+def skills(
+    method_bias: Floats, trivial_bias: Floats, trivial_noise: Floats | float, pixels: int
+) -> Floats:
+    """The same of many pairs of errors: for their biases, and the noise of the guess."""
     # The noise is a mean of about `pixels` squares: its own relative deviation is √(2/pixels).
-    spread = trivial.noise * math.sqrt(2.0 / max(pixels, 1))
-    if not trivial.bias > SIGNIFICANCE * spread or trivial.bias <= 0.0:
-        return math.nan
-    return 1.0 - method.bias / trivial.bias
-
-
-@dataclass(frozen=True)
-class Target:
-    """The pixels of a truth's mask and the Stokes vectors (pixels, bands, 3) to be met there."""
-
-    pixels: NDArray[np.intp]
-    stokes: Image
-
-    @classmethod
-    def of(cls, truth: Truth) -> Self:
-        """The target that a truth sets."""
-        pixels = np.flatnonzero(truth.mask)
-        bands = truth.specular.shape[2]
-        lobes = (lobe.reshape(-1, bands, 3)[pixels] for lobe in (truth.specular, truth.diffuse))
-        return cls(pixels, sum(lobes, np.zeros((), truth.specular.dtype)))
-
-    def missed_by(self, estimate: Components) -> Image:
-        """Estimated minus true Stokes vectors, (pixels, bands, 3)."""
-        difference = np.empty_like(self.stokes)
-        bands = self.stokes.shape[1]
-        for k, component in enumerate((estimate.image, estimate.s1, estimate.s2)):
-            plane = component.reshape(-1, bands)[self.pixels]
-            np.subtract(plane, self.stokes[..., k], out=difference[..., k])
-        return difference
+    spread = trivial_noise * math.sqrt(2.0 / max(pixels, 1))
+    told = (trivial_bias > SIGNIFICANCE * spread) & (trivial_bias > 0.0)
+    share = np.divide(method_bias, trivial_bias, out=np.full(told.shape, np.nan), where=told)
+    return 1.0 - share
 
 
 def peak(truth: Truth) -> float:
@@ -136,22 +139,3 @@ def peak(truth: Truth) -> float:
     lit = truth.image[truth.mask]
     largest = float(lit.max()) if lit.size else 0.0
     return largest if largest > 0 else 1.0
-
-
-def violations(estimate: Components, image: Image, mask: NDArray[np.bool_]) -> int:
-    """Pixels with I_min < 0, DoLP > 1, |I_max + I_min − I| > 1e-5 I, or a value not finite.
-
-    Examples
-    --------
-    >>> one = np.ones((1, 1, 1))
-    >>> violations(Components(one, 2 * one, 0 * one), one, np.ones((1, 1), bool))
-    1
-    """
-    total, s1, s2 = estimate.image[mask], estimate.s1[mask], estimate.s2[mask]
-    finite = np.isfinite(total) & np.isfinite(s1) & np.isfinite(s2)
-    with np.errstate(invalid="ignore", over="ignore"):
-        # I_min < 0 and DoLP > 1 are one condition; a few rounding errors of the dtype are allowed.
-        slack = 1.0 + 8.0 * float(np.finfo(total.dtype).eps)
-        overpolarised = np.hypot(s1, s2) > total * slack
-        unequal = np.abs(total - image[mask]) > 1e-5 * np.abs(image[mask])
-    return int(np.any(~finite | overpolarised | unequal, axis=-1).sum())

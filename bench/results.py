@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import platform
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
-from malus.bench.judge import Score, Value
+from malus.bench.judge import Value
 from malus.renderers.storage import TEMPORARY, open_regular, remove_abandoned, replace_file
 from malus.renderers.stores import is_here, put_mark
 from malus.scenes.errors import InputError
@@ -49,32 +50,24 @@ class Results:
         return self.table[self.table.band_nm.isna() & self.table.angle_deg.isna()]
 
 
-def rows(
-    scene: Scene, method: str, values: Iterable[Value], note: str = ""
-) -> list[dict[str, Any]]:
-    """Rows of the table for one scene and method."""
-    common = describe(scene) | {"method": method, "knowledge": "everything", "note": note}
-    return [
-        common
-        | {
-            "metric": value.metric,
-            "band_nm": value.band_nm,
-            "angle_deg": value.angle_deg,
-            "value": value.value,
-            "noise": value.noise,
-        }
-        for value in values
-    ]
+class Record(NamedTuple):
+    """Rows of the table that share all columns but those of a Value."""
+
+    common: Mapping[str, Any]
+    values: Sequence[Value]
 
 
-def score_rows(scene: Scene, method: str, score: Score) -> list[dict[str, Any]]:
-    """Rows of the table for one score."""
-    return rows(scene, method, score.values())
+def record(
+    about: Mapping[str, Any], method: str, values: Iterable[Value], note: str = ""
+) -> Record:
+    """What was found out about one method on one scene; `about` is what `describe` says of it."""
+    common = {**about, "method": method, "knowledge": "everything", "note": note}
+    return Record(common, tuple(values))
 
 
-def inapplicable_rows(scene: Scene, method: str, reason: str) -> list[dict[str, Any]]:
+def inapplicable(about: Mapping[str, Any], method: str, reason: str) -> Record:
     """One row that says why a method could not work on a scene."""
-    return rows(scene, method, [Value("inapplicable", 1.0)], note=reason)
+    return record(about, method, [Value("inapplicable", 1.0)], note=reason)
 
 
 def describe(scene: Scene) -> dict[str, Any]:
@@ -94,13 +87,29 @@ def describe(scene: Scene) -> dict[str, Any]:
     }
 
 
-def table_of(records: list[dict[str, Any]]) -> pd.DataFrame:
-    """Rows as a table with stable column types, also where a column is empty throughout."""
-    table = pd.DataFrame.from_records(records)
-    floats = ["eta", "alpha", "incidence_deg", "band_nm", "angle_deg", "value", "noise"]
-    for name in floats:
-        table[name] = table[name].astype("float64")
-    return table
+def table_of(records: Sequence[Record]) -> pd.DataFrame:
+    """Records as a table with stable column types, also where a column is empty throughout.
+
+    Examples
+    --------
+    >>> found = table_of([Record({"scene": "a"}, [Value("nmse", 0.1), Value("skill", 0.9)])])
+    >>> found.scene.tolist(), found.metric.tolist()
+    (['a', 'a'], ['nmse', 'skill'])
+    """
+    counts = [len(record.values) for record in records]
+    columns: dict[str, Any] = {}
+    for name in records[0].common:
+        floats = "float64" if name in _FLOATS else None
+        column = pd.Series([record.common[name] for record in records], dtype=floats)
+        columns[name] = column.repeat(counts).array
+    values = [value for record in records for value in record.values]
+    columns["metric"] = [value.metric for value in values]
+    for name in ("band_nm", "angle_deg", "value", "noise"):
+        columns[name] = np.array([getattr(value, name) for value in values], dtype=np.float64)
+    return pd.DataFrame(columns)
+
+
+_FLOATS = {"eta", "alpha", "incidence_deg"}
 
 
 def origin() -> dict[str, Any]:

@@ -23,7 +23,8 @@ from malus.bench.results import (
     write_whole,
 )
 from malus.bench.savings import plan_record
-from malus.bench.work import Engine, Made, Task, here
+from malus.bench.task import Made, Task
+from malus.bench.work import Engine, here
 from malus.reconstruct import get_method
 from malus.renderers.storage import owned
 from malus.renderers.stores import place

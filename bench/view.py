@@ -17,6 +17,9 @@ _KNOWN: dict[str, Callable[[Truth], Any]] = {
     "light": lambda truth: truth.scene.light_in_image,
 }
 
+KNOWN = frozenset(_KNOWN)
+"""All that a method can be told besides the picture."""
+
 
 def observe(truth: Truth, needs: frozenset[str]) -> Observation:
     """The unpolarised picture of a truth with what `needs` names filled in, and nothing else.

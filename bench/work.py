@@ -6,27 +6,24 @@ this process or in any other. An exception costs the scene and the method that i
 
 from __future__ import annotations
 
-import errno
-import tempfile
+import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
-import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from malus.bench.child import ATTEMPTS, Child, Died
-from malus.bench.examples import keep
 from malus.bench.extra_metrics import get_metrics
-from malus.bench.judge import Judge, Metric
 from malus.bench.parts import Failure
 from malus.bench.plan import FamilyPlan
-from malus.bench.results import inapplicable_rows, score_rows, table_of
-from malus.reconstruct import Inapplicable, Method, get_method
+from malus.bench.results import table_of
+from malus.bench.share import Share
+from malus.bench.task import Made, Task
+from malus.reconstruct import get_method
 from malus.renderers.family import render_family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.truth import Truth
@@ -35,78 +32,6 @@ from malus.scenes.scene import Scene
 
 RENDERING = ("render", "interpolate in eta")
 """Stages that truths come from."""
-
-_NO_ROOM = {errno.ENOSPC, errno.EDQUOT}
-
-
-@dataclass(frozen=True)
-class Task:
-    """What shall be done for one family.
-
-    Attributes
-    ----------
-    id : str
-        Of the part that it makes.
-    methods : dict of name to reference
-        By the reference, such as `package.module:object`, another process finds the method.
-    examples : frozenset of str
-        Scenes whose images are kept for people to look at.
-    """
-
-    id: str
-    family: FamilyPlan
-    renderer: str
-    methods: dict[str, str]
-    metrics: tuple[str, ...] = ()
-    examples: frozenset[str] = frozenset()
-
-
-@dataclass
-class Made:
-    """What came of a task.
-
-    Attributes
-    ----------
-    table : DataFrame or None
-        None where not a single row could be made.
-    failures : list of Failure
-    examples : dict of file name to content
-        Compressed images of the few scenes that were asked for.
-    seconds : dict of stage to seconds
-    """
-
-    table: pd.DataFrame | None = None
-    failures: list[Failure] = field(default_factory=list)
-    examples: dict[str, bytes] = field(default_factory=dict)
-    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
-
-    def whole(self, methods: Iterable[str]) -> set[str]:
-        """Those of `methods` that worked on every scene."""
-        failed = {failure.method for failure in self.failures}
-        return set() if None in failed else set(methods) - failed
-
-    def worked(self, methods: Iterable[Method]) -> list[Method]:
-        """Those of `methods` that have not failed so far."""
-        failed = {failure.method for failure in self.failures}
-        return [method for method in methods if method.name not in failed]
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Count the seconds of a stage."""
-        started = time.perf_counter()
-        yield
-        self.seconds[name] += time.perf_counter() - started
-
-    @contextmanager
-    def guard(self, scene: Scene | None = None, method: Method | None = None) -> Iterator[None]:
-        """Record an exception and go on, unless it means that the run has to stop."""
-        try:
-            yield
-        except Exception as error:
-            _raise_what_stops(error)
-            name = scene.id if scene else None
-            self.failures.append(Failure.of(error, name, method.name if method else None))
-
 
 Engine = Callable[[Iterable[Task]], Iterator[tuple[Task, Made]]]
 """Does tasks, in any order; takes the next from the iterable only when it is about to start it."""
@@ -117,7 +42,7 @@ def here(variant: Variant) -> Engine:
 
     def one_after_the_other(tasks: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
         for task in tasks:
-            yield task, work(task, variant)
+            yield task, work(task, variant, os.cpu_count() or 1)
 
     return one_after_the_other
 
@@ -148,33 +73,67 @@ def _attempted(child: Child, task: Task, variant: Variant) -> Made:
 
 
 def _only(task: Task, variant: Variant) -> Iterator[Made]:
-    yield work(task, variant)
+    yield work(task, variant, os.cpu_count() or 1)
 
 
-def work(task: Task, variant: Variant) -> Made:
-    """Render a family and score every method on each of its scenes."""
+def work(task: Task, variant: Variant, threads: int = 1) -> Made:
+    """Render a family and score every method on each of its scenes.
+
+    Scenes are shared out among `threads` where every method allows it. The seconds of a stage are
+    then its part of the time that passed.
+    """
     made = Made()
     methods = [get_method(reference) for reference in task.methods.values()]
     metrics = get_metrics(task.metrics)
-    records: list[dict[str, Any]] = []
-    worst = 0.0
+    shares: list[Share] = []
     with made.guard():
-        for scene, truth in _truths(task, variant, made):
-            with made.guard(scene), made.stage("reconstruct and score"):
-                records += _rows(truth, methods, metrics, made)
-            if scene.id in task.examples:
-                with made.guard(scene), made.stage("write examples"):
-                    made.examples |= _example(truth, made.worked(methods))
-            worst = max(worst, truth.interpolation_error.get("rms", 0.0))
+        stage, truth_of = _renderer(task.family, task.renderer, variant, made, False)
+
+        def one(scene: Scene) -> Share:
+            share = Share(scene)
+            share.do(stage, truth_of, methods, metrics, scene.id in task.examples)
+            return share
+
+        started = time.perf_counter()
+        together = all(method.per_pixel for method in methods)
+        for share in _each(one, task.family.scenes, threads if together else 1):
+            shares.append(share)
+            made.failures += share.made.failures
+            made.examples |= share.made.examples
+        _add_seconds(made, shares, time.perf_counter() - started)
+    records = [record for share in shares for record in share.records]
     if records:
-        made.table = table_of(records)
-        made.table.attrs["interpolation_rms"] = worst
+        with made.stage("score"):
+            made.table = table_of(records)
+        made.table.attrs["interpolation_rms"] = max(share.interpolation_rms for share in shares)
         made.table.attrs["render_seconds"] = sum(made.seconds[name] for name in RENDERING)
     return made
 
 
-def _truths(task: Task, variant: Variant, made: Made) -> Iterator[tuple[Scene, Truth]]:
-    return truths(task.family, task.family.scenes, task.renderer, variant, made)
+def _each(one: Callable[[Scene], Share], scenes: Sequence[Scene], threads: int) -> Iterator[Share]:
+    """The shares of all scenes in their order, the same to the bit however many threads."""
+    # Several BLAS threads add in an order that depends on who else computes.
+    with threadpool_limits(1, "blas"):
+        if threads == 1:
+            yield from map(one, scenes)
+            return
+        pool = ThreadPoolExecutor(threads)
+        try:
+            yield from pool.map(one, scenes)
+        finally:
+            # After an error, or Ctrl-C, the scenes that have not begun are left.
+            pool.shutdown(cancel_futures=True)
+
+
+def _add_seconds(made: Made, shares: Sequence[Share], passed: float) -> None:
+    """Share out the time that passed as the stages were busy in all threads together."""
+    busy: defaultdict[str, float] = defaultdict(float)
+    for share in shares:
+        for stage, seconds in share.made.seconds.items():
+            busy[stage] += seconds
+    whole = sum(busy.values())
+    for stage, seconds in busy.items():
+        made.seconds[stage] += passed * seconds / whole
 
 
 def truths(
@@ -190,11 +149,7 @@ def truths(
     All of the family is rendered, because its nodes in η follow from all of its scenes. Standard
     errors cost time, and no score needs them: they are zero without `errors`.
     """
-    stage, truth_of = RENDERING[0], _torrance_sparrow
-    if renderer != "torrance-sparrow":
-        with made.stage(stage):
-            rendered = render_family(family.scenes, family.sampling, variant, errors=errors)
-        stage, truth_of = RENDERING[1], partial(rendered.truth, standard_error=errors)
+    stage, truth_of = _renderer(family, renderer, variant, made, errors)
     for scene in scenes:
         truth = None
         with made.guard(scene), made.stage(stage):
@@ -203,35 +158,12 @@ def truths(
             yield scene, truth
 
 
-def _torrance_sparrow(scene: Scene) -> Truth:
-    return render_torrance_sparrow(scene)
-
-
-def _rows(
-    truth: Truth, methods: Sequence[Method], metrics: Sequence[Metric], made: Made
-) -> list[dict[str, Any]]:
-    judge = Judge(truth)
-    records: list[dict[str, Any]] = []
-    for method in methods:
-        with made.guard(truth.scene, method):
-            try:
-                records += score_rows(truth.scene, method.name, judge.score(method, metrics))
-            except Inapplicable as reason:
-                records += inapplicable_rows(truth.scene, method.name, str(reason))
-    return records
-
-
-def _example(truth: Truth, methods: Sequence[Method]) -> dict[str, bytes]:
-    with tempfile.TemporaryDirectory() as folder:
-        keep(Path(folder), truth, methods)
-        return {path.name: path.read_bytes() for path in Path(folder).rglob("*.npz")}
-
-
-def _raise_what_stops(error: BaseException) -> None:
-    """Raise a stop by the user, or a full disk, also where another exception wraps it."""
-    cause: BaseException | None = error
-    while cause is not None:
-        full = isinstance(cause, OSError) and cause.errno in _NO_ROOM
-        if full or not isinstance(cause, Exception):
-            raise cause
-        cause = cause.__cause__ or cause.__context__
+def _renderer(
+    family: FamilyPlan, renderer: str, variant: Variant, made: Made, errors: bool
+) -> tuple[str, Callable[[Scene], Truth]]:
+    """What makes the truth of one scene, and the name of that stage; renders what all share."""
+    if renderer == "torrance-sparrow":
+        return RENDERING[0], render_torrance_sparrow
+    with made.stage(RENDERING[0]):
+        rendered = render_family(family.scenes, family.sampling, variant, errors=errors)
+    return RENDERING[1], partial(rendered.truth, standard_error=errors)

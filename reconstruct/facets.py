@@ -164,8 +164,8 @@ def integrate_dolp(
     surfaces = surfaces_at(zenith, eta, sigma)
     rho = np.empty(zenith.size)
     stiff = _stiff(surfaces, measure)
-    for ladder in (cheap_ladder(), robust_ladder()):
-        chosen: IndexArray = np.flatnonzero(stiff if ladder is robust_ladder() else ~stiff)
+    for ladder, hard in ((cheap_ladder(), False), (robust_ladder(), True)):
+        chosen: IndexArray = np.flatnonzero(stiff == hard)
         if chosen.size:
             rho[chosen], unsettled = _climb(surfaces.take(chosen), measure, ladder, tolerance)
             stiff[chosen[unsettled]] = True

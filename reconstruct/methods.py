@@ -36,12 +36,17 @@ class Method:
     reconstruct : function of an Observation that returns Components
     summary : str
         One line for `malus list`.
+    per_pixel : bool
+        What it finds at a pixel follows from that pixel and from what all share, and threads may
+        call it at once. It is then given the pixels of the mask alone, in rows that are no
+        picture.
     """
 
     name: str
     needs: frozenset[str]
     reconstruct: Callable[[Observation], Components]
     summary: str
+    per_pixel: bool = False
 
 
 def _unpolarised(observation: Observation) -> Components:
@@ -79,7 +84,11 @@ _SPECULAR: dict[str, tuple[LobeModel, frozenset[str], str]] = {
 
 
 TRIVIAL = Method(
-    "unpolarised", frozenset(), _unpolarised, "the trivial guess: half of I at every angle"
+    "unpolarised",
+    frozenset(),
+    _unpolarised,
+    "the trivial guess: half of I at every angle",
+    per_pixel=True,
 )
 
 
@@ -88,9 +97,10 @@ def _methods() -> list[Method]:
     for name, (model, needs, summary) in _SPECULAR.items():
         plain = functools.partial(from_lobes, specular_model=model, body_model=None)
         mended = functools.partial(from_lobes, specular_model=model, body_model=lobes.body)
-        found.append(Method(name, needs | LOBES, plain, summary))
+        found.append(Method(name, needs | LOBES, plain, summary, per_pixel=True))
         more = f"{summary}; body light polarised as it leaves"
-        found.append(Method(f"{name}+body", needs | LOBES | _GEOMETRY, mended, more))
+        all_needs = needs | LOBES | _GEOMETRY
+        found.append(Method(f"{name}+body", all_needs, mended, more, per_pixel=True))
     return found + [Method(*entry) for entry in BLIND]
 
 

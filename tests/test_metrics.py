@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from malus.bench.judge import Judge, score
-from malus.bench.metrics import Error, Residuals, Target, peak, skill, violations
+from malus.bench.metrics import Error, Residuals, nmse_by, skill
+from malus.bench.sight import Sight
 from malus.bench.view import observe
-from malus.reconstruct import Components, Method, Observation, get_method
+from malus.reconstruct import Components, Method, Observation, get_method, methods
+from malus.renderers import render
 from malus.renderers.truth import Truth
-from malus.scenes import Camera, Dielectric, Scene, Sphere, Uniform
+from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere, Uniform
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, polarised
 
 SIDE, BANDS = 12, 3
@@ -77,7 +80,7 @@ def brute_force_nmse(estimate: Components, truth: Truth, angles: tuple[float, ..
 def test_nmse_equals_brute_force(angles: tuple[float, ...]) -> None:
     truth = made_up_truth()
     estimate = constant_guess(observe(truth, frozenset()))
-    residuals = Residuals.of(Target.of(truth).missed_by(estimate), peak(truth))
+    residuals = Judge(truth).score(GUESS).residuals
     assert residuals.nmse(angles) == pytest.approx(
         brute_force_nmse(estimate, truth, angles), rel=1e-10
     )
@@ -148,14 +151,22 @@ def test_pure_noise_has_no_skill_to_report() -> None:
 
 
 def test_violations_are_counted() -> None:
-    image = np.ones((2, 3, 1))
-    s1 = np.array([[[0.0], [1.1], [np.nan]], [[0.5], [0.0], [-1.0]]])
-    total = image.copy()
-    total[1, 1] = 1.0001
-    mask = np.ones((2, 3), bool)
-    assert violations(Components(total, s1, 0 * image), image, mask) == 3
-    mask[0, 1] = False
-    assert violations(Components(total, s1, 0 * image), image, mask) == 2
+    truth = made_up_truth()
+    truth.mask[:] = False
+    truth.mask[0, :6] = True
+    total, s1 = truth.image.copy(), np.zeros_like(truth.image)
+    s1[0, 1, 0] = -1.1 * total[0, 1, 0]  # DoLP > 1 in one band
+    s1[0, 2] = np.nan
+    s1[0, 3] = 0.5 * total[0, 3]
+    s1[0, 4] = total[0, 4]  # exactly one
+    total[0, 5, 1] *= 1.0001
+    s1[5, 5] = np.inf  # off the mask
+    method = Method("bad", frozenset(), lambda seen: Components(total, s1, np.zeros_like(s1)), "")
+    assert Judge(truth).score(method).violations == 3
+    truth.mask[0, 1] = False
+    assert Judge(truth).score(method).violations == 2
+    total[0, 0] = -1.0
+    assert Judge(truth).score(method).violations == 3
 
 
 def test_table_values_belong_together() -> None:
@@ -169,6 +180,85 @@ def test_table_values_belong_together() -> None:
     assert len(bands) == BANDS
     assert np.mean(angles) == pytest.approx(whole.value, rel=1e-12)
     assert np.mean(bands) == pytest.approx(whole.value, rel=1e-12)
+
+
+def brute_force_agreement(truth: Truth, method: Method) -> tuple[np.ndarray, np.ndarray]:
+    """Totals and covariance from both halves of the samples, as matrix products in NumPy."""
+    halves = truth.halves()
+    weight = np.clip(truth.normals[truth.mask][:, 2], 0, 1) ** 4
+    true = [half.stokes[truth.mask] for half in halves]
+    found = [method.reconstruct(observe(half, method.needs)).stokes[truth.mask] for half in halves]
+    missed = [f - t for f, t in zip(found, true, strict=True)]
+    polarised = [t * [0, 1, 1] for t in true]
+    across = [t[..., [0, 2, 1]] * [0, -1, 1] for t in true]
+    angles = np.radians(PAPER_ANGLES_DEG)
+    rows = 0.5 * np.stack([np.ones(5), -np.cos(2 * angles), -np.sin(2 * angles)], axis=-1)
+
+    def seen(stokes: np.ndarray) -> np.ndarray:
+        return stokes @ rows.T / np.sqrt(5) * np.sqrt(weight)[:, None, None]
+
+    pairs = [
+        (missed, polarised),
+        (missed, across),
+        ([seen(m) for m in missed], [seen(m) for m in missed]),
+        (polarised, polarised),
+        ([seen(p) for p in polarised], [seen(p) for p in polarised]),
+    ]
+    largest = truth.image[truth.mask].max()
+    totals, draws = [], []
+    for a, b in pairs:
+        # Products of independent halves; and what is odd in the noise, which one draw of it adds.
+        totals.append(0.5 * np.sum(a[0] * b[1] + a[1] * b[0]) / largest**2)
+        draws.append(0.5 * np.sum(a[0] * b[0] - a[1] * b[1], axis=(1, 2)) / largest**2)
+    return np.array(totals), np.array(draws) @ np.array(draws).T
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+def test_agreement_equals_brute_force(noise: float) -> None:
+    truth = made_up_truth(3, noise)
+    normals = np.random.default_rng(4).normal(size=truth.normals.shape)
+    truth.normals[:] = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    found = Judge(truth).score(GUESS).agreement
+    totals, covariance = brute_force_agreement(truth, GUESS)
+    # Sums of a few hundred float64 products in another order.
+    np.testing.assert_allclose(found.totals, totals, rtol=1e-10)
+    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-9, atol=1e-14)
+    assert found.count == truth.mask.sum() * BANDS
+
+
+def test_noise_is_what_one_draw_changes() -> None:
+    truth = made_up_truth(6, noise=0.05)
+    found = Judge(truth).score(GUESS)
+    half = truth.halves()[0]
+    first, second = (
+        constant_guess(observe(t, frozenset())).stokes - t.stokes for t in (truth, half)
+    )
+    change = (second - first)[truth.mask] / truth.image[truth.mask].max()
+    expected = np.mean([polarised(change, a) ** 2 for a in PAPER_ANGLES_DEG])
+    assert found.noise.nmse() == pytest.approx(expected, rel=1e-10)
+    bands = nmse_by([found.residuals, found.noise], ((30.0,), PAPER_ANGLES_DEG))
+    assert bands.shape == (2, 2, BANDS)
+    assert bands[1, 1].mean() == pytest.approx(expected, rel=1e-10)
+
+
+def per_pixel_methods() -> list[str]:
+    return [name for name, method in methods().items() if method.per_pixel]
+
+
+@pytest.mark.parametrize("name", per_pixel_methods())
+def test_methods_a_pixel_need_no_picture(name: str) -> None:
+    """What they make of the mask's pixels in a row is what they make of the picture."""
+    surface = Dielectric(eta=1.5, alpha=0.3, body="unpolarised")
+    scene = SCENE.model_copy(update={"light": Distant(incidence_deg=50), "surface": surface})
+    truth = render(scene, renderer="torrance-sparrow")
+    truth.specular_noise[...] = 0.01 * truth.specular[..., ::-1, :, :]
+    sight, method = Sight.of(truth), get_method(name)
+    rows, pictures = (
+        sight.estimate(replace(method, per_pixel=flag)).stokes for flag in (True, False)
+    )
+    assert rows.shape == pictures.shape == (2, truth.mask.sum(), BANDS, 3)
+    # The same operations on the same numbers, vectorised over other lengths.
+    np.testing.assert_allclose(rows, pictures, rtol=0, atol=1e-6 * truth.image.max())
 
 
 def test_methods_see_only_what_they_need() -> None:

@@ -31,7 +31,8 @@ from malus.bench.parts import PLAN
 from malus.bench.plan import plan
 from malus.bench.results import EXAMPLES, PARTS, RUN
 from malus.bench.status import status
-from malus.bench.work import Engine, Made, Task, here
+from malus.bench.task import Made, Task
+from malus.bench.work import Engine, here
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers.variant import Variant, choose
 from malus.scenes import Camera, InputError, Scene, Suite, load_suite
