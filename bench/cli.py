@@ -92,7 +92,7 @@ def run(
     "--with",
     "beside",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=PLACE,
     metavar="DIR",
     help="Show the study in DIR (of `malus run precision` or `stress`) too; may be given twice.",
 )

@@ -79,7 +79,8 @@ def _read(path: Path) -> pd.DataFrame:
     expected = ", ".join(_COLUMNS[path.name])
     hint = f"`malus run {path.stem}` makes it"
     try:
-        found = pd.read_csv(path, dtype=dict.fromkeys(_TEXTS, str))
+        with path.open("rb") as file:
+            found = pd.read_csv(file, dtype=dict.fromkeys(_TEXTS, str))
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"columns {expected}", str(error), hint) from None
     if not set(_COLUMNS[path.name]) <= set(found.columns):
