@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.bench.contact_sheet import SHEET_SIDE, reduced, sheet, thumbnail
 from malus.bench.knowledge import Estimate, Knowledge, estimate
 from malus.bench.picture_files import write_picture
 from malus.bench.pictures import Picture
@@ -25,9 +26,10 @@ from malus.scenes.errors import InputError
 Progress = Callable[[str, float], None]
 """Told what is being done, and the share that is done."""
 
-SHEET_SIDE = 320
 SWEEP_SIDE = 512
 SWEEP_FRAMES = 36
+_UNPOLARISED = 0.002
+"""DoLP below which the contact sheet shows no angle."""
 _CLIPPED = 0.001
 """Share of clipped pixels from which their loss is worth a line."""
 
@@ -132,10 +134,10 @@ def _write(
         tell(f"writing {name}", 0.3 + 0.6 * i / len(views))
         seen = picture.showing(np.maximum(gain * view(), 0))
         write_picture(folder / f"{stem}_{name}{picture.suffix}", seen)
-        shown.append((name, _thumbnail(seen.linear, picture, SHEET_SIDE)))
+        shown.append((name, thumbnail(seen.linear, picture, SHEET_SIDE)))
     tell("writing maps", 0.92)
     shown += _maps(folder, stem, found)
-    _sheet(folder / f"{stem}_sheet.png", shown)
+    sheet(folder / f"{stem}_sheet.png", shown)
     if output.sweep:
         tell("writing the sweep", 0.95)
         _sweep(folder / f"{stem}_sweep.gif", picture, found, gain)
@@ -169,55 +171,24 @@ def _maps(folder: Path, stem: str, found: Components) -> list[tuple[str, NDArray
     for name, values, colours in (("dolp", dolp, "viridis"), ("aolp", aolp, "twilight")):
         codes = (values * 65535 + 0.5).astype(np.uint16)
         PIL.Image.fromarray(codes).save(folder / f"{stem}_{name}.png")
-        small = _reduced(values[..., None], SHEET_SIDE)[..., 0]
+        small = reduced(values[..., None], SHEET_SIDE)[..., 0]
         picture = (colormaps[colours](small)[..., :3] * 255).astype(np.uint8)
+        if name == "aolp":
+            # Light that is not polarised has no angle.
+            picture[reduced(dolp[..., None], SHEET_SIDE)[..., 0] < _UNPOLARISED] = 128
         shown.append((f"{name} 0 to {'1' if name == 'dolp' else '180'}", picture))
     return shown
-
-
-def _reduced(values: NDArray[Any], side: int) -> NDArray[Any]:
-    """Every n-th pixel, so that the longer side has at most `side`."""
-    step = max(1, math.ceil(max(values.shape[:2]) / side))
-    return values[::step, ::step]
-
-
-def _thumbnail(linear: NDArray[Any], picture: Picture, side: int) -> NDArray[np.uint8]:
-    """A small sRGB copy; float pictures are scaled to their brightest percent."""
-    from malus.bench.transfer import srgb_transfer
-
-    small = _reduced(linear, side)
-    white = 1.0 if picture.transfer is not None else float(np.quantile(picture.linear, 0.99)) or 1.0
-    codes = srgb_transfer(8).encoded(small / white)
-    return np.asarray(np.repeat(codes, 3, axis=-1) if codes.shape[-1] == 1 else codes)
-
-
-def _sheet(path: Path, shown: Sequence[tuple[str, NDArray[np.uint8]]]) -> None:
-    """All pictures side by side with their names."""
-    import PIL.Image
-    import PIL.ImageDraw
-
-    height, width = shown[0][1].shape[:2]
-    columns = min(4, len(shown))
-    rows = math.ceil(len(shown) / columns)
-    cell = max(width, 90) + 8, height + 24
-    sheet = PIL.Image.new("RGB", (columns * cell[0], rows * cell[1]), "white")
-    draw = PIL.ImageDraw.Draw(sheet)
-    for i, (name, picture) in enumerate(shown):
-        corner = (i % columns) * cell[0] + 4, (i // columns) * cell[1] + 18
-        sheet.paste(PIL.Image.fromarray(picture), corner)
-        draw.text((corner[0], corner[1] - 14), name, fill="black")
-    sheet.save(path)
 
 
 def _sweep(path: Path, picture: Picture, found: Components, gain: np.float32) -> None:
     """An animation through 180° of the polariser."""
     import PIL.Image
 
-    image, s1, s2 = (_reduced(a, SWEEP_SIDE) for a in (found.image, found.s1, found.s2))
+    image, s1, s2 = (reduced(a, SWEEP_SIDE) for a in (found.image, found.s1, found.s2))
     small = Components(image, s1, s2)
     angles = np.arange(SWEEP_FRAMES) * (180.0 / SWEEP_FRAMES)
     frames = [
-        PIL.Image.fromarray(_thumbnail(gain * polarised(small, float(a)), picture, SWEEP_SIDE))
+        PIL.Image.fromarray(thumbnail(gain * polarised(small, float(a)), picture, SWEEP_SIDE))
         for a in angles
     ]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=80, loop=0)

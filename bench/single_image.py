@@ -1,16 +1,16 @@
 """What one ordinary image tells, stage by stage, on truths: `python -m malus.bench.single_image`.
 
-Every stage is measured against the truth of the same scenes: separation by colour on bodies that
-were coloured (a body's Stokes lobe times a colour a band, for light transport is linear), and
-shape, parameters and polarisation on grey ones, where separation has to come from the shape.
+Every stage is measured against the truth of the same scenes: separation by colour on coloured
+bodies; shape, parameters and polarisation on grey ones, where separation has to come from the
+shape, or with `--coloured` on the same coloured bodies.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import click
@@ -33,8 +33,8 @@ from malus.scenes.materials import materials, surfaces
 Image = NDArray[np.floating[Any]]
 Row = dict[str, Any]
 
-COLOURS = ((0.25, 0.45, 1.0), (0.3, 1.0, 0.35), (1.0, 0.35, 0.2), (1.0, 0.8, 0.3), (0.9, 0.5, 0.8))
-"""Body colours from blue to red, in the order of the bands; scenes take turns."""
+COLOURS = ("blue", "light_skin", "green", "foliage", "red", "yellow", "magenta")
+"""Swatches of coloured bodies, some strong, some pale; scenes take turns."""
 INCIDENCES_DEG = (20.0, 45.0, 60.0, 80.0)
 BANDS_NM = (450.0, 550.0, 650.0)
 LEVELS = {
@@ -44,54 +44,61 @@ LEVELS = {
 }
 
 
-def coloured(truth: Truth, colour: Sequence[float]) -> Truth:
-    """The same scene with a body of that colour: its lobe times the colour, band by band."""
-    factor = np.asarray(colour, dtype=truth.diffuse.dtype)[:, None]
-    return replace(
-        truth, diffuse=truth.diffuse * factor, diffuse_noise=truth.diffuse_noise * factor
-    )
+def truths(shapes: Sequence[str], every: int, resolution: int, coloured: bool) -> Iterator[Truth]:
+    """All 24 x 5 x 2 bodies x 4 lights of each shape, or every n-th of them.
 
-
-def truths(shapes: Sequence[str], every: int, resolution: int) -> Iterator[Truth]:
-    """All 24 x 5 x 2 bodies x 4 lights of each shape, or every n-th of them."""
-    for shape in shapes:
-        for surface in surfaces():
-            for body in ("unpolarised", "polarised"):
-                for turn, incidence in enumerate(INCIDENCES_DEG):
-                    names = list(materials())[turn % every :: every]
-                    scenes = [
-                        _scene(shape, name, surface, body, incidence, resolution) for name in names
-                    ]
-                    family = render_family(scenes, Sampling(samples=64))
-                    yield from (family.truth(scene) for scene in scenes)
+    Which materials every n-th are changes with the light, and the shapes take turns, so that a
+    part of the scenes stands for all of them.
+    """
+    turn = 0
+    for surface, body in itertools.product(surfaces(), ("unpolarised", "polarised")):
+        for first, incidence in enumerate(INCIDENCES_DEG):
+            names = list(materials())[first % every :: every]
+            for shape in shapes:
+                scenes = []
+                for name in names:
+                    colour = COLOURS[turn % len(COLOURS)] if coloured else None
+                    scenes.append(_scene(shape, name, surface, body, incidence, resolution, colour))
+                    turn += 1
+                family = render_family(scenes, Sampling(samples=64))
+                yield from (family.truth(scene) for scene in scenes)
 
 
 def _scene(
-    shape: str, material: str, surface: str, body: Any, incidence: float, resolution: int
+    shape: str,
+    material: str,
+    surface: str,
+    body: Any,
+    incidence: float,
+    resolution: int,
+    colour: str | None,
 ) -> Scene:
+    made = Dielectric.named(material, surface, body)
     return Scene(
         shape=Sphere() if shape == "sphere" else Blob(seed=int(shape.removeprefix("blob") or 0)),
-        surface=Dielectric.named(material, surface, body),
+        surface=made if colour is None else made.model_copy(update={"albedo": colour}),
         light=Distant(incidence_deg=incidence),
         camera=Camera(resolution=resolution),
         wavelengths_nm=BANDS_NM,
     )
 
 
-def separation_row(truth: Truth, turn: int) -> Row:
+def separation_row(truth: Truth) -> Row:
     """RMSE of I_s over its largest value, by method, without and with the tint of dispersion."""
-    scene = coloured(truth, COLOURS[turn % len(COLOURS)])
-    true, mask = scene.specular[..., 0], scene.mask
+    true, mask = truth.specular[..., 0], truth.mask
     tint = mirrored_tint(BANDS_NM)
     row = _scene_columns(truth)
     for method in SEPARATIONS:
         for label, used in (("", None), ("+tint", tint)):
-            found = separate(scene.image, mask, None, method, used).specular
+            try:
+                found = separate(truth.image, mask, None, method, used).specular
+            except Inapplicable as reason:
+                return {**row, "failed": str(reason)}
             error = np.sqrt(np.mean(np.square((found - true)[mask], dtype=np.float64)))
             row[method + label] = float(error) / float(true[mask].max())
     for name, estimator in ILLUMINANTS.items():
         try:
-            colour = estimator(scene.image, mask).colour
+            colour = estimator(truth.image, mask).colour
         except Inapplicable:
             row[f"light {name}"] = np.nan
             continue
@@ -207,6 +214,7 @@ def _summary(rows: list[Row], group: Sequence[str]) -> None:
 @click.option("--every", type=click.IntRange(1, 24), default=1, help="Every n-th material.")
 @click.option("--level", "levels", multiple=True, default=("blind-light",), show_default=True)
 @click.option("--resolution", default=96, show_default=True)
+@click.option("--coloured", is_flag=True, help="Coloured bodies for the chain too.")
 @click.option("--rows", "out", type=click.File("w"), help="Write every row as a line of JSON.")
 def main(
     stage: str,
@@ -214,6 +222,7 @@ def main(
     every: int,
     levels: tuple[str, ...],
     resolution: int,
+    coloured: bool,
     out: Any,
 ) -> None:
     """Measure one stage of the single-image chain on 24 materials x 5 surfaces x 2 bodies."""
@@ -221,9 +230,9 @@ def main(
         click.echo(json.dumps(megapixels_per_second(), indent=1))
         return
     rows = []
-    for turn, truth in enumerate(truths(shapes, every, resolution)):
+    for truth in truths(shapes, every, resolution, coloured or stage == "separation"):
         for level in levels if stage == "chain" else ("",):
-            row = chain_row(truth, level) if level else separation_row(truth, turn)
+            row = chain_row(truth, level) if level else separation_row(truth)
             rows.append(row)
             if out is not None:
                 # A line at once, so that a run that is stopped keeps what it measured.

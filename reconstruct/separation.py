@@ -117,7 +117,8 @@ def separate(
     body_light = SEPARATIONS[method].body_light(space)
     # Neither lobe can be negative, and both add up to what was seen.
     mirrored = np.clip(space.intensity - body_light, 0, None)[..., None] * colour
-    specular = np.where(mask[..., None], np.minimum(mirrored, np.maximum(image, 0)), 0)
+    # Where it is too dark to have a colour, noise would pass for highlights: all is the body's.
+    specular = np.where(space.lit[..., None], np.minimum(mirrored, np.maximum(image, 0)), 0)
     specular = specular.astype(image.dtype, copy=False)
     return Separation(np.where(mask[..., None], image, 0) - specular, specular)
 

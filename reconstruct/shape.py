@@ -27,10 +27,10 @@ Mask = NDArray[np.bool_]
 
 SMOOTHNESS = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
 """Stages of the search, from the outline's shape to the picture's."""
-STOP = 0.003
+STOP = 0.0012
 """Error of the irradiance at which bending further would explain noise."""
 INTEGRABILITY = 0.1
-PLAUSIBLE_LEVEL, PLAUSIBLE_ALPHA = 1e-5, 1e-6
+PLAUSIBLE_LEVEL, PLAUSIBLE_ALPHA = 1e-5, 3e-6
 USUAL_ALPHA = 0.3
 JUDGED = 3e-4
 """Stage at which a picture must be explained roughly: bent further, a shape explains even noise."""
@@ -137,6 +137,9 @@ def recover_shape(
     starts = sum(c.starts for c in candidates if c.body == best.body)
     convergence = Convergence(best.at_minimum, best.error, best.starts, starts)
     normals = reduced.enlarged(best.guess.normals, mask)
+    if known.irradiance is not None:
+        # From the search, where what is usual counts: on a bent shape the level alone says little.
+        known = replace(known, eta=best.eta)
     parameters = _finished(image, mask, direction, known, normals, best.body)
     return Recovered(normals.astype(image.dtype), parameters, convergence)
 
