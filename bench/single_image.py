@@ -47,21 +47,20 @@ LEVELS = {
 def truths(shapes: Sequence[str], every: int, resolution: int, coloured: bool) -> Iterator[Truth]:
     """All 24 x 5 x 2 bodies x 4 lights of each shape, or every n-th of them.
 
-    Which materials every n-th are changes with the light, and the shapes take turns, so that a
-    part of the scenes stands for all of them.
+    Materials and colours take turns, so that a part of the scenes stands for all of them.
     """
-    turn = 0
-    for surface, body in itertools.product(surfaces(), ("unpolarised", "polarised")):
-        for first, incidence in enumerate(INCIDENCES_DEG):
-            names = list(materials())[first % every :: every]
-            for shape in shapes:
-                scenes = []
-                for name in names:
-                    colour = COLOURS[turn % len(COLOURS)] if coloured else None
-                    scenes.append(_scene(shape, name, surface, body, incidence, resolution, colour))
-                    turn += 1
-                family = render_family(scenes, Sampling(samples=64))
-                yield from (family.truth(scene) for scene in scenes)
+    colours = itertools.cycle(COLOURS if coloured else (None,))
+    lit = itertools.product(surfaces(), ("unpolarised", "polarised"), INCIDENCES_DEG)
+    for turn, (surface, body, incidence) in enumerate(lit):
+        # Seven and 24 have no common divisor: the first material of a turn is each one in turn.
+        names = list(materials())[7 * turn % every :: every]
+        for shape in shapes:
+            scenes = [
+                _scene(shape, name, surface, body, incidence, resolution, next(colours))
+                for name in names
+            ]
+            family = render_family(scenes, Sampling(samples=64))
+            yield from (family.truth(scene) for scene in scenes)
 
 
 def _scene(
@@ -213,7 +212,7 @@ def _summary(rows: list[Row], group: Sequence[str]) -> None:
 @click.option("--shape", "shapes", multiple=True, default=("sphere", "blob"), show_default=True)
 @click.option("--every", type=click.IntRange(1, 24), default=1, help="Every n-th material.")
 @click.option("--level", "levels", multiple=True, default=("blind-light",), show_default=True)
-@click.option("--resolution", default=96, show_default=True)
+@click.option("--resolution", default=48, show_default=True)
 @click.option("--coloured", is_flag=True, help="Coloured bodies for the chain too.")
 @click.option("--rows", "out", type=click.File("w"), help="Write every row as a line of JSON.")
 def main(
