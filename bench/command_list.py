@@ -17,6 +17,7 @@ from malus.scenes.lights import Light
 from malus.scenes.materials import materials, surfaces
 from malus.scenes.metals import metals
 from malus.scenes.model import Model
+from malus.scenes.patterns import Pattern
 from malus.scenes.shapes import Shape
 from malus.scenes.suite import load_suite, suite_names
 
@@ -38,6 +39,7 @@ def list_things(what: str) -> None:
         "metals": _metals,
         "surfaces": _surfaces,
         "swatches": _swatches,
+        "patterns": lambda: _kinds("patterns: where each of several surfaces is", Pattern),
         "shapes": lambda: _kinds("shapes", Shape),
         "lights": lambda: _kinds("lights", Light),
     }

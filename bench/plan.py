@@ -9,6 +9,7 @@ import numpy as np
 
 from malus.renderers.family import FamilyKey
 from malus.renderers.nodes import Nodes
+from malus.renderers.patterned import with_part
 from malus.scenes.model import content_id
 from malus.scenes.scene import Sampling, Scene
 from malus.scenes.suite import Suite
@@ -66,6 +67,13 @@ def _family(key: FamilyKey, scenes: Sequence[Scene], sampling: Sampling) -> Fami
     if key.room:  # nothing is interpolated: every band of both lobes is rendered
         bands = len(key.room.wavelengths_nm)
         return FamilyPlan(tuple(scenes), sampling, bands, bands, traces=bands)
+    if key.pattern:
+        parts = [
+            _family(FamilyKey.of(one[0]), one, sampling)
+            for one in ([with_part(s, i) for s in scenes] for i in range(len(key.parts)))
+        ]
+        counts = (sum(p.interface for p in parts), sum(p.body for p in parts))
+        return FamilyPlan(tuple(scenes), sampling, *counts, traces=len(parts))
     nodes = Nodes.of(np.concatenate([scene.eta for scene in scenes]))
     interface = len(nodes.rendered)
     body = interface if key.body == "polarised" else 1

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +14,10 @@ from malus.renderers.bsdfs import bsdfs
 from malus.renderers.interpolated import Family, FamilyKey, interpolate
 from malus.renderers.lobes import Floats, Lobes
 from malus.renderers.nodes import Nodes
+from malus.renderers.patterned import PatternedFamily, chosen, shares, with_part
 from malus.renderers.room import Rendered, render_room
-from malus.renderers.variant import Variant, choose
+from malus.renderers.variant import Variant, choose, mitsuba
+from malus.scenes.errors import InputError
 from malus.scenes.scene import Sampling, Scene
 
 __all__ = ["Family", "FamilyKey", "render_family"]
@@ -26,7 +29,7 @@ def render_family(
     variant: Variant | None = None,
     errors: bool = True,
     nodes: int | None = None,
-) -> Family | Rendered:
+) -> Family | Rendered | PatternedFamily:
     """Render what all of `scenes` need; they must share a FamilyKey.
 
     Parameters
@@ -53,27 +56,68 @@ def render_family(
     key = keys.pop()
     if key.room:
         return Rendered(render_room(key.room, sampling, variant or choose()))
-    points = Nodes.of(np.concatenate([scene.eta for scene in scenes]), nodes)
+    chosen_variant = variant or choose()
+    if key.pattern:
+        return _patterned(key, scenes, sampling, chosen_variant, Options(errors, nodes))
+    return _plain(key, scenes, sampling, chosen_variant, Options(errors, nodes))
+
+
+@dataclass(frozen=True)
+class Options:
+    """Of `render_family`; `where` tells which hits are shaded, by default all."""
+
+    errors: bool = True
+    nodes: int | None = None
+    where: Callable[[Any, Any], Any] | None = None
+
+
+def _plain(
+    key: FamilyKey, scenes: list[Scene], sampling: Sampling, variant: Variant, options: Options
+) -> Family:
+    points = Nodes.of(np.concatenate([scene.eta for scene in scenes]), options.nodes)
     started = time.perf_counter()
-    chosen = variant or choose()
-    lobes = _render(key, list(points.rendered), sampling, chosen, errors)
+    lobes = _render(key, list(points.rendered), sampling, variant, options)
     seconds = time.perf_counter() - started
     if points.held_out is None:
-        return Family(key, points, lobes, chosen.name, seconds, {"rms": 0.0, "worst": 0.0})
+        return Family(key, points, lobes, variant.name, seconds, {"rms": 0.0, "worst": 0.0})
     error = _measure(lobes, points)
     kept = _without_held_out(lobes, len(points.values))
-    return Family(key, points, kept, chosen.name, seconds, error)
+    return Family(key, points, kept, variant.name, seconds, error)
+
+
+def _patterned(
+    key: FamilyKey, scenes: list[Scene], sampling: Sampling, variant: Variant, options: Options
+) -> PatternedFamily:
+    if not variant.vectorised:
+        hint = "install LLVM 17 or later (`malus doctor` says how), or choose one surface"
+        where, expected = f"scene {scenes[0].id}", "LLVM or CUDA for several surfaces on one object"
+        raise InputError(where, expected, variant.name, hint)
+    assert key.pattern is not None
+    mi, count = mitsuba(variant), len(key.parts)
+    families = []
+    for index in range(count):
+        parts = [with_part(scene, index) for scene in scenes]
+        only_here = replace(options, where=chosen(mi, key.pattern, count, index))
+        families.append(_plain(FamilyKey.of(parts[0]), parts, sampling, variant, only_here))
+    stage = wavefront.stage(variant, key.shape, key.camera)
+    side = key.camera.resolution
+    seen = shares(mi, stage.scene, side, key.pattern, count).reshape(side, side, count)
+    return PatternedFamily(key, tuple(families), seen, sampling.samples)
 
 
 def _render(
-    key: FamilyKey, etas: list[float | complex], sampling: Sampling, variant: Variant, errors: bool
+    key: FamilyKey,
+    etas: list[float | complex],
+    sampling: Sampling,
+    variant: Variant,
+    options: Options,
 ) -> Lobes:
     if not variant.vectorised:
         return stock.render_lobes(
             variant, key.shape, key.camera, key.light, etas, key.alpha, key.body, sampling
         )
     interface, body = bsdfs(variant, etas, key.alpha, key.body)
-    shading = wavefront.Shading(interface, body, errors)
+    shading = wavefront.Shading(interface, body, options.errors, options.where)
     return wavefront.stage(variant, key.shape, key.camera).render(key.light, shading, sampling)
 
 

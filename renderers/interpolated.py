@@ -15,9 +15,10 @@ from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 from malus.scenes.camera import Camera
 from malus.scenes.lights import Light
+from malus.scenes.patterns import Pattern
 from malus.scenes.scene import Scene
 from malus.scenes.shapes import Shape
-from malus.scenes.surface import AnyBody
+from malus.scenes.surface import AnyBody, Patterned
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -32,16 +33,31 @@ class FamilyKey:
     alpha: float
     body: AnyBody
     room: Scene | None = None
+    pattern: Pattern | None = None
+    parts: tuple[tuple[float, AnyBody], ...] = ()
 
     @classmethod
     def of(cls, scene: Scene) -> FamilyKey:
         """The family of a scene: all of it but the material, the bands and the albedo.
 
-        A scene with surroundings is a family of its own, `room`.
+        A scene with surroundings is a family of its own, `room`. Surfaces in a `pattern` have a
+        roughness and a body each, `parts`; `alpha` and `body` are then those of the first.
         """
         surface = scene.surface
-        room = scene if scene.surroundings else None
-        return cls(scene.shape, scene.camera, scene.light, surface.alpha, surface.body, room)
+        if isinstance(surface, Patterned):
+            pattern, surfaces = surface.pattern, surface.surfaces
+        else:
+            pattern, surfaces = None, (surface,)
+        return cls(
+            scene.shape,
+            scene.camera,
+            scene.light,
+            surfaces[0].alpha,
+            surfaces[0].body,
+            room=scene if scene.surroundings else None,
+            pattern=pattern,
+            parts=tuple((part.alpha, part.body) for part in surfaces) if pattern else (),
+        )
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ sums them in a fixed order: results do not depend on the number of threads.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -40,11 +40,15 @@ def stage(variant: Variant, shape: Shape, camera: Camera) -> Stage:
 
 @dataclass(frozen=True)
 class Shading:
-    """What every hit is shaded with: the BSDFs at the nodes, and whether variances are kept."""
+    """What every hit is shaded with: the BSDFs at the nodes, and whether variances are kept.
+
+    `where`, from a hit and random numbers, tells which hits are shaded; by default all.
+    """
 
     interface: Sequence[Any]
     body: Sequence[Any]
     errors: bool
+    where: Callable[[Any, Any], Any] | None = None
 
     @property
     def layout(self) -> Layout:
@@ -147,8 +151,11 @@ class Stage:
         """Normal, Stokes of every BSDF, and the products that the variances need."""
         dr = self.dr
         to_camera = to_camera_frame(self.mi, self.sensor, ray)
-        mirrored = self._lobe(hit, light, shading.interface, to_camera, random)
-        scattered = self._lobe(hit, light, shading.body, to_camera, random)
+        valid = hit.is_valid()
+        if shading.where is not None:
+            valid &= shading.where(hit, random)
+        mirrored = self._lobe(hit, valid, light, shading.interface, to_camera, random)
+        scattered = self._lobe(hit, valid, light, shading.body, to_camera, random)
         normal = [dr.select(hit.is_valid(), c, 0.0) for c in hit.sh_frame.n]
         if not shading.errors:
             return normal + mirrored + scattered
@@ -159,11 +166,16 @@ class Stage:
         return normal + mirrored + scattered + squares + products
 
     def _lobe(
-        self, hit: Any, light: Sampler, bsdfs: Sequence[Any], to_camera: Any, random: Any
+        self,
+        hit: Any,
+        valid: Any,
+        light: Sampler,
+        bsdfs: Sequence[Any],
+        to_camera: Any,
+        random: Any,
     ) -> list[Any]:
         """s0, s1, s2 in the camera's frame for each of `bsdfs`, light directions shared."""
         dr = self.dr
-        valid = hit.is_valid()
         values = [self.mi.Float(0.0) for _ in range(3 * len(bsdfs))]
         for direction, weight in light(hit, bsdfs[0], random, valid):
             if not self.convex:

@@ -3,23 +3,27 @@
 from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Area, Distant, Environment, Light, Sky, Uniform
+from malus.scenes.patterns import Checker, ImageTexture, Spots, Stripes
 from malus.scenes.scene import Sampling, Scene
 from malus.scenes.shapes import Blob, MeshFile, Plane, Shape, Sphere, Superquadric, Torus
 from malus.scenes.suite import Suite, load_suite, suite_names
-from malus.scenes.surface import Conductor, Dielectric
+from malus.scenes.surface import Conductor, Dielectric, Patterned
 from malus.scenes.surroundings import Placed, Surroundings
 
 __all__ = [
     "Area",
     "Blob",
     "Camera",
+    "Checker",
     "Conductor",
     "Dielectric",
     "Distant",
     "Environment",
+    "ImageTexture",
     "InputError",
     "Light",
     "MeshFile",
+    "Patterned",
     "Placed",
     "Plane",
     "Sampling",
@@ -27,6 +31,8 @@ __all__ = [
     "Shape",
     "Sky",
     "Sphere",
+    "Spots",
+    "Stripes",
     "Suite",
     "Superquadric",
     "Surroundings",

@@ -50,7 +50,7 @@ def radiance_map(light: Environment | Sky) -> Map:
     if light.name == "studio":
         return _studio()
     path = light.file
-    readers = {".exr": _read_exr, ".hdr": _read_hdr}
+    readers = {".exr": read_grey, ".hdr": _read_hdr}
     if path.suffix.lower() not in readers:
         expected = "studio, or the path of an .exr or .hdr file"
         raise InputError("environment", expected, light.name, "correct the name")
@@ -105,7 +105,14 @@ def _studio() -> Map:
     return light.astype(np.float32)
 
 
-def _read_exr(path: Path) -> Map:
+def read_grey(path: Path) -> Map:
+    """Mean of the colours of an EXR file, (rows, columns) from the top.
+
+    Raises
+    ------
+    InputError
+        A file that is missing, malformed, without colours or larger than 64 megapixels.
+    """
     import OpenEXR
 
     try:

@@ -51,9 +51,11 @@ class Scene(Model):
     surroundings: Surroundings | None = Field(default=None, exclude_if=lambda value: value is None)
 
     @model_validator(mode="after")
-    def _known_colours(self) -> Self:
+    def _surfaces_fit(self) -> Self:
         for placed in self.objects:
             placed.surface.albedos(self.wavelengths_nm)
+            if self.surroundings and placed.surface.kind == "patterned":
+                raise ValueError("patterned surfaces only in scenes without surroundings")
         return self
 
     @property

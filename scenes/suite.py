@@ -15,11 +15,12 @@ from malus.scenes.camera import Camera
 from malus.scenes.content import digest_of
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Light
-from malus.scenes.materials import materials, surface, surfaces
+from malus.scenes.materials import materials, surfaces
 from malus.scenes.model import Model
+from malus.scenes.patterns import ImageTexture
 from malus.scenes.scene import Sampling, Scene, Wavelengths
 from malus.scenes.shapes import MeshFile, Shape
-from malus.scenes.substances import Roughness, Substance, coated, known
+from malus.scenes.substances import Finish, Patchwork, Substance, coated, known_names
 from malus.scenes.surface import Body
 from malus.scenes.surroundings import Surroundings
 
@@ -56,7 +57,7 @@ class Suite(Model):
     description: str = ""
     shapes: tuple[Shape, ...] = Field(min_length=1)
     materials: tuple[Substance, ...] = Field(min_length=1)
-    surfaces: tuple[str | Roughness, ...] = Field(min_length=1)
+    surfaces: tuple[Finish, ...] = Field(min_length=1)
     lights: tuple[Light, ...] = Field(min_length=1)
     bodies: tuple[Body, ...] = Field(default=("unpolarised",), min_length=1)
     surroundings: tuple[Surroundings, ...] = Field(default=(), exclude_if=lambda value: not value)
@@ -80,11 +81,7 @@ class Suite(Model):
 
     @model_validator(mode="after")
     def _known_names(self) -> Self:
-        for substance in self.materials:
-            known(substance)
-        for rough in self.surfaces:
-            if isinstance(rough, str):
-                surface(rough)
+        known_names(self.materials, self.surfaces)
         return self
 
     def scenes(self) -> Iterator[Scene]:
@@ -149,8 +146,11 @@ def load_suite(name_or_path: str | Path) -> Suite:
     folder = Path(where).parent
     shapes = tuple(_mesh_file(shape, folder) for shape in suite.shapes)
     lights = tuple(_map_file(light, folder) for light in suite.lights)
+    finishes = tuple(_painted(finish, folder) for finish in suite.surfaces)
     around = tuple(_files_around(surroundings, folder) for surroundings in suite.surroundings)
-    return suite.model_copy(update={"shapes": shapes, "lights": lights, "surroundings": around})
+    return suite.model_copy(
+        update={"shapes": shapes, "lights": lights, "surfaces": finishes, "surroundings": around}
+    )
 
 
 def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
@@ -191,6 +191,14 @@ def _mesh_file(shape: AnyShape, folder: Path) -> AnyShape:
         return shape
     path, digest = _known_by_content(folder / shape.path, "mesh file")
     return shape.model_copy(update={"path": path, "digest": digest})
+
+
+def _painted(finish: Finish, folder: Path) -> Finish:
+    if not isinstance(finish, Patchwork) or not isinstance(finish.pattern, ImageTexture):
+        return finish
+    path, digest = _known_by_content(folder / finish.pattern.path, "picture")
+    pattern = finish.pattern.model_copy(update={"path": path, "digest": digest})
+    return finish.model_copy(update={"pattern": pattern})
 
 
 def _map_file(light: Light, folder: Path) -> Light:

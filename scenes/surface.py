@@ -12,6 +12,7 @@ from malus.scenes.albedo import Albedo, reflectance
 from malus.scenes.materials import material, surface
 from malus.scenes.metals import metal
 from malus.scenes.model import Model
+from malus.scenes.patterns import Pattern
 
 Body = Literal["unpolarised", "polarised"]
 AnyBody = Literal["unpolarised", "polarised", "none"]
@@ -165,7 +166,59 @@ def _kind(value: Any) -> Any:
     return value.get("kind", "dielectric") if isinstance(value, dict) else value.kind
 
 
-Surface = Annotated[
+Plain = Annotated[
     Annotated[Dielectric, Tag("dielectric")] | Annotated[Conductor, Tag("conductor")],
+    Discriminator(_kind),
+]
+"""The same material, roughness and colour all over."""
+
+
+class Patterned(Model):
+    """Several surfaces on one object, where a pattern puts them."""
+
+    kind: Literal["patterned"] = "patterned"
+    pattern: Pattern
+    surfaces: tuple[Plain, ...] = Field(min_length=2, max_length=8)
+
+    @property
+    def label(self) -> str:
+        """Pattern and roughnesses in tables."""
+        return f"{self.pattern.label} of {' and '.join(part.label for part in self.surfaces)}"
+
+    @property
+    def material_label(self) -> str:
+        """Names of the materials in tables."""
+        return " and ".join(dict.fromkeys(part.material_label for part in self.surfaces))
+
+    @property
+    def roughness(self) -> None:
+        """No name: there are several."""
+
+    @property
+    def alpha(self) -> float:
+        """Mean roughness, for tables; where each is, a truth's `alpha` says."""
+        return float(np.mean([part.alpha for part in self.surfaces]))
+
+    @property
+    def body(self) -> str:
+        """That of all surfaces, or 'mixed'."""
+        bodies = {part.body for part in self.surfaces}
+        return bodies.pop() if len(bodies) == 1 else "mixed"
+
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.inexact[Any]]:
+        """Mean index of every band, for tables; where each is, a truth's `eta` says."""
+        found = [part.indices(wavelengths_nm) for part in self.surfaces]
+        return np.asarray(np.mean(found, axis=0))
+
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+        """Mean albedo of every band."""
+        found = [part.albedos(wavelengths_nm) for part in self.surfaces]
+        return np.asarray(np.mean(found, axis=0))
+
+
+Surface = Annotated[
+    Annotated[Dielectric, Tag("dielectric")]
+    | Annotated[Conductor, Tag("conductor")]
+    | Annotated[Patterned, Tag("patterned")],
     Discriminator(_kind),
 ]

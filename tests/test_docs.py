@@ -144,7 +144,7 @@ def take_pictures(folder: Path) -> None:
 @pytest.fixture
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures take seconds a run: `finished` writes a report once."""
-    monkeypatch.setattr("malus.reports.write.write_report", lambda results, out: [])
+    monkeypatch.setattr("malus.reports.write.write_report", lambda *_: [])
 
 
 def follow(document: Path, folder: Path) -> dict[str, Any]:
