@@ -90,6 +90,28 @@ def render(resolution: int, samples: int, backend: str, out: Path | None) -> Non
     _tell(lines, out, "render", figures)
 
 
+@bench_command.command("scaling")
+@click.option("--most", type=click.IntRange(min=48), default=10_000, show_default=True)
+@_OUT
+def scaling(most: int, out: Path | None) -> None:
+    """What many scenes cost besides rendering: planning, tables, files, memory, the scheduler.
+
+    Up to `--most` scenes are measured with made-up results, in steps of ten; 1e5 and 1e6 are drawn
+    on from there.
+
+    \b
+    Example:
+      malus bench scaling --most 1000
+    """
+    from dataclasses import asdict
+
+    from malus.bench.scaling import measure, messages, report_lines
+
+    scales, carried = measure([max(24, most // 100), most // 10, most]), messages()
+    figures = [asdict(scale) for scale in scales] + [asdict(carried)]
+    _tell(report_lines(scales, carried), out, "scaling", figures)
+
+
 def _tell(lines: list[str], out: Path | None, name: str, figures: list[dict[str, Any]]) -> None:
     """Print the lines; write the figures as NAME.json."""
     for line in lines:

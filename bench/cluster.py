@@ -136,6 +136,13 @@ def _made(future: Any) -> Made:
     return Made(failures=[Failure.of(error)])
 
 
+@contextmanager
+def local_cluster(workers: int) -> Iterator[Any]:
+    """The client of a cluster of so many processes on this machine."""
+    with ExitStack() as stack:
+        yield _local(workers, stack)
+
+
 def _local(workers: int, stack: ExitStack) -> Any:
     """A cluster of processes with one task each, which end with this one however it ends."""
     distributed = _distributed()

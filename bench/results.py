@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import platform
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -27,6 +28,9 @@ RUN = "run.json"
 PARTS = "parts"
 EXAMPLES = "examples"
 
+GROUP_ROWS = 100_000
+"""Rows that are held before they are written: some 30 MB."""
+
 
 @dataclass(frozen=True)
 class Results:
@@ -47,7 +51,12 @@ class Results:
     @property
     def headlines(self) -> pd.DataFrame:
         """Rows over all bands and angles."""
-        return self.table[self.table.band_nm.isna() & self.table.angle_deg.isna()]
+        return headlines(self.table)
+
+
+def headlines(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows of a table over all bands and angles."""
+    return table[table.band_nm.isna() & table.angle_deg.isna()]
 
 
 class Record(NamedTuple):
@@ -176,10 +185,49 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 def write_results(out: Path, results: Results) -> None:
     """The table as Parquet, its headline rows as CSV, and run.json."""
-    write_whole(out / TABLE, lambda path: results.table.to_parquet(path, index=False))
-    headlines = results.headlines.drop(columns=["band_nm", "angle_deg"])
-    write_whole(out / HEADLINES, lambda path: headlines.to_csv(path, index=False))
+    write_tables(out, [results.table])
     write_run(out, results.run)
+
+
+def write_tables(out: Path, tables: Iterable[pd.DataFrame]) -> None:
+    """Tables one after the other as one Parquet file, and their headline rows as CSV.
+
+    Memory holds some `GROUP_ROWS` rows, however many there are.
+    """
+
+    def both(parquet: Path) -> None:
+        write_whole(out / HEADLINES, lambda csv: _stream(tables, parquet, csv))
+
+    write_whole(out / TABLE, both)
+
+
+def _stream(tables: Iterable[pd.DataFrame], parquet: Path, csv: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    with ExitStack() as stack:
+        lines = stack.enter_context(csv.open("w", encoding="utf-8", newline=""))
+        writer = None
+        for table in _groups(tables):
+            table.attrs = {}  # those of one family
+            group = pa.Table.from_pandas(table, preserve_index=False)
+            if writer is None:
+                writer = stack.enter_context(pq.ParquetWriter(parquet, group.schema))
+            writer.write_table(group.cast(writer.schema))
+            rows = headlines(table).drop(columns=["band_nm", "angle_deg"])
+            rows.to_csv(lines, index=False, header=lines.tell() == 0)
+
+
+def _groups(tables: Iterable[pd.DataFrame]) -> Iterator[pd.DataFrame]:
+    """Tables joined to some `GROUP_ROWS` rows: small groups would make a long index."""
+    waiting: list[pd.DataFrame] = []
+    for table in tables:
+        waiting.append(table)
+        if sum(map(len, waiting)) >= GROUP_ROWS:
+            yield pd.concat(waiting, ignore_index=True)
+            waiting.clear()
+    if waiting:
+        yield pd.concat(waiting, ignore_index=True)
 
 
 def write_run(out: Path, run: dict[str, Any]) -> None:

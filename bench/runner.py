@@ -19,7 +19,9 @@ from malus.bench.results import (
     Results,
     origin,
     prepare_folder,
-    write_results,
+    read_results,
+    write_run,
+    write_tables,
     write_whole,
 )
 from malus.bench.savings import plan_record
@@ -85,11 +87,35 @@ def run(
         for task, made in (engine or here(chosen_variant))(job.tasks()):
             job.keep(task, made)
         progress(len(families), len(families), "writing")
-        tables, failed = job.collect()
+        found = Collected()
+        write_tables(folder, job.tables_of(found))
         job.seconds["total"] = time.perf_counter() - started
-        results = Results(pd.concat(tables, ignore_index=True), job.record(tables, failed))
-        write_results(folder, results)
-    return results
+        write_run(folder, job.record(found))
+    return read_results(folder)
+
+
+@dataclass
+class Collected:
+    """What the record of a run tells of its families, gathered while their tables go by.
+
+    Attributes
+    ----------
+    families : list of FamilyPlan
+        Those with a table: done at any time.
+    """
+
+    families: list[FamilyPlan] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    scenes: int = 0
+    interpolation_rms: float = 0.0
+    render_seconds: float = 0.0
+
+    def add(self, family: FamilyPlan, table: pd.DataFrame) -> None:
+        """Count a family's table."""
+        self.families.append(family)
+        self.scenes += table.scene.nunique()
+        self.interpolation_rms = max(self.interpolation_rms, table.attrs["interpolation_rms"])
+        self.render_seconds += table.attrs["render_seconds"]
 
 
 @dataclass
@@ -165,34 +191,34 @@ class Job:
             self.seconds[stage] += seconds
         self.finished += 1
 
-    def collect(self) -> tuple[list[pd.DataFrame], list[Failure]]:
-        """The tables of all families and what failed in them.
+    def tables_of(self, found: Collected) -> Iterator[pd.DataFrame]:
+        """The tables of all families, one at a time; what is known of them is added to `found`.
 
         Raises
         ------
         InputError
             If there is not a single row.
         """
-        tables, failures = [], []
         for family in self.families:
             name = part_id(family, self.suite, self.variant.name)
             table = self.parts.table(name)
             if table is not None and table.method.isin(self.methods).any():
-                tables.append(in_order(table, family, self.methods))
+                ordered = in_order(table, family, self.methods)
+                found.add(family, ordered)
+                yield ordered
             have = set() if table is None else set(table.attrs.get(METHODS, ()))
             lacking = set(self.methods) - have
             if lacking:
-                failures.append(_reason(self.parts.failures(name), lacking, family))
-        if not tables:
+                found.failures.append(_reason(self.parts.failures(name), lacking, family))
+        if not found.families:
             raise InputError(
                 f"suite {self.suite.name}",
                 "a family that can be rendered and scored",
-                f"{len(failures)} that failed",
-                f"the first says: {failures[0].reason if failures else 'nothing'}",
+                f"{len(found.failures)} that failed",
+                f"the first says: {found.failures[0].reason if found.failures else 'nothing'}",
             )
-        return tables, failures
 
-    def record(self, tables: Sequence[pd.DataFrame], failures: Sequence[Failure]) -> dict[str, Any]:
+    def record(self, found: Collected) -> dict[str, Any]:
         """What `run.json` says: how the results came about."""
         return origin() | {
             "suite": self.suite.model_dump(mode="json"),
@@ -201,19 +227,12 @@ class Job:
             "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
             "families": len(self.families),
             "families_taken_over": self.taken_over,
-            "families_failed": len(failures),
-            "failures": [failure.reason for failure in failures[:REASONS_KEPT]],
-            "scenes": sum(table.scene.nunique() for table in tables),
-            "interpolation_rms": max(table.attrs["interpolation_rms"] for table in tables),
-            "plan": self._left_out(tables),
+            "families_failed": len(found.failures),
+            "failures": [failure.reason for failure in found.failures[:REASONS_KEPT]],
+            "scenes": found.scenes,
+            "interpolation_rms": found.interpolation_rms,
+            "plan": plan_record(self.suite, found.families, found.render_seconds),
         }
-
-    def _left_out(self, tables: Sequence[pd.DataFrame]) -> dict[str, Any]:
-        """What was rendered and what was not, in the families that were done at any time."""
-        done = {scene for table in tables for scene in table.scene.unique()}
-        families = [f for f in self.families if not done.isdisjoint(s.id for s in f.scenes)]
-        seconds = sum(table.attrs["render_seconds"] for table in tables)
-        return plan_record(self.suite, families, seconds)
 
 
 def _reason(failures: Iterable[Failure], lacking: set[str], family: FamilyPlan) -> Failure:

@@ -1,0 +1,69 @@
+"""Results go to disk in pieces and come back as one."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from malus.bench import read_results
+from malus.bench.results import HEADLINES, TABLE, Results, write_results, write_run, write_tables
+from malus.reports import sample
+
+
+def test_pieces_come_back_as_one_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table, run = sample.table(), sample.run()
+    at_once, pieces = tmp_path / "at once", tmp_path / "pieces"
+    for folder in (at_once, pieces):
+        folder.mkdir()
+    write_results(at_once, Results(table, run))
+    monkeypatch.setattr("malus.bench.results.GROUP_ROWS", 100)
+    write_tables(pieces, (table.iloc[k : k + 30] for k in range(0, len(table), 30)))
+    write_run(pieces, run)
+    pd.testing.assert_frame_equal(read_results(pieces).table, table.reset_index(drop=True))
+    pd.testing.assert_frame_equal(read_results(pieces).table, read_results(at_once).table)
+    assert (pieces / HEADLINES).read_bytes() == (at_once / HEADLINES).read_bytes()
+    # 120 rows a group, as four pieces are the first to reach 100.
+    assert pq.ParquetFile(pieces / TABLE).num_row_groups == -(-len(table) // 120)
+
+
+def test_memory_holds_a_group_of_tables_and_not_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("malus.bench.results.GROUP_ROWS", 100)
+    piece = sample.table().head(30)
+    alive = most = 0
+
+    def gone() -> None:
+        nonlocal alive
+        alive -= 1
+
+    def pieces() -> Iterator[pd.DataFrame]:
+        nonlocal alive, most
+        for _ in range(100):
+            table = piece.copy()
+            weakref.finalize(table, gone)
+            alive += 1
+            most = max(most, alive)
+            yield table
+
+    write_tables(tmp_path, pieces())
+    # Four to a group, the next, and one that a loop variable still holds.
+    assert most <= 6
+
+
+def test_tables_that_end_in_an_error_leave_what_was_there(tmp_path: Path) -> None:
+    write_tables(tmp_path, [sample.table().head(5)])
+
+    def breaks() -> Iterator[pd.DataFrame]:
+        yield sample.table()
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        write_tables(tmp_path, breaks())
+    assert len(pd.read_parquet(tmp_path / TABLE)) == 5
+    assert {path.name for path in tmp_path.iterdir()} == {TABLE, HEADLINES}
