@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -17,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from malus.bench.judge import Value
+from malus.bench.pieces import headlines, stream
 from malus.renderers.storage import TEMPORARY, open_regular, remove_abandoned, replace_file
 from malus.renderers.stores import is_here, put_mark
 from malus.scenes.errors import InputError
@@ -27,9 +27,6 @@ HEADLINES = "results.csv"
 RUN = "run.json"
 PARTS = "parts"
 EXAMPLES = "examples"
-
-GROUP_ROWS = 100_000
-"""Rows that are held before they are written: some 30 MB."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +49,6 @@ class Results:
     def headlines(self) -> pd.DataFrame:
         """Rows over all bands and angles."""
         return headlines(self.table)
-
-
-def headlines(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of a table over all bands and angles."""
-    return table[table.band_nm.isna() & table.angle_deg.isna()]
 
 
 class Record(NamedTuple):
@@ -192,42 +184,13 @@ def write_results(out: Path, results: Results) -> None:
 def write_tables(out: Path, tables: Iterable[pd.DataFrame]) -> None:
     """Tables one after the other as one Parquet file, and their headline rows as CSV.
 
-    Memory holds some `GROUP_ROWS` rows, however many there are.
+    Memory holds some `pieces.GROUP_ROWS` rows, however many there are.
     """
 
     def both(parquet: Path) -> None:
-        write_whole(out / HEADLINES, lambda csv: _stream(tables, parquet, csv))
+        write_whole(out / HEADLINES, lambda csv: stream(tables, parquet, csv))
 
     write_whole(out / TABLE, both)
-
-
-def _stream(tables: Iterable[pd.DataFrame], parquet: Path, csv: Path) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    with ExitStack() as stack:
-        lines = stack.enter_context(csv.open("w", encoding="utf-8", newline=""))
-        writer = None
-        for table in _groups(tables):
-            table.attrs = {}  # those of one family
-            group = pa.Table.from_pandas(table, preserve_index=False)
-            if writer is None:
-                writer = stack.enter_context(pq.ParquetWriter(parquet, group.schema))
-            writer.write_table(group.cast(writer.schema))
-            rows = headlines(table).drop(columns=["band_nm", "angle_deg"])
-            rows.to_csv(lines, index=False, header=lines.tell() == 0)
-
-
-def _groups(tables: Iterable[pd.DataFrame]) -> Iterator[pd.DataFrame]:
-    """Tables joined to some `GROUP_ROWS` rows: small groups would make a long index."""
-    waiting: list[pd.DataFrame] = []
-    for table in tables:
-        waiting.append(table)
-        if sum(map(len, waiting)) >= GROUP_ROWS:
-            yield pd.concat(waiting, ignore_index=True)
-            waiting.clear()
-    if waiting:
-        yield pd.concat(waiting, ignore_index=True)
 
 
 def write_run(out: Path, run: dict[str, Any]) -> None:
