@@ -19,7 +19,8 @@ from malus.bench.child import Child
 from malus.bench.cluster import local_cluster
 from malus.bench.plan import plan
 from malus.bench.runner import run
-from malus.bench.work import Made, Task, work
+from malus.bench.task import Made, Task
+from malus.bench.work import work
 from malus.renderers.variant import Variant
 from malus.scenes.suite import Suite
 
