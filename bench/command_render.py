@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from malus.bench.child import ATTEMPTS, TIMEOUT_SECONDS, Child, Died
 from malus.bench.command_run import overridden
+from malus.bench.memory import peak_memory
 from malus.bench.parts import Failure
 from malus.bench.plan import FamilyPlan, plan
 from malus.bench.results import prepare_folder
@@ -59,13 +60,15 @@ def render_for_command_line(
             "scenes",
             lambda show: render_dataset(suite, out, variant, show, child, retry_failed),
         )
+    done["peak_memory_bytes"] = memory = peak_memory()
     failed: int = done["failed"]
     if as_json:
         sys.stdout.write(json.dumps(done) + "\n")
         return failed
     console.print(
         f"{done['scenes']} scenes in {out}: {done['rendered']} rendered, {done['taken_over']} taken"
-        f" over; {done['seconds']:.1f} s, {done['bytes'] / 1e6:.1f} MB written",
+        f" over; {done['seconds']:.1f} s, {done['bytes'] / 1e6:.1f} MB written,"
+        f" {memory / 1e6:.0f} MB of memory",
         highlight=False,
     )
     if failed:
