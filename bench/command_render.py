@@ -97,8 +97,7 @@ def render_dataset(
     ----------
     suite : Suite
     out : path of a folder
-    variant : Variant, optional
-        By default the fastest that works.
+    variant : Variant, by default the fastest that works
     progress : function of (scenes done, scenes in all, label of the next family)
     child : Child, optional
         Renders, so that a crash costs a family only; by default this process does.
