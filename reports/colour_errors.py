@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import pandas as pd
 
 from malus.reports.listing import Listing
-from malus.reports.tables import by_angle, methods_of, whole
+from malus.reports.tables import by_angle, in_order, methods_of, whole
 from malus.reports.text import NOTHING
 
 PAPER_TABLE1 = (
@@ -89,7 +89,8 @@ def _pooled(
 def table1_listing(table: pd.DataFrame) -> Listing:
     """Table I as cells, the paper's own lines last; no line without the metrics."""
     found = table1(table)
-    pairs = [(formula, image) for formula in _FORMULAS.values() for image in _IMAGES.values()]
+    asked = in_order(found["formula"])
+    pairs = [(formula, image) for formula in asked for image in _IMAGES.values()]
     heads = ("body", "method", "scenes", *(f"{formula} of {image}" for formula, image in pairs))
     lines = []
     for (body, method), rows in found.groupby(["body", "method"], sort=False):

@@ -120,7 +120,7 @@ def _table(example: Example) -> Markup:
         )
         for method in example.methods
     ]
-    caption = f"ΔE76 of {example.label}: mean ± standard deviation over the object"
+    caption = f"ΔE76 of {example.label}: mean ± standard deviation over the pixels"
     whole = tag("table", tag("caption", caption), tag("thead", heads), tag("tbody", *lines))
     return scrolling(whole, caption)
 

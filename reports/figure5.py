@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,6 +33,8 @@ _SHORT_AXES = {X_ETA: "refractive index η", X_ALPHA: "roughness α"}
 _ERROR = "normalised mean squared error"
 NOISE = "expected Monte Carlo noise, largest of any method"
 ENDLESS = "\nA dotted bar has its lower end below zero, where a logarithmic axis has no place."
+_LETTERS_AN_INCH = 15
+"""Of a caption: DejaVu Sans at 7 points has 18 of middling width."""
 _SHIFT = 0.008
 """Distance between the methods' error bars at one x, as a part of the axis' width."""
 
@@ -179,9 +182,10 @@ def legend(
     """Name the first lines of a panel below it; a method with the lights that its mean covers."""
     labels = [_legend_label(content.rows, entry) for entry in entries]
     # The caption is the legend's title, so that the layout keeps both apart from the panels.
+    caption = textwrap.fill(_caption(content.rows), int(_LETTERS_AN_INCH * figure.get_figwidth()))
     figure.legend(
         ax.get_lines()[: len(labels)], labels, loc="outside lower center", ncols=2,
-        title=_caption(content.rows) + note, alignment="left",
+        title=caption + note, alignment="left",
     )  # fmt: skip
 
 

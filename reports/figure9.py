@@ -36,7 +36,7 @@ def figure9(table: pd.DataFrame, body: str) -> Figure:
             ax.set_title(drawable(light))
             ax.set_xlabel("polariser angle ϑ (°)")
             ax.set_xticks(sorted(values["x"].unique()))
-            ax.set_ylim(bottom=0.0)
+        axes[0].set_ylim(bottom=0.0)  # of all panels, once everything is drawn
         axes[0].set_ylabel("ΔE76, mean ± std over pixels")
         axes[0].annotate(
             "1 JND", (0.5, JUST_NOTICEABLE), (0, 1.5), xycoords=("axes fraction", "data"),

@@ -151,12 +151,17 @@ def without_skill(table: pd.DataFrame) -> Listing:
 
 def savings(plan: dict[str, Any]) -> Listing:
     """What the plan of a run left out, the largest saving first."""
-    parts = sorted(plan["left_out"], key=lambda part: -part["renders"])
+    left_out = [part for part in plan["left_out"] if part["done"] < part["instead_of"]]
     lines = [
-        [part["what"], f"{part['renders']:,}" if part["renders"] else NOTHING, part["why"]]
-        for part in parts
+        [
+            part["what"],
+            f"{part['done']:,} of {part['instead_of']:,}",
+            f"{part['renders']:,}" if part["renders"] else "only rays",
+            part["why"],
+        ]
+        for part in sorted(left_out, key=lambda part: -part["renders"])
     ]
-    return Listing(("what", "renders saved", "why nothing is lost"), lines)
+    return Listing(("what", "done", "renders saved", "why nothing is lost"), lines)
 
 
 def stages(run: dict[str, Any]) -> Listing:

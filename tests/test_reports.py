@@ -233,6 +233,7 @@ def test_table_1_pools_pixels_and_stands_beside_the_paper() -> None:
         "–",
         f"{every.mean():.2f} ± {every.std():.2f}",
     ]
+    assert len(lines[0]) == 6  # no column for ΔE2000, which was not asked for
     assert lines[-2][1:5] == ["the paper, Indoor", "–", "2.09 ± 0.64", "1.24 ± 0.31"]
 
 
@@ -248,6 +249,19 @@ def test_figure_9_draws_the_pooled_numbers_of_every_light() -> None:
             np.testing.assert_array_equal(line.get_ydata(), wanted)
 
 
+def test_captions_stay_inside_their_figure() -> None:
+    table = sample.coloured()
+    for number, shape in enumerate(("sphere in a room full of things", "torus beside", "blob of")):
+        chosen = table["scene"].isin([f"{2 * number:016x}", f"{2 * number + 1:016x}"])
+        table["shape"] = table["shape"].mask(chosen, f"{shape} many words that name it")
+    for draw in (figure5, figure5_by_light, figure9):
+        figure = draw(table, "unpolarised")
+        figure.canvas.draw()
+        box = figure.legends[0].get_window_extent()
+        assert box.x0 >= 0
+        assert box.x1 <= figure.bbox.width
+
+
 def test_without_colour_metrics_there_is_neither(table: pd.DataFrame) -> None:
     assert not table1_listing(table)
     assert "Table I" not in summary(table, sample.run())
@@ -258,10 +272,10 @@ def test_without_colour_metrics_there_is_neither(table: pd.DataFrame) -> None:
 
 def test_the_page_says_what_the_plan_saved(table: pd.DataFrame, tmp_path: Path) -> None:
     lines = savings(sample.run()["plan"]).lines
-    assert [line[:2] for line in lines] == [
-        ["polariser images", "960"],
-        ["interface images", "180"],
-        ["shadow rays", "–"],
+    assert [line[:3] for line in lines] == [
+        ["polariser images", "240 of 1,200", "960"],
+        ["interface images", "30 of 210", "180"],
+        ["shadow rays", "0 of 4", "only rays"],
     ]
     found = of_run(Source(table, sample.run(), tmp_path, ()))
     (plan,) = [section.content for section in found if section.name == "plan"]
