@@ -11,6 +11,7 @@ from rich.table import Table
 
 from malus.bench.plan import FamilyPlan, plan
 from malus.bench.savings import plan_record, savings
+from malus.renderers.adaptive import Renders, pass_samples, relative_error
 from malus.renderers.family import render_family
 from malus.renderers.variant import Variant, choose
 from malus.scenes.scene import Sampling
@@ -28,11 +29,20 @@ def predicted_seconds(families: Sequence[FamilyPlan], variant: Variant) -> float
     seconds = []
     for _ in range(2):  # the first one compiles kernels
         started = time.perf_counter()
-        render_family(sample.scenes, few, variant, errors=False)
+        rendered = render_family(sample.scenes, few, variant, errors=False)
         seconds.append(time.perf_counter() - started)
-    ratio = sample.sampling.samples / few.samples
+    ratio = _expected_samples(sample, rendered, few) / few.samples
     # Half of the miniature's time is work that does not grow with the samples (measured).
     return len(families) * seconds[-1] * 0.5 * (1.0 + ratio)
+
+
+def _expected_samples(family: FamilyPlan, miniature: Renders, few: Sampling) -> float:
+    """Samples a pixel that a family will take; noise falls as the root of their number."""
+    most, target = family.sampling.samples, family.sampling.target
+    if target is None:
+        return most
+    error = relative_error(miniature, family.scenes)
+    return min(most, max(pass_samples(family.sampling), few.samples * (error / target) ** 2))
 
 
 def dataset_bytes(suite: Suite, families: Sequence[FamilyPlan]) -> int:

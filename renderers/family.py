@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from malus.renderers import stock, wavefront
+from malus.renderers.adaptive import Repeated, render_until
 from malus.renderers.bsdfs import bsdfs
 from malus.renderers.interpolated import Family, FamilyKey, interpolate
 from malus.renderers.lobes import Floats, Lobes
@@ -29,13 +30,14 @@ def render_family(
     variant: Variant | None = None,
     errors: bool = True,
     nodes: int | None = None,
-) -> Family | Rendered | PatternedFamily:
+) -> Family | Rendered | PatternedFamily | Repeated:
     """Render what all of `scenes` need; they must share a FamilyKey.
 
     Parameters
     ----------
     scenes : Scenes
     sampling : Sampling
+        With a `target`, as many samples as it takes, the same for all of the family.
     variant : Variant, optional
         By default the fastest that works.
     errors : bool
@@ -53,13 +55,16 @@ def render_family(
     keys = {FamilyKey.of(scene) for scene in scenes}
     if len(keys) != 1:
         raise ValueError(f"scenes: expected scenes of one family, found {len(keys)} families")
-    key = keys.pop()
-    if key.room:
-        return Rendered(render_room(key.room, sampling, variant or choose()))
-    chosen_variant = variant or choose()
-    if key.pattern:
-        return _patterned(key, scenes, sampling, chosen_variant, Options(errors, nodes))
-    return _plain(key, scenes, sampling, chosen_variant, Options(errors, nodes))
+    key, chosen_variant, options = keys.pop(), variant or choose(), Options(errors, nodes)
+
+    def once(sampling: Sampling) -> Family | Rendered | PatternedFamily:
+        if key.room:
+            return Rendered(render_room(key.room, sampling, chosen_variant))
+        if key.pattern:
+            return _patterned(key, scenes, sampling, chosen_variant, options)
+        return _plain(key, scenes, sampling, chosen_variant, options)
+
+    return once(sampling) if sampling.target is None else render_until(once, scenes, sampling)
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,7 @@ class SceneRecord(Model):
     shape: tuple[Side, Side]
     dtypes: dict[FieldName, DType]
     interpolation_error: dict[str, float] = Field(default_factory=dict)
+    samples: int | None = Field(default=None, ge=2)
     files: dict[FileName, StoredFile]
 
     @property
@@ -128,6 +129,7 @@ def read_scene(folder: Path) -> Truth:
     return Truth(
         scene=record.scene,
         interpolation_error=dict(record.interpolation_error),
+        samples=record.samples,
         **arrays,
     )
 
@@ -181,6 +183,7 @@ def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName
         "shape": list(truth.mask.shape),
         "dtypes": dtypes,
         "interpolation_error": truth.interpolation_error,
+        "samples": truth.samples,
         "files": {name: _stored(folder / name) for name in names},
     }
     text = json.dumps(record, indent=1, allow_nan=False)

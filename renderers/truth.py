@@ -35,6 +35,8 @@ class Truth:
         and `diffuse`. What a method makes of it is the noise of its score.
     interpolation_error : dict
         Of the family in η, over the image's peak: 'rms' and 'worst' of a held-out render.
+    samples : int or None
+        Samples a pixel, where a target of the sampling decided how many.
     eta_map : (height, width, bands) or None
         Relative refractive index where it varies over the image, complex where any is. None:
         everywhere that of the scene's surface. `eta` is one or the other.
@@ -61,6 +63,7 @@ class Truth:
     specular_noise: Image
     diffuse_noise: Image
     interpolation_error: dict[str, float] = field(default_factory=dict)
+    samples: int | None = None
     eta_map: NDArray[np.inexact[Any]] | None = None
     alpha_map: Image | None = None
 

@@ -87,8 +87,13 @@ class Sampling(Model):
     `max_depth` counts the straight pieces of a light path, as Mitsuba does, where a scene has
     surroundings: 2 is light that met one object, 3 light that met two. Scenes of one object are
     rendered at depth 2.
+
+    With a `target`, samples are added only until the noise is that small: the standard error of s1
+    and s2, rms over the object's pixels and the bands, over the brightest pixel, in the noisiest
+    scene of a family of renders. `samples` is then the most that are taken.
     """
 
     samples: int = Field(default=64, ge=2, le=1 << 20, multiple_of=2)
     seed: int = Field(default=1, ge=0, lt=1 << 31)
     max_depth: int = Field(default=5, ge=2, le=64, exclude_if=lambda depth: depth == 5)
+    target: float | None = Field(default=None, gt=0, lt=1, exclude_if=lambda error: error is None)
