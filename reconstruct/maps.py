@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 _FEW = 64
 """Surfaces up to which a table of each, 5 ms, is faster than an interpolant of all."""
+_PIXELS_A_TABLE = 100
+"""Pixels of a surface from which its table, of as many integrals, is the better deal."""
 _TOLERANCE = 9e-7  # of the interpolant, so that float32 ends below 1e-6
 
 
@@ -58,7 +60,7 @@ def scattered_dolp(
     indices, which = np.unique(eta, return_inverse=True)
     exponents, how = np.unique(sigma, return_inverse=True)
     surfaces, label = np.unique(which * len(exponents) + how, return_inverse=True)
-    if len(surfaces) > _FEW:
+    if len(surfaces) > min(_FEW, len(cosine) / _PIXELS_A_TABLE):
         return specular_dolp(np.arccos(cosine), eta, sigma, measure, tolerance=_TOLERANCE)
     result = np.empty(cosine.shape)
     for number, surface in enumerate(surfaces):

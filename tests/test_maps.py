@@ -70,8 +70,8 @@ def test_a_constant_map_is_a_uniform_surface(method: str, eta: np.ndarray) -> No
 @pytest.mark.parametrize("method", METHODS)
 def test_two_halves_are_two_surfaces(method: str) -> None:
     """Glass on the left, a metal on the right, as where two objects stand in one picture."""
-    picture = seen()
-    eta, alpha = filled(GLASS).astype(complex), np.full((6, 8), 0.3)
+    picture = seen(20, 20)
+    eta, alpha = filled(GLASS, 20, 20).astype(complex), np.full((20, 20), 0.3)
     eta[:, 4:], alpha[:, 4:] = METAL, 0.2
     both = reconstruct(replace(picture, eta=eta, alpha=alpha), method)
     left = reconstruct(picture, method)
@@ -97,8 +97,8 @@ def test_a_texture_of_many_surfaces_is_the_integral_everywhere(measure: str, met
 
 
 def test_few_surfaces_have_tables_and_many_an_interpolant(monkeypatch: pytest.MonkeyPatch) -> None:
-    cosine = np.linspace(0.1, 1.0, 40)
-    sigma = np.repeat([11.0, 12.0], 20)
+    cosine = np.linspace(0.1, 1.0, 240)
+    sigma = np.repeat([11.0, 12.0], 120)
     tables = maps.scattered_dolp(cosine, np.array([1.5]), sigma, "visible")
     monkeypatch.setattr(maps, "_FEW", 1)
     interpolated = maps.scattered_dolp(cosine, np.array([1.5]), sigma, "visible")
