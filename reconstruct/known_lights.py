@@ -8,7 +8,7 @@ a sum over directions,
     s(N) ∝ Σ_ω D(N·H_ω) G1(N·ω) · L(ω) ΔΩ (½(F_⊥ + F_∥), −½(F_⊥ − F_∥) cos 2φ_H, … sin 2φ_H),
 
 one matrix product for all pixels and bands. Where pixels have a view or a surface of their own,
-nothing is shared, and `each_light` sums pixel by pixel. D is Beckmann's distribution, G1 Smith's
+nothing is shared, and `_each` sums pixel by pixel. D is Beckmann's distribution, G1 Smith's
 shadowing; the viewer's masking and the factor 1/(4 N·V) are common to all directions and cancel
 in s/s0.
 """
@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct.block import Block, below_one, uniform_alpha, uniform_eta
-from malus.reconstruct.each_light import each_pixel, facet_weights
-from malus.reconstruct.fresnel import EtaArray, reflectances
+from malus.reconstruct.fresnel import EtaArray, excess, reflectances
 from malus.reconstruct.lobes import Ratio
 from malus.reconstruct.observation import Image, Observation
 from malus.reconstruct.quadrature import Directions, quadrature
@@ -49,7 +48,7 @@ def known_lights(observation: Observation) -> Ratio:
         seen = block.mask & block.valid
         summed: Image
         if shared is None:
-            summed = each_pixel(block, seen, lamp)
+            summed = _each(block, seen, lamp)
         else:
             summed = _gather(block.normals[seen], lamp, block.alpha[0], shared)
             summed = summed.reshape(len(summed), shared.shape[1] // 3, 3)
@@ -120,7 +119,24 @@ def _cached_weights(normals: _Same, lamp: Directions, alpha: float) -> NDArray[n
 
 def _weights(normals: Image, lamp: Directions, alpha: float) -> NDArray[np.float32]:
     """Facets that stand at each half vector, times shadowing: (pixels, K)."""
-    n = normals.astype(np.float32)
-    n_h = n @ lamp.half.T.astype(np.float32)
-    n_l = n @ lamp.toward.T.astype(np.float32)
-    return facet_weights(n_h, n_l, np.float32(alpha))
+    from malus.reconstruct.light_loops import weigh  # imports numba
+
+    weights = np.empty((len(normals), len(lamp.power)), np.float32)
+    weigh(normals.astype(np.float64), lamp.half, lamp.toward, alpha, weights)
+    return weights
+
+
+def _each(block: Block, seen: NDArray[np.bool_], lamp: Directions) -> NDArray[np.float64]:
+    """What each seen pixel mirrors, (seen pixels, bands, 3), up to one factor."""
+    from malus.reconstruct.light_loops import mirror  # imports numba
+
+    index = np.flatnonzero(seen)
+    basis, alpha, eta = (
+        values if len(values) == 1 else values[index]
+        for values in (block.basis, block.alpha, block.eta)
+    )
+    delta = excess(eta).astype(np.complex128)
+    summed = np.zeros((len(index), eta.shape[1], 3))
+    normals = block.normals[index].astype(np.float64)
+    mirror(normals, basis, alpha, delta, lamp.toward, lamp.power / lamp.power.max(), summed)
+    return summed
