@@ -34,6 +34,8 @@ class Drawing:
 def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
     """Figure 5, Figure 5 by light, error over the polariser angle and Figure 9, for every body.
 
+    Figure 5 needs several indices or roughnesses, Figure 9 colour differences.
+
     Examples
     --------
     >>> from malus.reports.sample import table
@@ -50,18 +52,19 @@ def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
         end = "" if body == PAPER_BODY else f"_{body}_body"
         note = f" Body {body}." if end else " The paper's assumption: the body is unpolarised."
         rows = only_body(table, body)
-        yield _drawing(
-            f"figure5{end}", f"Figure 5{_of(body)}",
-            "Error against refractive index (top) and roughness (bottom), mean and standard"
-            " deviation over the dataset." + note,
-            figure5, table, body, both_panels(rows),
-        )  # fmt: skip
-        yield _drawing(
-            f"figure5{end}_by_light", f"Figure 5 by light{_of(body)}",
-            "The same for every light for itself: no mean over lights hides where a method fails."
-            + note,
-            figure5_by_light, table, body, both_panels(rows, by_light=True),
-        )  # fmt: skip
+        if rows[["eta", "alpha"]].nunique().max() > 1:  # else a figure of one point
+            yield _drawing(
+                f"figure5{end}", f"Figure 5{_of(body)}",
+                "Error against refractive index (top) and roughness (bottom), mean and standard"
+                " deviation over the dataset." + note,
+                figure5, table, body, both_panels(rows),
+            )  # fmt: skip
+            yield _drawing(
+                f"figure5{end}_by_light", f"Figure 5 by light{_of(body)}",
+                "The same for every light: no mean over lights hides where a method fails."
+                + note,
+                figure5_by_light, table, body, both_panels(rows, by_light=True),
+            )  # fmt: skip
         yield _drawing(
             f"angles{end}", f"Error over the polariser angle{_of(body)}",
             "Mean and standard deviation over the scenes of a light." + note,

@@ -249,6 +249,11 @@ def test_figure_9_draws_the_pooled_numbers_of_every_light() -> None:
             np.testing.assert_array_equal(line.get_ydata(), wanted)
 
 
+def test_one_material_and_roughness_make_no_figure_5(table: pd.DataFrame) -> None:
+    one = table[(table["material"] == "pmma") & (table["surface"] == "carbon")]
+    assert [drawing.name for drawing in drawings(one)] == ["angles"]
+
+
 def test_captions_stay_inside_their_figure() -> None:
     table = sample.coloured()
     for number, shape in enumerate(("sphere in a room full of things", "torus beside", "blob of")):
