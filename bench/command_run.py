@@ -147,6 +147,7 @@ def headline(results: Results) -> list[dict[str, Any]]:
     Skill is the median over scenes that have one; `without_skill` counts the others.
     """
     table = results.headlines
+    table = table[table.knowledge == "everything"]
     keys = ["body", "light", "method"]
     rows = []
     for group, part in table.groupby(keys, sort=False):

@@ -71,7 +71,8 @@ class Failure:
 
 def part_id(family: FamilyPlan, suite: Suite, variant: str) -> str:
     """Hash of what decides the rows of a family, besides the methods."""
-    return content_id([family.id, suite.renderer, suite.metrics, variant, version("malus"), SCHEMA])
+    scored = [suite.metrics, suite.knowledge]
+    return content_id([family.id, suite.renderer, *scored, variant, version("malus"), SCHEMA])
 
 
 def write_plan(

@@ -59,16 +59,22 @@ class Record(NamedTuple):
 
 
 def record(
-    about: Mapping[str, Any], method: str, values: Iterable[Value], note: str = ""
+    about: Mapping[str, Any],
+    method: str,
+    values: Iterable[Value],
+    note: str = "",
+    knowledge: str = "everything",
 ) -> Record:
     """What was found out about one method on one scene; `about` is what `describe` says of it."""
-    common = {**about, "method": method, "knowledge": "everything", "note": note}
+    common = {**about, "method": method, "knowledge": knowledge, "note": note}
     return Record(common, tuple(values))
 
 
-def inapplicable(about: Mapping[str, Any], method: str, reason: str) -> Record:
+def inapplicable(
+    about: Mapping[str, Any], method: str, reason: str, knowledge: str = "everything"
+) -> Record:
     """One row that says why a method could not work on a scene."""
-    return record(about, method, [Value("inapplicable", 1.0)], note=reason)
+    return record(about, method, [Value("inapplicable", 1.0)], reason, knowledge)
 
 
 def describe(scene: Scene) -> dict[str, Any]:

@@ -149,7 +149,9 @@ class Job:
                 continue
             self.progress(self.finished, len(self.families), family.label)
             mine = examples & {scene.id for scene in family.scenes}
-            yield Task(name, family, self.suite.renderer, missing, self.suite.metrics, mine)
+            suite = self.suite
+            ladder = suite.knowledge == "ladder"
+            yield Task(name, family, suite.renderer, missing, suite.metrics, mine, ladder)
 
     def _missing(self, name: str) -> dict[str, str]:
         """The methods that a family lacks, without those that failed before."""

@@ -6,14 +6,25 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from malus.bench.examples import keep
 from malus.bench.judge import Judge, Metric
+from malus.bench.ladder import EVERYTHING, rungs
 from malus.bench.results import Record, describe, inapplicable, record
 from malus.bench.task import Made
-from malus.reconstruct import Inapplicable, Method
+from malus.reconstruct import Inapplicable, Method, Observation
 from malus.renderers.truth import Truth
 from malus.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class Exam:
+    """How a scene is scored: methods, metrics, and whether on every rung of the ladder."""
+
+    methods: Sequence[Method]
+    metrics: Sequence[Metric] = ()
+    ladder: bool = False
 
 
 @dataclass
@@ -26,12 +37,7 @@ class Share:
     interpolation_rms: float = 0.0
 
     def do(
-        self,
-        stage: str,
-        truth_of: Callable[[Scene], Truth],
-        methods: Sequence[Method],
-        metrics: Sequence[Metric],
-        keep_example: bool,
+        self, stage: str, truth_of: Callable[[Scene], Truth], exam: Exam, keep_example: bool
     ) -> None:
         """Make the truth, score every method on it, and keep its images if they are wanted."""
         truth = None
@@ -41,29 +47,41 @@ class Share:
             return
         self.interpolation_rms = truth.interpolation_error.get("rms", 0.0)
         with self.made.guard(self.scene):
-            self.records += _records(truth, methods, metrics, self.made)
+            self._examine(truth, exam)
         if keep_example:
             with self.made.guard(self.scene), self.made.stage("write examples"):
-                self.made.examples |= _example(truth, self.made.worked(methods))
+                self.made.examples |= _example(truth, self.made.worked(exam.methods))
 
+    def _examine(self, truth: Truth, exam: Exam) -> None:
+        with self.made.stage("score"):
+            judge, about = Judge(truth), describe(truth.scene)
+        with self.made.stage("reconstruct"):
+            told = list(rungs(judge.sight)) if exam.ladder else []
+        for method in exam.methods:
+            # Methods that need a picture have knowledge of their own: blind, blind-light, …
+            below = told if method.per_pixel else []
+            with self.made.guard(self.scene, method):
+                for knowledge, known in [(EVERYTHING, judge.sight.known), *below]:
+                    self._score(judge, method, exam.metrics, (about, knowledge, known))
 
-def _records(
-    truth: Truth, methods: Sequence[Method], metrics: Sequence[Metric], made: Made
-) -> list[Record]:
-    with made.stage("score"):
-        judge, about = Judge(truth), describe(truth.scene)
-    records: list[Record] = []
-    for method in methods:
-        with made.guard(truth.scene, method):
-            try:
-                with made.stage("reconstruct"):
-                    estimate = judge.sight.estimate(method)
-                with made.stage("score"):
-                    score = judge.score_estimate(estimate, metrics)
-                    records.append(record(about, method.name, score.values()))
-            except Inapplicable as reason:
-                records.append(inapplicable(about, method.name, str(reason)))
-    return records
+    def _score(
+        self,
+        judge: Judge,
+        method: Method,
+        metrics: Sequence[Metric],
+        rung: tuple[dict[str, Any], str, Observation | Inapplicable],
+    ) -> None:
+        about, knowledge, known = rung
+        try:
+            if isinstance(known, Inapplicable):
+                raise known
+            with self.made.stage("reconstruct"):
+                estimate = judge.sight.estimate(method, known)
+            with self.made.stage("score"):
+                values = judge.score_estimate(estimate, metrics).values()
+                self.records.append(record(about, method.name, values, knowledge=knowledge))
+        except Inapplicable as reason:
+            self.records.append(inapplicable(about, method.name, str(reason), knowledge))
 
 
 def _example(truth: Truth, methods: Sequence[Method]) -> dict[str, bytes]:

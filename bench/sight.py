@@ -69,11 +69,14 @@ class Sight:
         )
         return cls(truth, pixels, known, true, draw)
 
-    def estimate(self, method: Method) -> Components:
-        """What a method makes of both rows, (2, pixels, bands); of whole pictures if it must."""
+    def estimate(self, method: Method, known: Observation | None = None) -> Components:
+        """What a method makes of both rows, (2, pixels, bands); of whole pictures if it must.
+
+        A method that needs no picture may be told another thing than what is `known`.
+        """
         if method.per_pixel:
             unknown: dict[str, Any] = dict.fromkeys(KNOWN - method.needs)
-            return method.reconstruct(replace(self.known, **unknown))
+            return method.reconstruct(replace(known or self.known, **unknown))
         whole, half = (observe(truth, method.needs) for truth in (self.truth, self._half))
         pair = [method.reconstruct(seen) for seen in (whole, half)]
         image, s1, s2 = (self._picked(getattr(found, name) for found in pair) for name in _STOKES)

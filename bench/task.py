@@ -31,6 +31,8 @@ class Task:
         By the reference, such as `package.module:object`, another process finds the method.
     examples : frozenset of str
         Scenes whose images are kept for people to look at.
+    ladder : bool
+        Whether methods are scored on every rung of the ladder of knowledge.
     """
 
     id: str
@@ -39,6 +41,7 @@ class Task:
     methods: dict[str, str]
     metrics: tuple[str, ...] = ()
     examples: frozenset[str] = frozenset()
+    ladder: bool = False
 
 
 @dataclass

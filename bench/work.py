@@ -21,7 +21,7 @@ from malus.bench.extra_metrics import get_metrics
 from malus.bench.parts import Failure
 from malus.bench.plan import FamilyPlan
 from malus.bench.results import table_of
-from malus.bench.share import Share
+from malus.bench.share import Exam, Share
 from malus.bench.task import Made, Task
 from malus.reconstruct import get_method
 from malus.renderers.family import render_family
@@ -84,14 +84,14 @@ def work(task: Task, variant: Variant, threads: int = 1) -> Made:
     """
     made = Made()
     methods = [get_method(reference) for reference in task.methods.values()]
-    metrics = get_metrics(task.metrics)
+    exam = Exam(methods, get_metrics(task.metrics), task.ladder)
     shares: list[Share] = []
     with made.guard():
         stage, truth_of = _renderer(task.family, task.renderer, variant, made, False)
 
         def one(scene: Scene) -> Share:
             share = Share(scene)
-            share.do(stage, truth_of, methods, metrics, scene.id in task.examples)
+            share.do(stage, truth_of, exam, scene.id in task.examples)
             return share
 
         started = time.perf_counter()

@@ -26,6 +26,9 @@ from malus.scenes.surroundings import Surroundings
 
 AnyShape = TypeVar("AnyShape", bound=Model)
 Renderer = Literal["mitsuba", "torrance-sparrow"]
+Knowledge = Literal["everything", "ladder"]
+"""Whether methods are told all that they need, or are also scored on every rung below that."""
+
 MAX_SUITE_BYTES = 1 << 20
 
 
@@ -65,6 +68,7 @@ class Suite(Model):
     methods: tuple[str, ...] = Field(min_length=1)
     metrics: tuple[str, ...] = ()
     renderer: Renderer = "mitsuba"
+    knowledge: Knowledge = "everything"
     camera: Camera = Camera()
     sampling: Sampling = Sampling()
     scalar: Smaller | None = None
