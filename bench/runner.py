@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from malus.bench.collected import Collected
 from malus.bench.examples import chosen
 from malus.bench.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
 from malus.bench.plan import FamilyPlan, plan
@@ -92,30 +93,6 @@ def run(
         job.seconds["total"] = time.perf_counter() - started
         write_run(folder, job.record(found))
     return read_results(folder)
-
-
-@dataclass
-class Collected:
-    """What the record of a run tells of its families, gathered while their tables go by.
-
-    Attributes
-    ----------
-    families : list of FamilyPlan
-        Those with a table: done at any time.
-    """
-
-    families: list[FamilyPlan] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
-    scenes: int = 0
-    interpolation_rms: float = 0.0
-    render_seconds: float = 0.0
-
-    def add(self, family: FamilyPlan, table: pd.DataFrame) -> None:
-        """Count a family's table."""
-        self.families.append(family)
-        self.scenes += table.scene.nunique()
-        self.interpolation_rms = max(self.interpolation_rms, table.attrs["interpolation_rms"])
-        self.render_seconds += table.attrs["render_seconds"]
 
 
 @dataclass
@@ -233,6 +210,7 @@ class Job:
             "failures": [failure.reason for failure in found.failures[:REASONS_KEPT]],
             "scenes": found.scenes,
             "interpolation_rms": found.interpolation_rms,
+            "samples": {"least": min(found.samples), "most": max(found.samples)},
             "plan": plan_record(self.suite, found.families, found.render_seconds),
         }
 

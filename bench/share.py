@@ -35,6 +35,7 @@ class Share:
     records: list[Record] = field(default_factory=list)
     made: Made = field(default_factory=Made)
     interpolation_rms: float = 0.0
+    samples: int | None = None
 
     def do(
         self, stage: str, truth_of: Callable[[Scene], Truth], exam: Exam, keep_example: bool
@@ -45,6 +46,7 @@ class Share:
             truth = truth_of(self.scene)
         if truth is None:
             return
+        self.samples = truth.samples
         self.interpolation_rms = truth.interpolation_error.get("rms", 0.0)
         with self.made.guard(self.scene):
             self._examine(truth, exam)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from malus.bench.plan import plan
+from malus.bench.runner import run
 from malus.renderers.adaptive import Repeated, relative_error
 from malus.renderers.dataset import DatasetWriter, open_dataset
 from malus.renderers.family import render_family
@@ -102,3 +103,18 @@ def test_a_plan_keeps_the_target() -> None:
     suite = load_suite("quick").model_copy(update={"sampling": Sampling(samples=256, target=1e-3)})
     plain = load_suite("quick").model_copy(update={"sampling": Sampling(samples=256)})
     assert plan(suite)[0].id != plan(plain)[0].id
+
+
+def test_a_run_tells_how_many_samples_it_took(tmp_path: Path) -> None:
+    sampling = Sampling(samples=64, target=0.02)
+    suite = load_suite("quick").model_copy(
+        update={
+            "sampling": sampling, "camera": LIT["camera"], "methods": ("unpolarised",),
+            "surfaces": ("carbon",), "bodies": ("unpolarised",), "materials": ("water",),
+        }
+    )  # fmt: skip
+    least, most = run(suite, tmp_path).run["samples"].values()
+    assert 16 <= least <= most <= 64
+    # A distant light is nearly free of noise, light from all around is not.
+    wanted = [render_family(f.scenes, f.sampling).samples for f in plan(suite)]
+    assert [least, most] == sorted(wanted)
