@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 from types import ModuleType
 from typing import Any
@@ -20,8 +19,8 @@ _ETA, _K, _BODY, _LAMBERT = "eta.value", "k.value", "diffuse_reflectance.value",
 class Painted:
     """The BSDF of a surface, set to one band after the other.
 
-    A `polarised` body is part of Mitsuba's `pplastic`. An `unpolarised` one is Mitsuba's `diffuse`,
-    and its sum with the interface is `_added`, because Mitsuba has no BSDF for sums.
+    A `polarised` body is part of Mitsuba's `pplastic`. An `unpolarised` one is Mitsuba's `diffuse`;
+    its sum with the interface is twice their mean, a `blendbsdf` of both at twice the reflectance.
     """
 
     def __init__(self, mi: ModuleType, surface: Dielectric | Conductor) -> None:
@@ -35,9 +34,11 @@ class Painted:
             self.bsdf = mi.load_dict(interface_bsdf(1.5, surface.alpha))
             self.parts = [(self.bsdf, _ETA), (self.bsdf, _BODY)]
         else:
-            interface = mi.load_dict(interface_bsdf(1.5, surface.alpha))
+            twice = {"specular_reflectance": {"type": "uniform", "value": 2.0}}
+            interface = mi.load_dict(interface_bsdf(1.5, surface.alpha) | twice)
             body = mi.load_dict(body_bsdf(1.5, surface.alpha, "unpolarised"))
-            self.bsdf = _added(mi, mi.variant())(interface, body)
+            blend = {"type": "blendbsdf", "weight": 0.5, "interface": interface, "body": body}
+            self.bsdf = mi.load_dict(blend)
             self.parts = [(interface, _ETA), (body, _LAMBERT)]
 
     def set_band(self, eta: float | complex, albedo: float) -> None:
@@ -47,56 +48,9 @@ class Painted:
         values = (eta.real, eta.imag if isinstance(eta, complex) else albedo)
         for (bsdf, key), value in zip(self.parts, values, strict=True):
             parameters = self.mi.traverse(bsdf)
-            parameters[key] = dr.opaque(self.mi.Float, value)
+            factor = 2.0 if key == _LAMBERT else 1.0
+            parameters[key] = dr.opaque(self.mi.Float, factor * value)
             parameters.update()
-
-
-@functools.cache
-def _added(mi: ModuleType, variant: str) -> Any:
-    """The class, one a variant, of BSDFs that are the sum of an interface and a body.
-
-    Directions are drawn from either with equal probability; the density is the mean of both.
-    Mitsuba's own `blendbsdf` returns the density of the one that was drawn, which biases a path
-    tracer that combines it with the density of the light.
-    """
-    import drjit as dr
-
-    assert mi.variant() == variant
-
-    class Added(mi.BSDF):  # type: ignore[misc, name-defined]
-        """Light mirrored by the interface plus light that left the body."""
-
-        def __init__(self, interface: Any, body: Any) -> None:
-            super().__init__(mi.Properties())
-            self.interface, self.body = interface, body
-            flags = interface.flags() | body.flags()
-            self.m_components, self.m_flags = [flags], flags
-
-        def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any) -> Any:
-            first = sample1 < 0.5
-            drawn, _ = self.interface.sample(ctx, si, 2 * sample1, sample2, active & first)
-            other, _ = self.body.sample(ctx, si, 2 * sample1 - 1, sample2, active & ~first)
-            drawn = dr.select(first, drawn, other)
-            drawn.pdf = self.pdf(ctx, si, drawn.wo, active)
-            usable = active & (drawn.pdf > 0)
-            value = self.eval(ctx, si, drawn.wo, usable)
-            return drawn, dr.select(usable, value / drawn.pdf, 0.0)
-
-        def eval(self, ctx: Any, si: Any, wo: Any, active: Any) -> Any:
-            return self.interface.eval(ctx, si, wo, active) + self.body.eval(ctx, si, wo, active)
-
-        def pdf(self, ctx: Any, si: Any, wo: Any, active: Any) -> Any:
-            parts = (self.interface, self.body)
-            mirrored, scattered = (part.pdf(ctx, si, wo, active) for part in parts)
-            return 0.5 * (mirrored + scattered)
-
-        def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any) -> Any:
-            return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
-
-        def to_string(self) -> str:
-            return "Added[]"
-
-    return Added
 
 
 def placed_object(mi: ModuleType, placed: Placed, bsdf: Any) -> Any:
