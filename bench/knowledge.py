@@ -92,11 +92,19 @@ def gather(
     Raises
     ------
     InputError
-        Files of another size, a light of no direction, unknown names, alpha outside (0, 1].
+        Files of another size, a light of no direction, unknown names, alpha outside (0, 1], a
+        mirror without normals or with a light.
     """
     known = PRESETS.get(preset or "")
     if preset is not None and known is None:
         raise InputError("--preset", f"one of {', '.join(PRESETS)}", preset, "choose one of them")
+    if known is not None and known.mirror and (normals is None or light is not None):
+        raise InputError(
+            f"--preset {preset}",
+            "--normals and no --light, as a mirror shows what is around it",
+            "no --normals" if normals is None else "--light",
+            "a mirror's shading tells neither shape nor light",
+        )
     if alpha is not None and not 0 < alpha <= 1:
         raise InputError("--alpha", "a roughness in (0, 1]", f"{alpha:g}", "correct this value")
     if light is not None and not 1e-6 < float(np.linalg.norm(light)) < np.inf:

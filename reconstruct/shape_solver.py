@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 RIM = 0.1
 """Weight of smoothness and integrability at pixels beside the outline. There the outline runs
 somewhere through the ring, and the normal's change has a root in it: the true normals of blobs have
-8 times the bending there that they have inside, and 16 times the curl."""
+4 to 8 times the bending there that they have inside, and 16 times the curl."""
 _STEP = 1e-5
 """Of the central differences of the shading, whose second derivatives are of order one."""
 

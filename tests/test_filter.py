@@ -190,6 +190,8 @@ def test_bad_options_end_in_one_line_and_no_output(tmp_path: Path) -> None:
         (path, [*good, "--preset", "wood"], "plastic"),
         (path, [*good, "--material", "unobtainium"], "material"),
         (path, [*good, "--light", "0,0,0"], "not zero"),
+        (path, ["--preset", "water"], "no --normals"),
+        (path, [*good, "--preset", "glass", "--light", "0,0,1"], "no --light"),
         (path, [*good, "--angle", "nan"], "degrees"),
         (grey, good, "grey image where colour is needed"),
         (path, [], "no outline"),
@@ -228,7 +230,8 @@ def test_clipped_highlights_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(PRESETS))
-def test_presets_are_physical(name: str) -> None:
-    known = gather((4, 4), preset=name)
+def test_presets_are_physical(name: str, tmp_path: Path) -> None:
+    np.save(tmp_path / "n.npy", np.tile(np.array([0, 0, 1.0]), (4, 4, 1)))
+    known = gather((4, 4), normals=tmp_path / "n.npy", preset=name)
     assert 1 < known.eta < 2
     assert 0 < known.alpha <= 1
