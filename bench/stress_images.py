@@ -149,6 +149,8 @@ def image_faults(case: ImageCase, dtype: str, method: str) -> list[str]:
             found = get_method(method).reconstruct(observation)
     except Warning as warning:
         return [f"{method}: warns {warning}"]
+    except ValueError as error:
+        return [f"{method}: raises {error}"]
     return [f"{method}: {fault}" for fault in _wrong(found, observation, case.invalid)]
 
 
