@@ -76,6 +76,7 @@ class Stage:
         self.sensor = self.scene.sensors()[0]
         self.context = mi.BSDFContext()
         self.inside = inside(mi, self.scene, self.resolution)
+        self._hit: dict[Sampling, tuple[NDArray[np.int64], NDArray[np.bool_]]] = {}
 
     def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:
         """Shade every hit with every BSDF of `shading` under `light`."""
@@ -90,6 +91,8 @@ class Stage:
 
     def _coverage(self, sampling: Sampling) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Pixels with at least one hit among the very rays to be shaded, and the covered ones."""
+        if sampling in self._hit:
+            return self._hit[sampling]
         mi, dr = self.mi, self.dr
         total = self.resolution**2
         hits = np.zeros(total, dtype=np.int64)
@@ -100,7 +103,8 @@ class Stage:
             hits[start : start + PIXELS_A_LAUNCH] = sum(np.asarray(c, np.int64) for c in counts)
         touched = np.flatnonzero(hits)
         covered = self.inside & (hits == sampling.samples)
-        return touched, covered[touched]
+        self._hit = {sampling: (touched, covered[touched])}  # lights and surfaces share the rays
+        return self._hit[sampling]
 
     def _count_hits(self, pixel: Any, half: int, sampling: Sampling) -> Any:
         mi, dr = self.mi, self.dr
@@ -140,7 +144,9 @@ class Stage:
 
         count = dr.opaque(mi.UInt32, sampling.samples // HALVES)
         state = (dr.zeros(mi.UInt32, dr.width(thread)), sums, rays, draws)
-        _, sums, _, _ = dr.while_loop(state, lambda i, *_: i < count, step)
+        # Without a second trace that looks for loop invariants: it costs more than they do.
+        with dr.scoped_set_flag(dr.JitFlag.OptimizeLoops, False):
+            _, sums, _, _ = dr.while_loop(state, lambda i, *_: i < count, step)
         dr.eval(sums)
         for row, values in zip(result, sums, strict=True):
             row[:] = np.asarray(values).reshape(HALVES, -1)
@@ -183,9 +189,12 @@ class Stage:
                 weight = dr.select(shadow, 0.0, weight)
             for k, bsdf in enumerate(bsdfs):
                 mueller = bsdf.eval(self.context, hit, direction, valid)
-                mueller = to_camera @ hit.to_world_mueller(mueller, -direction, hit.wi)
+                mueller = hit.to_world_mueller(mueller, -direction, hit.wi)
                 # Unpolarised light: the first column is the Stokes vector of what it becomes.
-                for row in range(3):
-                    shaded = dr.select(weight > 0, mueller[row, 0][0] * weight, 0.0)
-                    values[3 * k + row] += shaded
+                stokes = [mueller[row, 0] for row in range(3)]
+                # Turning it is cheaper to trace than turning all of the matrix.
+                for row in (1, 2):
+                    turned = to_camera[row, 1] * stokes[1] + to_camera[row, 2] * stokes[2]
+                    values[3 * k + row] += dr.select(weight > 0, turned[0] * weight, 0.0)
+                values[3 * k] += dr.select(weight > 0, stokes[0][0] * weight, 0.0)
         return values

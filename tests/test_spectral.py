@@ -36,8 +36,10 @@ class FourBands(Shading):
 class SpectralStage(Stage):
     """The stage of a spectral variant, every ray at the same four wavelengths."""
 
-    def _lobe(self, hit: Any, light: Any, bsdfs: Any, to_camera: Any, random: Any) -> list[Any]:
-        mi, dr, valid = self.mi, self.dr, hit.is_valid()
+    def _lobe(
+        self, hit: Any, valid: Any, light: Any, bsdfs: Any, to_camera: Any, random: Any
+    ) -> list[Any]:
+        mi, dr = self.mi, self.dr
         hit.wavelengths = type(hit.wavelengths)(*BANDS)
         values = [mi.Float(0.0) for _ in range(3 * len(BANDS) * len(bsdfs))]
         for direction, weight in light(hit, bsdfs[0], random, valid):
