@@ -20,6 +20,7 @@ from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
     Area,
     Camera,
+    Conductor,
     Dielectric,
     Distant,
     Environment,
@@ -37,6 +38,7 @@ from malus.scenes import (
     Uniform,
     load_suite,
 )
+from malus.scenes.surface import Surface
 
 needs_arrays = pytest.mark.skipif(
     not choose().vectorised, reason="scenes of several objects need LLVM or CUDA"
@@ -168,9 +170,16 @@ def test_in_a_white_furnace_nothing_is_seen() -> None:
 
 
 @needs_arrays
-@pytest.mark.parametrize("body", ["polarised", "unpolarised"])
-def test_with_nothing_near_a_scene_is_that_of_its_shape_alone(body: str) -> None:
-    surface = Dielectric(material="water", alpha=0.3, albedo=0.5, body=body)
+@pytest.mark.parametrize(
+    "surface",
+    [
+        Dielectric(material="water", alpha=0.3, albedo="red", body="polarised"),
+        Dielectric(material="water", alpha=0.3, albedo="red", body="unpolarised"),
+        Conductor(eta=0.2, k=3.0, alpha=0.3),
+    ],
+    ids=["polarised", "unpolarised", "conductor"],
+)
+def test_with_nothing_near_a_scene_is_that_of_its_shape_alone(surface: Surface) -> None:
     far = Placed(shape=Sphere(), surface=surface, position=(0, 0, -500))
     alone = Scene(
         shape=Superquadric(),
