@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from malus.reports.style import INK, PALETTE, SOFT, drawable, style
 from malus.reports.tables import KNOWLEDGE, in_order, only_body, over_all
@@ -81,7 +82,9 @@ def figure_ladder(table: pd.DataFrame, body: str) -> Figure:
         ax.set_yticks(range(len(methods)), [drawable(name) for name in methods])
         ax.invert_yaxis()
         ax.axvline(0.0, color=INK, lw=0.7)
+        ax.use_sticky_edges = False
         ax.margins(x=0.12)
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: scientific(value)))
         ax.set_xlabel("normalised mean squared error")
         ax.grid(axis="y", visible=False)
         handles: list[Any] = [ax.barh(0, 0, color=colours[source]) for source in sources]

@@ -53,7 +53,7 @@ DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG
 README, FILES, API = ROOT / "README.md", DOCS / "files.md", DOCS / "api.md"
 
 TINY = ["--resolution", "12", "--samples", "4"]
-TINY_BENCH = {"reconstruct": ["--megapixels", "0.01"]}
+TINY_BENCH = {"reconstruct": ["--megapixels", "0.01"], "scaling": ["--most", "48"]}
 STAND_IN = dict.fromkeys(suite_names(), "quick")
 """At a tiny size too, the large suites take minutes: what is tested here is the command."""
 
