@@ -24,24 +24,29 @@ def bsdfs(
     _update(mi, interface, etas, alpha)
     if body == "polarised":
         _update(mi, scattering, etas, alpha)
-    return interface, scattering
+    return [bsdf for bsdf, _ in interface], [bsdf for bsdf, _ in scattering]
 
 
 @functools.lru_cache(maxsize=32)
-def _pool(variant: Variant, count: int, body: AnyBody | None, metal: bool = False) -> list[Any]:
+def _pool(
+    variant: Variant, count: int, body: AnyBody | None, metal: bool = False
+) -> list[tuple[Any, Any]]:
+    """BSDFs, each with its parameters: to ask a BSDF for them takes as long as to set them."""
     mi = mitsuba(variant)
     some: Index = 1.5 + 1j if metal else 1.5
     describe = interface_bsdf(some, 0.3) if body is None else body_bsdf(some, 0.3, body)
-    return [mi.load_dict(describe) for _ in range(count)]
+    loaded = [mi.load_dict(describe) for _ in range(count)]
+    return [(bsdf, mi.traverse(bsdf)) for bsdf in loaded]
 
 
-def _update(mi: ModuleType, pool: Sequence[Any], etas: Sequence[Index], alpha: float) -> None:
+def _update(
+    mi: ModuleType, pool: Sequence[tuple[Any, Any]], etas: Sequence[Index], alpha: float
+) -> None:
     import drjit as dr
 
     # The same variable in every BSDF: Dr.Jit then computes the facet distribution only once.
     shared_alpha = dr.opaque(mi.Float, alpha)
-    for bsdf, eta in zip(pool, etas, strict=True):
-        parameters = mi.traverse(bsdf)
+    for (_, parameters), eta in zip(pool, etas, strict=True):
         parameters["eta.value"] = dr.opaque(mi.Float, eta.real)
         if isinstance(eta, complex):
             parameters["k.value"] = dr.opaque(mi.Float, eta.imag)
