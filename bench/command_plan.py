@@ -11,7 +11,7 @@ from rich.table import Table
 
 from malus.bench.plan import FamilyPlan, plan
 from malus.bench.savings import plan_record, savings
-from malus.renderers.adaptive import Renders, pass_samples, relative_error
+from malus.renderers.adaptive import Renders, first_samples, relative_error
 from malus.renderers.family import render_family
 from malus.renderers.variant import Variant, choose
 from malus.scenes.scene import Sampling
@@ -42,7 +42,7 @@ def _expected_samples(family: FamilyPlan, miniature: Renders, few: Sampling) -> 
     if target is None:
         return most
     error = relative_error(miniature, family.scenes)
-    return min(most, max(pass_samples(family.sampling), few.samples * (error / target) ** 2))
+    return min(most, max(first_samples(family.sampling), few.samples * (error / target) ** 2))
 
 
 def dataset_bytes(suite: Suite, families: Sequence[FamilyPlan]) -> int:

@@ -18,9 +18,9 @@ from malus.renderers.lobes import Floats, unit
 from malus.renderers.truth import Truth
 from malus.scenes.scene import Sampling, Scene
 
-MOST_PASSES = 16
+FIRST_PART = 16
 LEAST_SAMPLES = 16
-"""Of a pass: fewer would spend their time on starting kernels."""
+"""Of the first render, a sixteenth of all: fewer would spend their time on starting kernels."""
 
 
 class Renders(Protocol):
@@ -39,37 +39,48 @@ class Repeated:
 
     Attributes
     ----------
-    passes : renders of equal samples and different seeds
-    samples : int
-        Samples a pixel of all together.
+    passes : renders of different seeds
+    counts : tuple of int
+        Samples a pixel of each.
     """
 
     passes: tuple[Renders, ...]
-    samples: int
+    counts: tuple[int, ...]
+
+    @property
+    def samples(self) -> int:
+        """Samples a pixel of all together."""
+        return sum(self.counts)
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
         """The truth of one scene, with the samples that it took."""
         truths = [one.truth(scene, standard_error) for one in self.passes]
-        error = _mean([truth.standard_error**2 for truth in truths]) / len(truths)
+        parts = [count / self.samples for count in self.counts]
+        variance = [(p * truth.standard_error) ** 2 for p, truth in zip(parts, truths, strict=True)]
+
+        def mean(name: str) -> NDArray[Any]:
+            return self._mean([getattr(truth, name) for truth in truths])
+
         return replace(
             truths[0],
-            specular=_mean([truth.specular for truth in truths]),
-            diffuse=_mean([truth.diffuse for truth in truths]),
-            specular_noise=_mean([truth.specular_noise for truth in truths]),
-            diffuse_noise=_mean([truth.diffuse_noise for truth in truths]),
-            standard_error=np.sqrt(error),
-            normals=unit(_mean([truth.normals for truth in truths])),
+            specular=mean("specular"),
+            diffuse=mean("diffuse"),
+            specular_noise=mean("specular_noise"),
+            diffuse_noise=mean("diffuse_noise"),
+            standard_error=np.sqrt(np.sum(variance, axis=0, dtype=variance[0].dtype)),
+            normals=unit(mean("normals")),
             mask=np.logical_and.reduce([truth.mask for truth in truths]),
             samples=self.samples,
         )
 
     def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
         """Images (angles, height, width, bands) through a polariser, as of a `Family`."""
-        return _mean([one.polarised(scene, angles_deg) for one in self.passes])
+        return self._mean([one.polarised(scene, angles_deg) for one in self.passes])
 
-
-def _mean(images: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    return np.mean(images, axis=0, dtype=images[0].dtype)
+    def _mean(self, images: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Mean over all samples, in the images' type."""
+        mean = np.average(images, axis=0, weights=self.counts)
+        return np.asarray(mean, dtype=images[0].dtype)
 
 
 def relative_error(renders: Renders, scenes: Iterable[Scene]) -> float:
@@ -88,49 +99,51 @@ def relative_error(renders: Renders, scenes: Iterable[Scene]) -> float:
     return worst
 
 
-def pass_samples(sampling: Sampling) -> int:
-    """Samples a pixel of one pass, even.
+def first_samples(sampling: Sampling) -> int:
+    """Samples a pixel of the first render, even.
 
     Examples
     --------
-    >>> pass_samples(Sampling(samples=1024)), pass_samples(Sampling(samples=64))
+    >>> first_samples(Sampling(samples=1024)), first_samples(Sampling(samples=64))
     (64, 16)
     """
-    return min(sampling.samples, max(LEAST_SAMPLES, sampling.samples // MOST_PASSES // 2 * 2))
+    return min(sampling.samples, max(LEAST_SAMPLES, sampling.samples // FIRST_PART // 2 * 2))
 
 
 def render_until(
     render: Callable[[Sampling], Renders], scenes: Sequence[Scene], sampling: Sampling
 ) -> Repeated:
-    """Add passes until `sampling.target` is met, or its samples are used up.
+    """Render few samples, then as many more as their noise asks for, until the target is met.
 
-    How many follows from the noise of the first ones, and so from scenes, seed and variant alone.
+    How many follows from scenes, seed and variant alone; `sampling.samples` are the most.
     """
     assert sampling.target is not None
-    samples = pass_samples(sampling)
-    most = sampling.samples // samples
     passes: list[Renders] = []
-    wanted = 1
-    while len(passes) < wanted:
-        for number in range(len(passes), wanted):
-            once = {"samples": samples, "seed": _seed(sampling.seed, number), "target": None}
-            passes.append(render(sampling.model_copy(update=once)))
-        done = Repeated(tuple(passes), samples * len(passes))
-        wanted = needed(relative_error(done, scenes), sampling.target, len(passes), most)
+    counts: list[int] = []
+    wanted = first_samples(sampling)
+    while wanted > sum(counts):
+        counts.append(wanted - sum(counts))
+        once = {"samples": counts[-1], "seed": _seed(sampling.seed, len(passes)), "target": None}
+        passes.append(render(sampling.model_copy(update=once)))
+        done = Repeated(tuple(passes), tuple(counts))
+        error = relative_error(done, scenes)
+        wanted = needed(error, sampling.target, done.samples, sampling.samples)
     return done
 
 
-def needed(error: float, target: float, count: int, most: int) -> int:
-    """Passes for a target, where `count` of them have an error: noise falls as their root.
+def needed(error: float, target: float, samples: int, most: int) -> int:
+    """Samples for a target, even, where some have an error: noise falls as their root.
 
     Examples
     --------
-    >>> needed(2e-3, 1e-3, 2, 16), needed(9e-4, 1e-3, 2, 16), needed(1.0, 1e-3, 2, 16)
-    (8, 2, 16)
+    >>> needed(2e-3, 1e-3, 32, 512), needed(9e-4, 1e-3, 32, 512), needed(1.0, 1e-3, 32, 512)
+    (128, 32, 512)
     """
     if error <= target:
-        return count
-    return min(most, max(count + 1, math.ceil(count * min((error / target) ** 2, most))))
+        return samples
+    enough = samples * min((error / target) ** 2, most)
+    # At least a tenth more, or the last few would come one by one.
+    return min(most, 2 * math.ceil(max(enough, 1.1 * samples) / 2))
 
 
 def _seed(seed: int, number: int) -> int:
