@@ -7,6 +7,7 @@ truth's own Monte Carlo noise: errors below it mean nothing.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from malus.bench.colour_error import delta_e
 from malus.bench.image_error import PolarisationError, psnr, scaled, squared_error, ssim
 from malus.bench.judge import Metric, Value
+from malus.bench.metrics import Error, Residuals, skill
 from malus.bench.sums import PixelSums
 from malus.reconstruct import Components
 from malus.renderers.truth import Truth
@@ -92,12 +94,40 @@ def ssim_values(estimate: Components, truth: Truth) -> Iterator[Value]:
     yield Value("ssim", whole.mean, floor.mean)
 
 
+ZENITHS_DEG = (0, 15, 30, 45, 60, 75, 90)
+"""Edges of the bins of zenith angle."""
+
+
+def zenith_values(estimate: Components, truth: Truth) -> Iterator[Value]:
+    """NMSE and skill of the pixels in each bin of zenith angle, over the peak of all of them.
+
+    The noise is that of the guess I(ϑ) = I/2, which a method that keeps the image has to first
+    order. Bins without a pixel have no values.
+    """
+    estimated, noisy, true = _fields(estimate, truth)
+    cosine = truth.normals[truth.mask][:, 2].astype(np.float64)
+    if truth.view is not None:
+        cosine = np.einsum("pi,pi->p", truth.normals[truth.mask], truth.view[truth.mask])
+    place = np.digitize(np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0))), ZENITHS_DEG[1:-1])
+    polarised = np.array([0.0, 1.0, 1.0])
+    differences = estimated - true, true * polarised, (noisy - true) * polarised
+    for k, (low, high) in enumerate(itertools.pairwise(ZENITHS_DEG)):
+        chosen = place == k
+        method, guess, noise = (Residuals.of(d[chosen], 1.0) for d in differences)
+        if not method.pixels:
+            continue
+        errors = Error(method.nmse(), noise.nmse()), Error(guess.nmse(), noise.nmse())
+        yield Value(f"nmse_zenith_{low}_{high}", errors[0].nmse, errors[0].noise)
+        yield Value(f"skill_zenith_{low}_{high}", skill(*errors, method.pixels))
+
+
 METRICS: dict[str, Metric] = {
     "delta_e76": delta_e76,
     "delta_e2000": delta_e2000,
     "polarisation": polarisation_error,
     "psnr": psnr_values,
     "ssim": ssim_values,
+    "zenith": zenith_values,
 }
 """Further metrics by name."""
 

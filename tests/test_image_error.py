@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from malus.bench.extra_metrics import METRICS, get_metrics
+from malus.bench.extra_metrics import METRICS, ZENITHS_DEG, get_metrics
 from malus.bench.image_error import PolarisationError, psnr, scaled, squared_error, ssim
 from malus.bench.judge import Judge
+from malus.bench.metrics import Residuals
 from malus.bench.sums import PixelSums
 from malus.reconstruct import Components, get_method
 from malus.renderers.truth import Truth
@@ -176,3 +178,29 @@ def test_images_smaller_than_the_window_are_refused() -> None:
     )
     with pytest.raises(InputError, match="7 pixels"):
         ssim(estimate.stokes[crop], small, 0.0)
+
+
+def test_zenith_bins_share_out_the_whole_error() -> None:
+    """Bins weighed by their pixels add up to the NMSE of all; what is perfect has skill 1."""
+    truth, estimate = made_up()
+    zenith = np.random.default_rng(9).uniform(0.0, 1.3, truth.mask.shape)
+    truth = replace(truth, normals=np.stack([np.sin(zenith), 0 * zenith, np.cos(zenith)], axis=-1))
+    found = {value.metric: value for value in METRICS["zenith"](estimate, truth)}
+    cosine = np.clip(truth.normals[truth.mask][:, 2], 0, 1)
+    counts, _ = np.histogram(np.degrees(np.arccos(cosine)), ZENITHS_DEG)
+    bins = [f"{a}_{b}" for a, b in itertools.pairwise(ZENITHS_DEG)]
+    assert {name for name in found if name.startswith("nmse")} == {
+        f"nmse_zenith_{name}" for name, count in zip(bins, counts, strict=True) if count
+    }
+    total = sum(
+        count * found[f"nmse_zenith_{name}"].value
+        for name, count in zip(bins, counts, strict=True)
+        if count
+    )
+    difference = (estimate.stokes - truth.stokes)[truth.mask]
+    whole = Residuals.of(difference, truth.image[truth.mask].max()).nmse()
+    assert total / counts.sum() == pytest.approx(whole, rel=1e-10)
+    perfect = Components(*np.moveaxis(truth.stokes, -1, 0))
+    skills = [v.value for v in METRICS["zenith"](perfect, truth) if v.metric.startswith("skill")]
+    # What noise is subtracted from a perfect estimate lifts its skill above one, by the noise.
+    assert all(math.isnan(value) or value >= 1.0 for value in skills)
