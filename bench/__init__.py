@@ -9,19 +9,19 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from malus.bench.judge import score
-    from malus.bench.results import Results, read_results
-    from malus.bench.runner import run
-    from malus.bench.view import observe
+    from malus.bench.running.results import Results, read_results
+    from malus.bench.running.runner import run
+    from malus.bench.scoring.judge import score
+    from malus.bench.scoring.view import observe
 
 __all__ = ["Results", "observe", "read_results", "run", "score"]
 
 _HOMES = {
-    "Results": "results",
-    "observe": "view",
-    "read_results": "results",
-    "run": "runner",
-    "score": "judge",
+    "Results": "running.results",
+    "observe": "scoring.view",
+    "read_results": "running.results",
+    "run": "running.runner",
+    "score": "scoring.judge",
 }
 
 

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import click
 
-from malus.bench.cli_bench import bench_command
-from malus.bench.cli_capture import capture_command
-from malus.bench.cli_dataset import export_command, render_command, score_command
-from malus.bench.cli_filter import filter_command
-from malus.bench.cli_gate import gate_command
-from malus.bench.cli_place import PLACE
-from malus.bench.cli_status import status_command
+from malus.bench.commands.cli_bench import bench_command
+from malus.bench.commands.cli_capture import capture_command
+from malus.bench.commands.cli_dataset import export_command, render_command, score_command
+from malus.bench.commands.cli_filter import filter_command
+from malus.bench.commands.cli_gate import gate_command
+from malus.bench.commands.cli_place import PLACE
+from malus.bench.commands.cli_status import status_command
 
 STUDIES = ("stress", "precision")
-"""What `malus run` knows besides suites of scenes: see `malus.bench.studies`."""
+"""What `malus run` knows besides suites of scenes: see `malus.bench.running.studies`."""
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 STOPPED = "stopped; the same command goes on where it was"
@@ -73,12 +73,12 @@ def run(
       malus run quick --out results/quick
     """
     if suite in STUDIES:
-        from malus.bench.studies import run_study
+        from malus.bench.running.studies import run_study
 
         if not run_study(suite, out, backend):
             sys.exit(FAILED)
         return
-    from malus.bench.command_run import How, run_command
+    from malus.bench.commands.command_run import How, run_command
 
     overrides = {"samples": samples, "resolution": resolution, "seed": seed, "methods": methods}
     how = How(workers, scheduler, retry_failed, timeout)
@@ -103,7 +103,7 @@ def report(results: Path, beside: tuple[Path, ...]) -> None:
     Example:
       malus report results/fig5
     """
-    from malus.bench.command_run import report_again
+    from malus.bench.commands.command_run import report_again
 
     report_again(results, beside)
 
@@ -117,7 +117,7 @@ def list_command(what: str) -> None:
     Example:
       malus list materials
     """
-    from malus.bench.command_list import list_things
+    from malus.bench.commands.command_list import list_things
 
     list_things(what)
 
@@ -132,7 +132,7 @@ def plan(suite: str, backend: str) -> None:
     Example:
       malus plan fig5
     """
-    from malus.bench.command_plan import plan_command
+    from malus.bench.commands.command_plan import plan_command
 
     plan_command(suite, backend)
 
@@ -146,7 +146,7 @@ def doctor(as_json: bool) -> None:
     Example:
       malus doctor
     """
-    from malus.bench.doctor import report as examine
+    from malus.bench.commands.doctor import report as examine
 
     sys.exit(DONE if examine(as_json) else FAILED)
 

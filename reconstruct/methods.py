@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from malus.reconstruct import lobes
-from malus.reconstruct.blind import BLIND
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.known_lights import known_lights
 from malus.reconstruct.lobes import LobeModel
 from malus.reconstruct.observation import Components, Observation
+from malus.reconstruct.single_image.blind import BLIND
 from malus.scenes.errors import InputError
 
 LOBES = frozenset({"specular", "diffuse"})

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from malus.bench.colour_error import JUST_NOTICEABLE, delta_e_maps
+from malus.bench.scoring.colour_error import JUST_NOTICEABLE, delta_e_maps
 from malus.reports.examples import Example
 from malus.reports.html import Markup, folded, join, scrolling, tag
 from malus.reports.text import counted
@@ -46,7 +46,7 @@ class ErrorMap:
 
 
 def error_maps(example: Example) -> Iterator[ErrorMap]:
-    """I_max, I_min and every I(ϑ) of every method, as `malus.bench.colour_error` compares them.
+    """I_max, I_min and every I(ϑ) of every method, as `colour_error` compares them.
 
     Raises
     ------

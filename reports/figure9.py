@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 from matplotlib.figure import Figure
 
-from malus.bench.colour_error import JUST_NOTICEABLE
+from malus.bench.scoring.colour_error import JUST_NOTICEABLE
 from malus.reports.colour_errors import figure9_numbers
 from malus.reports.figure5 import Content, legend
 from malus.reports.style import SOFT, drawable, style

@@ -14,7 +14,7 @@ LABELS = {"ratio": "largest |Δρ|", "render": "rms error / peak"}
 
 
 def figure_precision(table: pd.DataFrame) -> Figure:
-    """One panel a diagram of `malus.bench.precision`: seconds across, error up, both logarithmic.
+    """One panel a diagram of `malus run precision`: seconds across, error up, both logarithmic.
 
     Points on the Pareto front are filled and joined; the others are hollow.
     """

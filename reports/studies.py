@@ -9,8 +9,8 @@ from typing import Any
 
 import pandas as pd
 
-from malus.bench.results import RUN
-from malus.bench.stress import cells
+from malus.bench.running.results import RUN
+from malus.bench.timing.stress import cells
 from malus.reports import facts
 from malus.reports.drawings import Drawing, precision_drawing
 from malus.reports.html import Markup, folded, join, table, tag

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from malus.bench.results import write_whole
+from malus.bench.running.results import write_whole
 from malus.reports.colour_errors import table1
 from malus.reports.drawings import Drawing, drawings, ladders
 from malus.reports.page import PAGE, page

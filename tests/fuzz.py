@@ -19,7 +19,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from malus.bench.child import Child, Died
+from malus.bench.running.child import Child, Died
 
 SEEDS = Path(__file__).parent / "reference" / "fuzz"
 MEMORY_BYTES = 3 << 30

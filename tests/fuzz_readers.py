@@ -18,16 +18,22 @@ import numpy as np
 from made_up import BANDS, made_up_truth
 
 from malus.bench import read_results
-from malus.bench.baseline import DEFAULT_RULES, Baseline, Origin, read_baseline, write_baseline
-from malus.bench.capture import read_capture
-from malus.bench.companion_files import read_normals
-from malus.bench.parts import Parts
-from malus.bench.pictures import read_picture
-from malus.bench.predictions import find_predictions
-from malus.bench.status import status
-from malus.renderers.dataset import DatasetWriter, open_dataset
-from malus.renderers.scene_folder import read_record
-from malus.renderers.spectral_exr import read_spectral, write_exr, write_spectral
+from malus.bench.exchange.predictions import find_predictions
+from malus.bench.gates.baseline import (
+    DEFAULT_RULES,
+    Baseline,
+    Origin,
+    read_baseline,
+    write_baseline,
+)
+from malus.bench.photos.capture import read_capture
+from malus.bench.photos.companion_files import read_normals
+from malus.bench.photos.pictures import read_picture
+from malus.bench.running.parts import Parts
+from malus.bench.running.status import status
+from malus.renderers.files.dataset import DatasetWriter, open_dataset
+from malus.renderers.files.scene_folder import read_record
+from malus.renderers.files.spectral_exr import read_spectral, write_exr, write_spectral
 from malus.reports import sample
 from malus.reports.examples import read_example
 from malus.scenes import load_suite

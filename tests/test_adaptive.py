@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from malus.bench.plan import plan
-from malus.bench.runner import run
+from malus.bench.running.plan import plan
+from malus.bench.running.runner import run
 from malus.renderers.adaptive import Repeated, relative_error
-from malus.renderers.dataset import DatasetWriter, open_dataset
 from malus.renderers.family import render_family
+from malus.renderers.files.dataset import DatasetWriter, open_dataset
 from malus.scenes import Area, Camera, Dielectric, Sampling, Scene, Sphere, load_suite
 
 LIT = {"shape": Sphere(), "light": Area(incidence_deg=45), "camera": Camera(resolution=10)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from malus.reconstruct import Inapplicable
-from malus.reconstruct.separation import separate
+from malus.reconstruct.single_image.separation import separate
 from malus.renderers.family import FamilyKey, render_family
 from malus.scenes import Camera, Dielectric, Distant, InputError, Sampling, Scene, Sphere
 from malus.scenes.albedo import reflectance, swatch_wavelengths, swatches

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from malus.bench.judge import Judge
-from malus.bench.view import observe
-from malus.reconstruct import Inapplicable, Method, Observation, shape
-from malus.reconstruct.blind import BLIND, blind, run_chain
+from malus.bench.scoring.judge import Judge
+from malus.bench.scoring.view import observe
+from malus.reconstruct import Inapplicable, Method, Observation
+from malus.reconstruct.single_image import shape
+from malus.reconstruct.single_image.blind import BLIND, blind, run_chain
 from malus.renderers import render
 from malus.renderers.truth import Truth
 from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere, Uniform

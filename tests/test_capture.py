@@ -12,11 +12,11 @@ import pytest
 import tifffile
 from click.testing import CliRunner
 
-from malus.bench.capture import conventional, read_capture
-from malus.bench.capture_fit import convention, fit_sinusoid
-from malus.bench.capture_score import colour_differences, score_capture
-from malus.bench.cli_capture import capture_command
-from malus.bench.knowledge import Knowledge
+from malus.bench.commands.cli_capture import capture_command
+from malus.bench.photos.capture import conventional, read_capture
+from malus.bench.photos.capture_fit import convention, fit_sinusoid
+from malus.bench.photos.capture_score import colour_differences, score_capture
+from malus.bench.photos.knowledge import Knowledge
 from malus.reconstruct.fresnel import smooth_dolp
 from malus.scenes import InputError, polarisation
 
@@ -125,8 +125,8 @@ def test_clipped_pixels_are_left_out(tmp_path: Path) -> None:
 
 
 def test_a_perfect_guess_has_skill_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from malus.bench import capture_score
-    from malus.bench.knowledge import Estimate
+    from malus.bench.photos import capture_score
+    from malus.bench.photos.knowledge import Estimate
     from malus.reconstruct import Components
 
     stokes, _ = dome_stokes(24)

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from malus.bench import read_results
-from malus.bench.results import HEADLINES, PARTS, RUN, TABLE
+from malus.bench.running.results import HEADLINES, PARTS, RUN, TABLE
 
 TINY = ["--resolution", "12", "--samples", "4"]
 

@@ -8,10 +8,10 @@ import colour
 import numpy as np
 import pytest
 
-from malus.bench.colour_error import JUST_NOTICEABLE, band_weights, delta_e, lab
-from malus.bench.extra_metrics import METRICS
-from malus.bench.image_error import scaled
-from malus.bench.sums import PixelSums
+from malus.bench.scoring.colour_error import JUST_NOTICEABLE, band_weights, delta_e, lab
+from malus.bench.scoring.extra_metrics import METRICS
+from malus.bench.scoring.image_error import scaled
+from malus.bench.scoring.sums import PixelSums
 from malus.reconstruct import Components
 from malus.renderers.truth import Truth
 from malus.scenes import Camera, Dielectric, Scene, Sphere, Uniform

@@ -22,14 +22,14 @@ import pytest
 from click.testing import CliRunner
 from made_up import BANDS, made_up_truth
 
-from malus.bench.cli_dataset import render_command
-from malus.bench.command_render import render_dataset
+from malus.bench.commands.cli_dataset import render_command
+from malus.bench.commands.command_render import render_dataset
 from malus.renderers import Truth, render
-from malus.renderers.dataset import DatasetWriter, open_dataset
-from malus.renderers.dataset_maps import with_own_map
-from malus.renderers.planes import FIELDS, MAPS
-from malus.renderers.scene_folder import IMAGES
-from malus.renderers.spectral_exr import read_exr, write_exr
+from malus.renderers.files.dataset import DatasetWriter, open_dataset
+from malus.renderers.files.dataset_maps import with_own_map
+from malus.renderers.files.planes import FIELDS, MAPS
+from malus.renderers.files.scene_folder import IMAGES
+from malus.renderers.files.spectral_exr import read_exr, write_exr
 from malus.renderers.translate import tessellated
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, InputError, load_suite
@@ -395,7 +395,7 @@ def test_a_kill_leaves_nothing_that_lasts(tmp_path: Path) -> None:
     script = (
         "import sys; sys.path[:0] = [sys.argv[2]]\n"
         "from made_up import made_up_truth\n"
-        "from malus.renderers.dataset import DatasetWriter\n"
+        "from malus.renderers.files.dataset import DatasetWriter\n"
         "with DatasetWriter(sys.argv[1]) as writer:\n"
         "    for seed in range(10**6): writer.add(made_up_truth(seed % 600, side=48))\n"
     )

@@ -31,7 +31,7 @@ from PIL import Image
 
 from malus.bench import read_results
 from malus.bench.cli import cli
-from malus.bench.extra_metrics import METRICS
+from malus.bench.scoring.extra_metrics import METRICS
 from malus.reconstruct import methods
 from malus.renderers import render
 from malus.scenes import (

@@ -13,10 +13,10 @@ import pytest
 from made_up import BANDS, made_up_truth
 from PIL import Image
 
-from malus.bench.export import aolp_16bit, export
-from malus.bench.view import observe
+from malus.bench.exchange.export import aolp_16bit, export
+from malus.bench.scoring.view import observe
 from malus.renderers import Truth
-from malus.renderers.dataset import Dataset, DatasetWriter, open_dataset
+from malus.renderers.files.dataset import Dataset, DatasetWriter, open_dataset
 
 NAMES = ("450nm", "532.1234567nm", "650nm")
 

@@ -17,17 +17,17 @@ import pandas as pd
 import pytest
 from test_robust import NOBODY, SUITE
 
-import malus.bench.work
+import malus.bench.running.work
 from malus.bench import run
-from malus.bench.child import Child, Died
-from malus.bench.cluster import engine
-from malus.bench.command_render import Order, render_dataset
-from malus.bench.status import status
-from malus.bench.task import Made, Task
-from malus.bench.work import Engine, apart, truths
+from malus.bench.commands.command_render import Order, render_dataset
+from malus.bench.running.child import Child, Died
+from malus.bench.running.cluster import engine
+from malus.bench.running.status import status
+from malus.bench.running.task import Made, Task
+from malus.bench.running.work import Engine, apart, truths
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth
-from malus.renderers.dataset import open_dataset
+from malus.renderers.files.dataset import open_dataset
 from malus.scenes import InputError, Scene
 
 ROUGH = max(surface.alpha for surface in (scene.surface for scene in SUITE.scenes()))
@@ -84,8 +84,8 @@ def test_a_crash_or_a_hang_costs_its_own_family(
 ) -> None:
     if method == "HANGS":
         # The time must do for imports on a busy machine: wait for it once only.
-        monkeypatch.setattr("malus.bench.work.ATTEMPTS", 1)
-        monkeypatch.setattr("malus.bench.cluster.ATTEMPTS", 1)
+        monkeypatch.setattr("malus.bench.running.work.ATTEMPTS", 1)
+        monkeypatch.setattr("malus.bench.running.cluster.ATTEMPTS", 1)
     good = run(SUITE.model_copy(update={"methods": ("eq8",)}), tmp_path / "good", NOBODY).table
     smooth = good[good.alpha < ROUGH].reset_index(drop=True)
     with ExitStack() as stack:
@@ -149,7 +149,7 @@ def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
     """Also where the parent was killed and the child is busy."""
     script = (
         "import sys, time; sys.path[:0] = [sys.argv[1]]\n"
-        "from malus.bench.child import Child; from test_faults import tells_and_sleeps\n"
+        "from malus.bench.running.child import Child; from test_faults import tells_and_sleeps\n"
         "with Child() as child: print(next(child.stream(tells_and_sleeps)), flush=True); input()"
     )
     command = [sys.executable, "-c", script, str(Path(__file__).parent)]
@@ -189,7 +189,7 @@ def test_no_time_is_one_line(seconds: float) -> None:
 
 
 def fails_to_render(error: BaseException, scene_id: str) -> Any:
-    render = malus.bench.work.render_torrance_sparrow
+    render = malus.bench.running.work.render_torrance_sparrow
 
     def renderer(scene: Scene) -> object:
         if scene.id == scene_id:
@@ -206,7 +206,7 @@ def test_a_render_records_what_fails_and_goes_on(
     bad = good.pop(1).id
     with monkeypatch.context() as patch:
         patch.setattr(
-            "malus.bench.work.render_torrance_sparrow",
+            "malus.bench.running.work.render_torrance_sparrow",
             fails_to_render(ZeroDivisionError("made up"), bad),
         )
         done = render_dataset(SUITE, tmp_path, NOBODY)
@@ -232,7 +232,7 @@ def test_a_render_tries_a_wrong_input_again_and_needs_one_scene(
         raise InputError("mesh.obj", "a mesh", "none", "mend it")
 
     with monkeypatch.context() as patch:
-        patch.setattr("malus.bench.work.render_torrance_sparrow", refuses)
+        patch.setattr("malus.bench.running.work.render_torrance_sparrow", refuses)
         with pytest.raises(InputError, match=r"found none; mesh\.obj: expected a mesh"):
             render_dataset(SUITE, tmp_path, NOBODY)
     assert status(tmp_path).failed_families == 4
@@ -249,7 +249,7 @@ def test_a_render_in_a_child_is_the_same_and_survives_its_death(
         assert [entry.sha256 for entry in here.record.scenes] == [
             entry.sha256 for entry in there.record.scenes
         ]
-        monkeypatch.setattr("malus.bench.command_render._rendered", dies_after_one)
+        monkeypatch.setattr("malus.bench.commands.command_render._rendered", dies_after_one)
         done = render_dataset(SUITE, tmp_path / "dies", NOBODY, child=child)
     # Each of two families has two scenes, and every process dies after one: no scene is lost.
     assert (done["rendered"], done["failed"]) == (4, 0)

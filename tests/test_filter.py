@@ -14,12 +14,13 @@ import pytest
 import tifffile
 from click.testing import CliRunner
 
-from malus.bench.cli_filter import filter_command
-from malus.bench.filter import Output, filter_picture, polarised
-from malus.bench.knowledge import PRESETS, Knowledge, gather
-from malus.bench.pictures import Picture, read_picture
-from malus.bench.transfer import linear_transfer, srgb_transfer
-from malus.reconstruct import Components, shape
+from malus.bench.commands.cli_filter import filter_command
+from malus.bench.photos.filter import Output, filter_picture, polarised
+from malus.bench.photos.knowledge import PRESETS, Knowledge, gather
+from malus.bench.photos.pictures import Picture, read_picture
+from malus.bench.photos.transfer import linear_transfer, srgb_transfer
+from malus.reconstruct import Components
+from malus.reconstruct.single_image import shape
 from malus.scenes import InputError, polarisation
 
 RNG = np.random.default_rng(0)
@@ -210,7 +211,7 @@ def test_a_failure_half_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
     def broken(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("malus.bench.filter._maps", broken)
+    monkeypatch.setattr("malus.bench.photos.filter._maps", broken)
     picture = Picture(linear, "EXR", None)
     with pytest.raises(KeyboardInterrupt):
         filter_picture(picture, "d", tmp_path / "out", Knowledge(normals))

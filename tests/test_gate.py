@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from malus.bench.baseline import (
+from malus.bench.commands.cli_gate import gate_command
+from malus.bench.gates.baseline import (
     DEFAULT_RULES,
     Baseline,
     Measured,
@@ -21,12 +22,18 @@ from malus.bench.baseline import (
     read_baseline,
     write_baseline,
 )
-from malus.bench.cli_gate import gate_command
-from malus.bench.gate import Verdict, gate, passed, updated
-from malus.bench.gate_report import junit, markdown
-from malus.bench.judge import Judge
-from malus.bench.plan import plan
-from malus.bench.results import Results, describe, inapplicable, record, table_of, write_results
+from malus.bench.gates.gate import Verdict, gate, passed, updated
+from malus.bench.gates.gate_report import junit, markdown
+from malus.bench.running.plan import plan
+from malus.bench.running.results import (
+    Results,
+    describe,
+    inapplicable,
+    record,
+    table_of,
+    write_results,
+)
+from malus.bench.scoring.judge import Judge
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
 from malus.renderers.family import render_family
 from malus.renderers.variant import choose

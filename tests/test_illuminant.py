@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from malus.reconstruct.illuminant import (
+from malus.reconstruct.observation import Inapplicable
+from malus.reconstruct.single_image.illuminant import (
     ILLUMINANTS,
     from_highlights,
     gray_world,
@@ -13,7 +14,6 @@ from malus.reconstruct.illuminant import (
     neutral,
     shades_of_grey,
 )
-from malus.reconstruct.observation import Inapplicable
 from malus.renderers import render
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
 from malus.scenes.materials import material

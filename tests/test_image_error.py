@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from malus.bench.extra_metrics import METRICS, ZENITHS_DEG, get_metrics
-from malus.bench.image_error import PolarisationError, psnr, scaled, squared_error, ssim
-from malus.bench.judge import Judge
-from malus.bench.metrics import Residuals
-from malus.bench.sums import PixelSums
+from malus.bench.scoring.extra_metrics import METRICS, ZENITHS_DEG, get_metrics
+from malus.bench.scoring.image_error import PolarisationError, psnr, scaled, squared_error, ssim
+from malus.bench.scoring.judge import Judge
+from malus.bench.scoring.metrics import Residuals
+from malus.bench.scoring.sums import PixelSums
 from malus.reconstruct import Components, get_method
 from malus.renderers.truth import Truth
 from malus.scenes import Camera, Dielectric, Scene, Sphere, Uniform

@@ -10,12 +10,12 @@ import pytest
 from click.testing import CliRunner
 from test_filter import dome
 
-from malus.bench.cli_dataset import score_command
-from malus.bench.judge import Judge
-from malus.bench.knowledge import Knowledge, estimate
+from malus.bench.commands.cli_dataset import score_command
+from malus.bench.photos.knowledge import Knowledge, estimate
+from malus.bench.scoring.judge import Judge
 from malus.reconstruct import get_method
 from malus.renderers import render
-from malus.renderers.dataset import DatasetWriter
+from malus.renderers.files.dataset import DatasetWriter
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
 
 SCENE = Scene(

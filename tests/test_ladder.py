@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from malus.bench.ladder import EVERYTHING, RUNGS, rungs
-from malus.bench.share import Exam, Share
-from malus.bench.sight import Sight
-from malus.bench.view import KNOWN, observe
+from malus.bench.running.share import Exam, Share
+from malus.bench.scoring.ladder import EVERYTHING, RUNGS, rungs
+from malus.bench.scoring.sight import Sight
+from malus.bench.scoring.view import KNOWN, observe
 from malus.reconstruct import Inapplicable, Observation, get_method
 from malus.renderers import Truth, render
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
@@ -53,7 +53,7 @@ def test_a_chain_that_is_right_costs_nothing(truth: Truth, monkeypatch: pytest.M
         asked.append(seen)
         return SimpleNamespace(observation=observe(truth, KNOWN))
 
-    monkeypatch.setattr("malus.bench.ladder.run_chain", perfect)
+    monkeypatch.setattr("malus.bench.scoring.ladder.run_chain", perfect)
     found = scored(truth, ("eq8", "half_vector"))
     assert [rung for method, rung in found if method == "eq8"] == [EVERYTHING, *RUNGS]
     for (method, rung), values in found.items():
@@ -83,7 +83,7 @@ def test_a_rung_changes_only_what_it_does_not_tell(
         light=lamp,
     )
     monkeypatch.setattr(
-        "malus.bench.ladder.run_chain", lambda seen: SimpleNamespace(observation=wrong)
+        "malus.bench.scoring.ladder.run_chain", lambda seen: SimpleNamespace(observation=wrong)
     )
     seen = dict(rungs(sight))
     first, second, third, last = (seen[name] for name in RUNGS)
@@ -101,7 +101,7 @@ def test_a_chain_that_finds_nothing_is_told(truth: Truth, monkeypatch: pytest.Mo
     def lost(seen: Observation) -> SimpleNamespace:
         raise Inapplicable("no outline")
 
-    monkeypatch.setattr("malus.bench.ladder.run_chain", lost)
+    monkeypatch.setattr("malus.bench.scoring.ladder.run_chain", lost)
     found = scored(truth, ("eq8",))
     assert "nmse" in found["eq8", EVERYTHING]
     assert all(found["eq8", rung] == {"inapplicable": 1.0} for rung in RUNGS)

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from malus.bench.judge import Judge, score
-from malus.bench.metrics import Error, Residuals, nmse_by, skill
-from malus.bench.sight import Sight
-from malus.bench.view import observe
+from malus.bench.scoring.judge import Judge, score
+from malus.bench.scoring.metrics import Error, Residuals, nmse_by, skill
+from malus.bench.scoring.sight import Sight
+from malus.bench.scoring.view import observe
 from malus.reconstruct import Components, Method, Observation, get_method, methods
 from malus.renderers import render
 from malus.renderers.truth import Truth

@@ -12,9 +12,9 @@ from PIL import Image
 from test_robust import NOBODY, SUITE, end, files, mounted, start
 
 from malus.bench import run
-from malus.bench.command_render import render_dataset
-from malus.bench.status import status
-from malus.renderers.dataset import open_dataset
+from malus.bench.commands.command_render import render_dataset
+from malus.bench.running.status import status
+from malus.renderers.files.dataset import open_dataset
 
 SIZES = ("--resolution", "8", "--samples", "2")
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from malus.bench.colour_error import delta_e, delta_e_maps
+from malus.bench.scoring.colour_error import delta_e, delta_e_maps
 from malus.reports import sample, write_report
 from malus.reports.error_maps import gallery
 from malus.reports.examples import Example, read_example

@@ -10,8 +10,8 @@ from PIL import Image
 
 from malus.bench import observe, run, score
 from malus.renderers import Truth
-from malus.renderers.dataset import DatasetWriter, open_dataset
 from malus.renderers.family import render_family
+from malus.renderers.files.dataset import DatasetWriter, open_dataset
 from malus.renderers.variant import choose
 from malus.scenes import (
     Area,

@@ -12,9 +12,9 @@ import PIL.ImageCms
 import pytest
 import tifffile
 
-from malus.bench.picture_files import write_picture
-from malus.bench.pictures import Picture, read_picture, upright
-from malus.bench.transfer import icc_transfer, srgb_transfer
+from malus.bench.photos.picture_files import write_picture
+from malus.bench.photos.pictures import Picture, read_picture, upright
+from malus.bench.photos.transfer import icc_transfer, srgb_transfer
 from malus.scenes import InputError
 
 RNG = np.random.default_rng(0)

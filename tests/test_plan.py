@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from malus.bench import score
-from malus.bench.plan import plan
-from malus.bench.results import RUN
-from malus.bench.runner import run
+from malus.bench.running.plan import plan
+from malus.bench.running.results import RUN
+from malus.bench.running.runner import run
 from malus.renderers import Truth, wavefront
 from malus.renderers.family import render_family
 from malus.scenes import Scene, Suite, load_suite

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from malus.bench.judge import score
+from malus.bench.scoring.judge import score
 from malus.reconstruct import Components, Method, Observation, get_method, methods
 from malus.renderers import render
 from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere

@@ -18,14 +18,14 @@ from click.testing import CliRunner
 from made_up import made_up_truth
 
 from malus.bench import read_results, run
-from malus.bench.cli_dataset import score_command
-from malus.bench.command_render import render_dataset
-from malus.bench.command_score import score_dataset
-from malus.bench.export import export
-from malus.bench.predictions import check_predictions
+from malus.bench.commands.cli_dataset import score_command
+from malus.bench.commands.command_render import render_dataset
+from malus.bench.commands.command_score import score_dataset
+from malus.bench.exchange.export import export
+from malus.bench.exchange.predictions import check_predictions
 from malus.reconstruct import get_method
-from malus.renderers.dataset import Dataset, DatasetWriter, open_dataset
-from malus.renderers.spectral_exr import write_spectral
+from malus.renderers.files.dataset import Dataset, DatasetWriter, open_dataset
+from malus.renderers.files.spectral_exr import write_spectral
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, InputError, Suite, load_suite
 
@@ -149,7 +149,7 @@ def test_a_wrong_scale_is_suspected(dataset: Dataset, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["unpolarised", "half_vector", "half_vector+body"])
 def test_an_honest_method_is_not_suspected(dataset: Dataset, tmp_path: Path, name: str) -> None:
-    from malus.bench.view import observe
+    from malus.bench.scoring.view import observe
 
     method = get_method(name)
     for truth in dataset:

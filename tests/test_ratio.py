@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from malus.bench.reference import reference_dolp
+from malus.bench.timing.reference import reference_dolp
 from malus.reconstruct.fresnel import smooth_dolp
 from malus.reconstruct.ratio import polarisation_ratio, specular_dolp
 

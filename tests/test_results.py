@@ -11,7 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from malus.bench import read_results
-from malus.bench.results import HEADLINES, TABLE, Results, write_results, write_run, write_tables
+from malus.bench.running.results import (
+    HEADLINES,
+    TABLE,
+    Results,
+    write_results,
+    write_run,
+    write_tables,
+)
 from malus.reports import sample
 
 
@@ -21,7 +28,7 @@ def test_pieces_come_back_as_one_table(tmp_path: Path, monkeypatch: pytest.Monke
     for folder in (at_once, pieces):
         folder.mkdir()
     write_results(at_once, Results(table, run))
-    monkeypatch.setattr("malus.bench.pieces.GROUP_ROWS", 100)
+    monkeypatch.setattr("malus.bench.running.pieces.GROUP_ROWS", 100)
     write_tables(pieces, (table.iloc[k : k + 30] for k in range(0, len(table), 30)))
     write_run(pieces, run)
     pd.testing.assert_frame_equal(read_results(pieces).table, table.reset_index(drop=True))
@@ -34,7 +41,7 @@ def test_pieces_come_back_as_one_table(tmp_path: Path, monkeypatch: pytest.Monke
 def test_memory_holds_a_group_of_tables_and_not_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("malus.bench.pieces.GROUP_ROWS", 100)
+    monkeypatch.setattr("malus.bench.running.pieces.GROUP_ROWS", 100)
     piece = sample.table().head(30)
     alive = most = 0
 

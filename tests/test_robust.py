@@ -23,16 +23,16 @@ from typing import Any
 import pandas as pd
 import pytest
 
-import malus.bench.work
+import malus.bench.running.work
 from malus.bench import read_results, run
-from malus.bench.cluster import spread
-from malus.bench.command_render import render_dataset
-from malus.bench.parts import PLAN
-from malus.bench.plan import plan
-from malus.bench.results import EXAMPLES, PARTS, RUN
-from malus.bench.status import status
-from malus.bench.task import Made, Task
-from malus.bench.work import Engine, here
+from malus.bench.commands.command_render import render_dataset
+from malus.bench.running.cluster import spread
+from malus.bench.running.parts import PLAN
+from malus.bench.running.plan import plan
+from malus.bench.running.results import EXAMPLES, PARTS, RUN
+from malus.bench.running.status import status
+from malus.bench.running.task import Made, Task
+from malus.bench.running.work import Engine, here
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers.variant import Variant, choose
 from malus.scenes import Camera, InputError, Scene, Suite, load_suite
@@ -256,7 +256,7 @@ def test_a_damaged_part_is_made_again(tmp_path: Path) -> None:
 
 
 def fails_on(scene_id: str, calls: list[str]) -> Callable[..., object]:
-    render = malus.bench.work.render_torrance_sparrow
+    render = malus.bench.running.work.render_torrance_sparrow
 
     def renderer(scene: Scene) -> object:
         calls.append(scene.id)
@@ -274,7 +274,7 @@ def test_a_scene_that_cannot_be_rendered_is_recorded_and_the_run_goes_on(
     bad = next(SUITE.scenes()).id
     calls: list[str] = []
     with monkeypatch.context() as patch:
-        patch.setattr("malus.bench.work.render_torrance_sparrow", fails_on(bad, calls))
+        patch.setattr("malus.bench.running.work.render_torrance_sparrow", fails_on(bad, calls))
         results = run(SUITE, tmp_path / "bad", NOBODY)
         assert len(calls) == 4
         assert run(SUITE, tmp_path / "bad", NOBODY).run["families_failed"] == 1
@@ -319,7 +319,7 @@ def test_a_wrong_input_is_tried_again_and_no_row_at_all_is_an_error(
         raise InputError("mesh.obj", "a mesh", "none", "mend it")
 
     with monkeypatch.context() as patch:
-        patch.setattr("malus.bench.work.render_torrance_sparrow", refuses)
+        patch.setattr("malus.bench.running.work.render_torrance_sparrow", refuses)
         with pytest.raises(InputError, match=r"mesh\.obj: expected a mesh, found none; mend it"):
             run(SUITE, tmp_path, NOBODY)
     assert run(SUITE, tmp_path, NOBODY).run["families_failed"] == 0
@@ -334,7 +334,7 @@ def test_a_stop_that_a_library_wraps_is_still_a_stop(
         except KeyboardInterrupt as stop:
             raise RuntimeError("exception in a loop") from stop
 
-    monkeypatch.setattr("malus.bench.work.render_torrance_sparrow", wraps)
+    monkeypatch.setattr("malus.bench.running.work.render_torrance_sparrow", wraps)
     with pytest.raises(KeyboardInterrupt):
         run(SUITE, tmp_path, NOBODY)
     assert not list((tmp_path / PARTS).glob("*"))
@@ -420,7 +420,7 @@ def test_a_read_only_folder_is_one_line(tmp_path: Path) -> None:
 def client() -> Iterator[Any]:
     """A client of a cluster of two processes."""
     pytest.importorskip("distributed", reason="Dask is not installed")
-    from malus.bench.cluster import _local
+    from malus.bench.running.cluster import _local
 
     with ExitStack() as stack:
         yield _local(2, stack)
@@ -434,7 +434,7 @@ def sleeps(task: Task, variant: str) -> Made:
 def test_spreading_costs_less_than_a_tenth_of_tasks_of_a_second(
     client: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("malus.bench.cluster._remote", sleeps)
+    monkeypatch.setattr("malus.bench.running.cluster._remote", sleeps)
     family = plan(SUITE)[0]
     tasks = [Task(str(k), family, "torrance-sparrow", {}) for k in range(8)]
     warm, timed = tasks[:2], tasks[2:]
@@ -500,8 +500,9 @@ def test_wrong_clusters_are_one_line(tmp_path: Path, options: list[str], says: s
 
 def test_without_workers_nothing_of_dask_is_imported(tmp_path: Path) -> None:
     script = (
-        "import sys; from malus.bench.command_run import run_command\n"
-        "from malus.bench.cluster import engine; from malus.renderers.variant import choose\n"
+        "import sys; from malus.bench.commands.command_run import run_command\n"
+        "from malus.bench.running.cluster import engine\n"
+        "from malus.renderers.variant import choose\n"
         "with engine(choose('scalar'), None, None): print({'dask', 'distributed'} & {*sys.modules})"
     )
     done = subprocess.run(

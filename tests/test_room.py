@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from malus.bench import run, score
-from malus.bench.command_render import render_dataset
-from malus.bench.export import export
-from malus.bench.plan import plan
+from malus.bench.commands.command_render import render_dataset
+from malus.bench.exchange.export import export
+from malus.bench.running.plan import plan
 from malus.renderers import render
-from malus.renderers.dataset import open_dataset
 from malus.renderers.family import render_family
+from malus.renderers.files.dataset import open_dataset
 from malus.renderers.room import Room
 from malus.renderers.translate import emitters, sensor
 from malus.renderers.variant import choose, mitsuba

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from malus.bench.scaling import (
+from malus.bench.timing.scaling import (
     FAMILY,
     Messages,
     Scale,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from malus.reconstruct.observation import Inapplicable
-from malus.reconstruct.separation import SEPARATIONS, separate
+from malus.reconstruct.single_image.separation import SEPARATIONS, separate
 from malus.renderers import render
 from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
 

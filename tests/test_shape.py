@@ -7,20 +7,20 @@ import math
 import numpy as np
 import pytest
 
-from malus.reconstruct import shape
-from malus.reconstruct.convergence import Convergence
-from malus.reconstruct.light_direction import estimate_direction
 from malus.reconstruct.observation import Inapplicable
-from malus.reconstruct.outline import outline_of
-from malus.reconstruct.parameters import fit_parameters
-from malus.reconstruct.shading import (
+from malus.reconstruct.single_image import shape
+from malus.reconstruct.single_image.convergence import Convergence
+from malus.reconstruct.single_image.light_direction import estimate_direction
+from malus.reconstruct.single_image.outline import outline_of
+from malus.reconstruct.single_image.parameters import fit_parameters
+from malus.reconstruct.single_image.shading import (
     body_shading,
     facet_reflectance,
     index_of,
     mirrored_shading,
 )
-from malus.reconstruct.shape import Known, recover_shape
-from malus.reconstruct.shape_solver import Guess, Picture, ShapeProblem, Weights
+from malus.reconstruct.single_image.shape import Known, recover_shape
+from malus.reconstruct.single_image.shape_solver import Guess, Picture, ShapeProblem, Weights
 from malus.renderers import render
 from malus.renderers.truth import Truth
 from malus.scenes import Blob, Camera, Dielectric, Distant, Sampling, Scene, Sphere

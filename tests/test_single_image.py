@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from malus.bench.single_image import chain_row, main, separation_row, truths
-from malus.reconstruct.separation import SEPARATIONS
+from malus.bench.photos.single_image import chain_row, main, separation_row, truths
+from malus.reconstruct.single_image.separation import SEPARATIONS
 from malus.scenes.materials import materials
 
 
@@ -25,7 +25,7 @@ def test_turns_reach_every_material_body_and_light(monkeypatch: pytest.MonkeyPat
         scenes.extend(asked)
         return Family()
 
-    monkeypatch.setattr("malus.bench.single_image.render_family", rendered)
+    monkeypatch.setattr("malus.bench.photos.single_image.render_family", rendered)
     assert list(truths(("sphere", "blob"), 24, 8, coloured=True)) == scenes
     assert len(scenes) == len({scene.id for scene in scenes}) == 5 * 2 * 4 * 2
     assert {scene.surface.material_label for scene in scenes} == set(materials())
@@ -45,7 +45,7 @@ def test_every_separation_is_measured() -> None:
 
 def test_the_command_writes_a_line_a_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few = [truth for truth, _ in zip(truths(("sphere",), 24, 20, False), range(2), strict=False)]
-    monkeypatch.setattr("malus.bench.single_image.truths", lambda *_: iter(few))
+    monkeypatch.setattr("malus.bench.photos.single_image.truths", lambda *_: iter(few))
     rows = tmp_path / "rows.jsonl"
     arguments = ["--stage", "chain", "--level", "blind-normals", "--rows", str(rows)]
     result = CliRunner().invoke(main, arguments)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from malus.bench import speed_ratio, speed_reconstruct
-from malus.bench.cli_bench import bench_command
-from malus.bench.reference import reference_dolp
+from malus.bench.commands.cli_bench import bench_command
+from malus.bench.timing import speed_ratio, speed_reconstruct
+from malus.bench.timing.reference import reference_dolp
 from malus.reconstruct import get_method, specular_dolp
 
 

@@ -21,12 +21,12 @@ from test_robust import NOBODY, SUITE
 
 from malus.bench import read_results, run
 from malus.bench.cli import cli
-from malus.bench.command_render import render_dataset
-from malus.bench.export import export
-from malus.bench.status import status
-from malus.renderers.dataset import open_dataset
-from malus.renderers.storage import digest, replace_file
-from malus.renderers.stores import is_here, place
+from malus.bench.commands.command_render import render_dataset
+from malus.bench.exchange.export import export
+from malus.bench.running.status import status
+from malus.renderers.files.dataset import open_dataset
+from malus.renderers.files.storage import digest, replace_file
+from malus.renderers.files.stores import is_here, place
 from malus.scenes import InputError
 
 

@@ -12,10 +12,10 @@ from click.testing import CliRunner
 from mpmath import mpf
 from reference import fresnel as literal
 
-from malus.bench import stress
 from malus.bench.cli import cli
-from malus.bench.reference import reference_dolp, reflectances
-from malus.bench.stress_images import ImageCase, image_cases, image_faults, ordinary
+from malus.bench.timing import stress
+from malus.bench.timing.reference import reference_dolp, reflectances
+from malus.bench.timing.stress_images import ImageCase, image_cases, image_faults, ordinary
 from malus.reconstruct import block, known_lights, lobes
 
 SOME = stress.rho_cases()[2::11]

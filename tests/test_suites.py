@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from malus.bench.plan import plan
+from malus.bench.running.plan import plan
 from malus.scenes import (
     Dielectric,
     Distant,

@@ -1,0 +1,26 @@
+"""Folders on the command line: a path, or a URL of a store."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+class Place(click.ParamType[Path]):
+    """A path, or a URL such as s3://bucket/folder."""
+
+    name = "path"
+
+    def convert(self, value: Any, param: object, ctx: object) -> Path:
+        """The path of a text; a URL needs fsspec, which is imported only then."""
+        del param, ctx  # click's; nothing here depends on them
+        if isinstance(value, Path) or "://" not in str(value):
+            return Path(value)
+        from malus.renderers.files.stores import place
+
+        return place(value)
+
+
+PLACE = Place()

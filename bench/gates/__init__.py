@@ -1,0 +1,1 @@
+"""Accuracy against a reviewed baseline."""

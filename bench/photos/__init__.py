@@ -1,0 +1,1 @@
+"""Photographs: a virtual filter, captures, picture files."""

@@ -1,0 +1,1 @@
+"""A suite from plan to table: families, engines, parts, results."""

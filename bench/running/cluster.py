@@ -1,0 +1,195 @@
+"""Families spread over the worker processes of a Dask cluster, on this machine or on many.
+
+A task is a few kilobytes of parameters and what comes back is its table, so that neither the
+scheduler nor the network sees an image but the few examples. This process alone writes to the
+folder of the run; workers need no disk and share none.
+
+A worker that dies, is killed for its memory or loses its connection costs the family that it had:
+Dask gives that to another. A worker whose family takes too long ends itself. A family that has
+killed `ATTEMPTS` workers is recorded as failed.
+"""
+
+from __future__ import annotations
+
+import logging
+import signal
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import islice
+from typing import Any
+
+from malus.bench.running.child import TIMEOUT_SECONDS, Child, at_most
+from malus.bench.running.parts import Failure
+from malus.bench.running.task import Made, Task
+from malus.bench.running.work import Engine, apart, work
+from malus.renderers.variant import BACKENDS, Variant, choose
+from malus.scenes.errors import InputError
+from malus.scenes.model import content_id
+
+ATTEMPTS = 3
+"""Workers that one family may kill before it is recorded as failed."""
+
+WAITING = 32
+"""Tasks that wait at the scheduler, besides two a thread: enough that no worker idles."""
+
+CONNECT_SECONDS = 30
+
+_one_at_a_time = threading.Lock()
+"""Held during a family: Mitsuba's variant is one for all threads of a worker."""
+
+
+@contextmanager
+def engine(
+    variant: Variant,
+    workers: int | None,
+    scheduler: str | None,
+    timeout: float = TIMEOUT_SECONDS,
+) -> Iterator[Engine]:
+    """The engine that the user asked for; nothing of Dask is imported where it is not needed.
+
+    Parameters
+    ----------
+    variant : Variant
+        That every worker has to render with.
+    workers : int, optional
+        Starts a cluster of so many processes on this machine, and stops it at the end.
+    scheduler : str, optional
+        Address of a cluster that runs already; it is left as it is.
+    timeout : float
+        Seconds that a family may take.
+
+    Raises
+    ------
+    InputError
+        Both at once, a number of workers below one, no time, Dask missing, nobody at the address.
+    """
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers, --scheduler", "one of the two", "both", "leave one out")
+    if workers is not None and workers < 1:
+        raise InputError("--workers", "a number of at least 1", str(workers), "leave it out")
+    with Child(timeout) as child, ExitStack() as stack:
+        if workers is None and scheduler is None:
+            yield apart(variant, child)
+            return
+        client = _local(workers, stack) if workers else _existing(str(scheduler), stack)
+        yield lambda tasks: spread(tasks, client, variant, timeout)
+
+
+def spread(
+    tasks: Iterable[Task], client: Any, variant: Variant, timeout: float = TIMEOUT_SECONDS
+) -> Iterator[tuple[Task, Made]]:
+    """Do tasks on a cluster, in the order in which they finish; few at a time are handed over.
+
+    Raises
+    ------
+    InputError
+        If the scheduler is lost.
+    """
+    source = iter(tasks)
+    threads = sum(client.nthreads().values())
+    running = {}
+    finished = _distributed().as_completed(loop=client.loop)
+
+    def hand_over(count: int) -> None:
+        for task in islice(source, count):
+            future = client.submit(_remote, task, variant.name, timeout, key=_key(task), pure=False)
+            running[future.key] = task
+            finished.add(future)
+
+    hand_over(WAITING + 2 * threads)
+    while running:
+        future = next(finished)
+        task = running.pop(future.key)
+        made = _made(future)
+        # The scheduler forgets the table at once: its memory does not grow with the run.
+        future.release()
+        yield task, made
+        hand_over(1)
+
+
+def _remote(task: Task, variant: str, timeout: float) -> Made:
+    """One task on a worker, with the worker's own library for the variant of the run."""
+    backends = {name: backend for backend, name in BACKENDS.items()}
+    with _one_at_a_time:
+        found = choose(backends[variant])
+        with at_most(timeout):
+            return work(task, found)
+
+
+def _key(task: Task) -> str:
+    """Names the work by its content: two runs on one cluster share what both need."""
+    return f"malus-{content_id([task.id, task.methods, sorted(task.examples)])}"
+
+
+def _made(future: Any) -> Made:
+    if future.status == "finished":
+        return future.result()
+    if future.status != "error":
+        raise InputError(
+            "scheduler", "one that answers", f"a task {future.status}", "give the command again"
+        )
+    error = future.exception()
+    if type(error).__name__ == "KilledWorker":
+        reason = f"{ATTEMPTS} workers died of it (memory, time, or a crash of the renderer)"
+        return Made(failures=[Failure(None, None, reason)])
+    return Made(failures=[Failure.of(error)])
+
+
+@contextmanager
+def local_cluster(workers: int) -> Iterator[Any]:
+    """The client of a cluster of so many processes on this machine."""
+    with ExitStack() as stack:
+        yield _local(workers, stack)
+
+
+def _local(workers: int, stack: ExitStack) -> Any:
+    """A cluster of processes with one task each, which end with this one however it ends."""
+    distributed = _distributed()
+    from dask import config
+
+    settings = {
+        "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
+        # One task a worker: a second one that waits there would be blamed for its death too.
+        "distributed.scheduler.worker-saturation": 1.0,
+    }
+    stack.enter_context(config.set(settings))
+    cluster = distributed.LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=None,
+        silence_logs=logging.CRITICAL,
+        preload=__name__,  # every worker calls dask_setup
+    )
+    stack.enter_context(cluster)
+    return stack.enter_context(distributed.Client(cluster))
+
+
+def dask_setup(worker: Any) -> None:
+    """Leave Ctrl-C to the process that started the workers: it stops them, and prints one line."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _existing(address: str, stack: ExitStack) -> Any:
+    distributed = _distributed()
+    # A scheduler that is lost is told in one line here, and not once more as Dask's log.
+    stack.enter_context(distributed.utils.silence_logging_cmgr(logging.CRITICAL))
+    try:
+        client = stack.enter_context(distributed.Client(address, timeout=CONNECT_SECONDS))
+        client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+    except (OSError, ValueError, TypeError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        hint = "is `dask scheduler` running there?"
+        raise InputError("--scheduler", "the address of a Dask scheduler", reason, hint) from None
+    return client
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError:
+        raise InputError(
+            "--workers, --scheduler", "the package distributed", "none", "pip install distributed"
+        ) from None
+    return distributed

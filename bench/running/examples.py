@@ -1,0 +1,77 @@
+"""A few scenes of a run with every method's images, for people to look at."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from malus.bench.running.plan import FamilyPlan
+from malus.bench.running.results import write_whole
+from malus.bench.scoring.view import observe
+from malus.reconstruct import Inapplicable, Method
+from malus.renderers.truth import Truth
+from malus.scenes.scene import Scene
+
+FOLDER = "examples"
+MOST = 24
+"""Scenes kept at most: one a light and shape, and roughnesses as far as that goes."""
+
+
+def chosen(families: Sequence[FamilyPlan]) -> frozenset[str]:
+    """Ids of the scenes to keep: of each family the material of middle index, spread evenly.
+
+    Examples
+    --------
+    >>> from malus.bench.running.plan import plan
+    >>> from malus.scenes import load_suite
+    >>> len(chosen(plan(load_suite("quick"))))
+    8
+    """
+    middles = [_middle(family.scenes) for family in families]
+    step = max(1.0, len(middles) / MOST)
+    picks = {int(k * step) for k in range(min(MOST, len(middles)))}
+    return frozenset(middles[k].id for k in sorted(picks))
+
+
+def _middle(scenes: Sequence[Scene]) -> Scene:
+    ordered = sorted(scenes, key=lambda scene: float(scene.eta.real.mean()))
+    return ordered[len(ordered) // 2]
+
+
+def keep(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
+    """Write `examples/<scene id>.npz`: truth, mask, one Stokes image a method, and a label."""
+    path = folder / FOLDER / f"{truth.scene.id}.npz"
+    if path.exists():
+        return
+    images: dict[str, Any] = {
+        "truth": truth.stokes.astype(np.float32),
+        "mask": truth.mask,
+        "meta": np.array(json.dumps(_meta(truth.scene))),
+    }
+    for method in methods:
+        try:
+            estimate = method.reconstruct(observe(truth, method.needs))
+        except Inapplicable:
+            continue
+        images[f"method.{method.name}"] = estimate.stokes.astype(np.float32)
+    write_whole(path, lambda temporary: np.savez_compressed(temporary, **images))
+
+
+def _meta(scene: Scene) -> dict[str, Any]:
+    surface = scene.surface
+    parts = (
+        scene.label,
+        surface.material_label,
+        surface.label,
+        f"{surface.body} body",
+        scene.light.label,
+    )
+    return {
+        "scene": scene.id,
+        "label": ", ".join(parts),
+        "wavelengths_nm": list(scene.wavelengths_nm),
+    }

@@ -1,0 +1,185 @@
+"""What a run keeps of every family, so that it can stop at any moment and go on later.
+
+`plan.json` lists the families. `parts/<id>.parquet` has the rows of one, where `id` is a hash of
+everything that decides them but the methods: those that are there are listed in the file, so that
+a suite with one method more scores only that one. `parts/<id>.failed.json` says what could not be
+done and why.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow.parquet as pq
+
+from malus.bench.running.plan import FamilyPlan
+from malus.bench.running.results import PARTS, write_whole
+from malus.renderers.files.storage import open_regular, read_json
+from malus.renderers.variant import Variant
+from malus.scenes.errors import InputError, printable
+from malus.scenes.model import content_id
+from malus.scenes.suite import Suite
+
+PLAN = "plan.json"
+SCHEMA = 4
+"""Counts up when a part's rows or attributes change: older parts are then made again."""
+
+METHODS = "methods"
+"""Attribute of a part's table: the methods that it has for every scene of the family."""
+
+_MAX_BYTES = 1 << 28
+_LONGEST_REASON = 500
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What could not be done, and why, in one line.
+
+    Attributes
+    ----------
+    scene, method : str or None
+        None means all of them.
+    mendable : bool
+        The reason is a wrong input, which the user may have mended: it is tried every time.
+
+    Examples
+    --------
+    >>> Failure.of(ZeroDivisionError("by zero"), method="eq8").reason
+    'ZeroDivisionError: by zero'
+    """
+
+    scene: str | None
+    method: str | None
+    reason: str
+    mendable: bool = False
+
+    @classmethod
+    def of(
+        cls, error: BaseException, scene: str | None = None, method: str | None = None
+    ) -> Failure:
+        """The failure that an exception stands for."""
+        wrong_input = isinstance(error, InputError)
+        reason = str(error) if wrong_input else f"{type(error).__name__}: {error}"
+        return cls(scene, method, printable(reason[:_LONGEST_REASON]), wrong_input)
+
+
+def part_id(family: FamilyPlan, suite: Suite, variant: str) -> str:
+    """Hash of what decides the rows of a family, besides the methods."""
+    scored = [suite.metrics, suite.knowledge]
+    return content_id([family.id, suite.renderer, *scored, variant, version("malus"), SCHEMA])
+
+
+def write_plan(
+    folder: Path,
+    suite: Suite,
+    families: Sequence[FamilyPlan],
+    methods: Iterable[str],
+    variant: Variant,
+) -> None:
+    """Write what the run will do, for `malus status`."""
+    listed = [
+        {
+            "id": part_id(family, suite, variant.name),
+            "label": family.label,
+            "scenes": len(family.scenes),
+        }
+        for family in families
+    ]
+    about = {"suite": suite.name, "suite_id": suite.id, "methods": list(methods)}
+    text = json.dumps(about | {"families": listed}, indent=1)
+    write_whole(folder / PLAN, lambda path: path.write_text(text + "\n", encoding="utf-8"))
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The parts in the folder of a run.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> parts = Parts(Path(tempfile.mkdtemp()))
+    >>> parts.write("a", pd.DataFrame({"method": ["eq8"]}), ["eq8"])
+    >>> parts.methods("a"), parts.methods("b")
+    (('eq8',), ())
+    """
+
+    folder: Path
+
+    def table(self, name: str) -> pd.DataFrame | None:
+        """The rows of a family; None where there are none, or the file is damaged."""
+        try:
+            with open_regular(self._path(name)) as file:
+                return pd.read_parquet(file)
+        except Exception:  # a foreign parser raises anything on a broken file
+            return None
+
+    def write(self, name: str, table: pd.DataFrame, methods: Iterable[str]) -> None:
+        """Keep the rows of a family; `methods` are those that it has for every scene."""
+        # pandas stores attributes with the Parquet file: they come back when a run goes on.
+        table.attrs[METHODS] = sorted(methods)
+        write_whole(self._path(name), lambda path: table.to_parquet(path, index=False))
+
+    def methods(self, name: str) -> tuple[str, ...]:
+        """Methods that a family has for every scene, from the end of the file alone."""
+        try:
+            with open_regular(self._path(name)) as file:
+                described = pq.read_schema(file).pandas_metadata or {}
+            return tuple(described.get("attributes", {}).get(METHODS, ()))
+        except Exception:  # a foreign parser raises anything on a broken file
+            return ()
+
+    def failures(self, name: str) -> tuple[Failure, ...]:
+        """What of a family could not be done; a record that is damaged counts as none."""
+        path = self._failed(name)
+        if not path.exists():
+            return ()
+        try:
+            return tuple(Failure(**entry) for entry in read_json(path, _MAX_BYTES)[0]["failures"])
+        except (InputError, TypeError, KeyError):
+            return ()
+
+    def write_failures(self, name: str, label: str, failures: Sequence[Failure]) -> None:
+        """Record what could not be done, or that nothing is left that could not."""
+        path = self._failed(name)
+        if not failures:
+            path.unlink(missing_ok=True)
+            return
+        record = {"family": label, "failures": [asdict(failure) for failure in failures]}
+        text = json.dumps(record, indent=1)
+        write_whole(path, lambda temporary: temporary.write_text(text + "\n", encoding="utf-8"))
+
+    def _path(self, name: str) -> Path:
+        return self.folder / PARTS / f"{name}.parquet"
+
+    def _failed(self, name: str) -> Path:
+        return self.folder / PARTS / f"{name}.failed.json"
+
+
+def merged(old: pd.DataFrame | None, new: pd.DataFrame | None, again: Iterable[str]) -> Any:
+    """Rows of both; those of the methods that were done `again` come from the new ones alone."""
+    if old is None:
+        return new
+    kept = old[~old.method.isin(list(again))]
+    tables = [table for table in (kept, new) if table is not None and len(table)]
+    if not tables:
+        return None
+    table = pd.concat(tables, ignore_index=True)
+    table.attrs = dict((old if new is None else new).attrs)
+    return table
+
+
+def in_order(table: pd.DataFrame, family: FamilyPlan, methods: Iterable[str]) -> pd.DataFrame:
+    """The rows of `methods`, ordered by scene and method, however they came together."""
+    scenes = {scene.id: place for place, scene in enumerate(family.scenes)}
+    places = {method: place for place, method in enumerate(dict.fromkeys(methods))}
+    wanted = table[table.method.isin(places)]
+    order = wanted.scene.map(scenes) * len(places) + wanted.method.map(places)
+    found = wanted.iloc[order.to_numpy().argsort(kind="stable")].reset_index(drop=True)
+    found.attrs = dict(table.attrs)
+    return found

@@ -1,0 +1,228 @@
+"""The main job: render every family, let every method reconstruct, score, and keep the results."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from malus.bench.running.collected import Collected
+from malus.bench.running.examples import chosen
+from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
+from malus.bench.running.plan import FamilyPlan, plan
+from malus.bench.running.results import (
+    EXAMPLES,
+    Results,
+    origin,
+    prepare_folder,
+    read_results,
+    write_run,
+    write_tables,
+    write_whole,
+)
+from malus.bench.running.savings import plan_record
+from malus.bench.running.task import Made, Task
+from malus.bench.running.work import Engine, here
+from malus.reconstruct import get_method
+from malus.renderers.files.storage import owned
+from malus.renderers.files.stores import place
+from malus.renderers.variant import Variant, choose
+from malus.scenes.errors import InputError
+from malus.scenes.suite import Suite
+
+Progress = Callable[[int, int, str], None]
+REASONS_KEPT = 20
+"""Failures that `run.json` tells at most; the parts and `malus status` tell all."""
+
+
+def _silent(_done: int, _total: int, _label: str) -> None:
+    """Progress that nobody watches."""
+
+
+def run(
+    suite: Suite,
+    out: Path | str,
+    variant: Variant | None = None,
+    progress: Progress = _silent,
+    engine: Engine | None = None,
+    retry_failed: bool = False,
+) -> Results:
+    """Render, reconstruct and score a suite; write the results to `out`.
+
+    Families whose results are already there, from the same suite, seed and versions, are taken
+    over: a run that was stopped goes on where it was. What cannot be done is recorded, and the run
+    goes on without it.
+
+    Parameters
+    ----------
+    suite : Suite
+    out : path of a folder
+    variant : Variant, optional
+        By default the fastest that works.
+    progress : function of (families done, families in all, label of the next)
+    engine : Engine, optional
+        What does the work; by default this process.
+    retry_failed : bool
+        Try again what failed in an earlier run. A failure that names a wrong input is always tried
+        again, because it may have been mended; any other would cost the same time for the same end.
+
+    Raises
+    ------
+    InputError
+        Unknown method, folder that cannot be written or that a run of another suite is writing,
+        not a single family that can be rendered.
+    """
+    started = time.perf_counter()
+    chosen_variant = variant or choose()
+    families = plan(suite)
+    methods = {get_method(reference).name: reference for reference in suite.methods}
+    folder = prepare_folder(place(out))
+    job = Job(suite, families, methods, folder, chosen_variant, progress, retry_failed)
+    with owned(folder, suite.id):
+        write_plan(folder, suite, families, methods, chosen_variant)
+        for task, made in (engine or here(chosen_variant))(job.tasks()):
+            job.keep(task, made)
+        progress(len(families), len(families), "writing")
+        found = Collected()
+        write_tables(folder, job.tables_of(found))
+        job.seconds["total"] = time.perf_counter() - started
+        write_run(folder, job.record(found))
+    return read_results(folder)
+
+
+@dataclass
+class Job:
+    """One run: what it is about, where it writes, and the seconds that its stages took."""
+
+    suite: Suite
+    families: Sequence[FamilyPlan]
+    methods: dict[str, str]
+    folder: Path
+    variant: Variant
+    progress: Progress = _silent
+    retry_failed: bool = False
+    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+    taken_over: int = 0
+    finished: int = 0
+
+    @property
+    def parts(self) -> Parts:
+        """Where the families' results are kept."""
+        return Parts(self.folder)
+
+    def tasks(self) -> Iterator[Task]:
+        """What is left to do; each is looked up when it is its turn, as others may do it too."""
+        examples = chosen(self.families)
+        for family in self.families:
+            name = part_id(family, self.suite, self.variant.name)
+            missing = self._missing(name)
+            if not missing:
+                self.finished += 1
+                continue
+            self.progress(self.finished, len(self.families), family.label)
+            mine = examples & {scene.id for scene in family.scenes}
+            suite = self.suite
+            ladder = suite.knowledge == "ladder"
+            yield Task(name, family, suite.renderer, missing, suite.metrics, mine, ladder)
+
+    def _missing(self, name: str) -> dict[str, str]:
+        """The methods that a family lacks, without those that failed before."""
+        table = self.parts.table(name)
+        have = set() if table is None else set(table.attrs.get(METHODS, ()))
+        if have >= set(self.methods):
+            self.taken_over += 1
+            return {}
+        failed = {
+            failure.method
+            for failure in self.parts.failures(name)
+            if not (self.retry_failed or failure.mendable)
+        }
+        if None in failed:
+            return {}
+        return {
+            method: reference
+            for method, reference in self.methods.items()
+            if method not in have | failed
+        }
+
+    def keep(self, task: Task, made: Made) -> None:
+        """Store what came of a task: examples first, so that a part that is there has them."""
+        for name, content in made.examples.items():
+            _write_bytes(self.folder / EXAMPLES / name, content)
+        old = self.parts.table(task.id)
+        table = merged(old, made.table, task.methods)
+        if table is not None:
+            have = set() if old is None else set(old.attrs.get(METHODS, ()))
+            whole = (have - set(task.methods)) | made.whole(task.methods)
+            self.parts.write(task.id, table, whole)
+        others = [
+            failure
+            for failure in self.parts.failures(task.id)
+            if failure.method not in {None, *task.methods}
+        ]
+        self.parts.write_failures(task.id, task.family.label, [*others, *made.failures])
+        for stage, seconds in made.seconds.items():
+            self.seconds[stage] += seconds
+        self.finished += 1
+
+    def tables_of(self, found: Collected) -> Iterator[pd.DataFrame]:
+        """The tables of all families, one at a time; what is known of them is added to `found`.
+
+        Raises
+        ------
+        InputError
+            If there is not a single row.
+        """
+        for family in self.families:
+            name = part_id(family, self.suite, self.variant.name)
+            table = self.parts.table(name)
+            if table is not None and table.method.isin(self.methods).any():
+                ordered = in_order(table, family, self.methods)
+                found.add(family, ordered)
+                yield ordered
+            have = set() if table is None else set(table.attrs.get(METHODS, ()))
+            lacking = set(self.methods) - have
+            if lacking:
+                found.failures.append(_reason(self.parts.failures(name), lacking, family))
+        if not found.families:
+            raise InputError(
+                f"suite {self.suite.name}",
+                "a family that can be rendered and scored",
+                f"{len(found.failures)} that failed",
+                f"the first says: {found.failures[0].reason if found.failures else 'nothing'}",
+            )
+
+    def record(self, found: Collected) -> dict[str, Any]:
+        """What `run.json` says: how the results came about."""
+        return origin() | {
+            "suite": self.suite.model_dump(mode="json"),
+            "suite_id": self.suite.id,
+            "variant": {"name": self.variant.name, "reason": self.variant.reason},
+            "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
+            "families": len(self.families),
+            "families_taken_over": self.taken_over,
+            "families_failed": len(found.failures),
+            "failures": [failure.reason for failure in found.failures[:REASONS_KEPT]],
+            "scenes": found.scenes,
+            "interpolation_rms": found.interpolation_rms,
+            "samples": {"least": min(found.samples), "most": max(found.samples)},
+            "plan": plan_record(self.suite, found.families, found.render_seconds),
+        }
+
+
+def _reason(failures: Iterable[Failure], lacking: set[str], family: FamilyPlan) -> Failure:
+    """The first failure that tells why a family lacks these methods."""
+    for failure in failures:
+        if failure.method is None or failure.method in lacking:
+            return failure
+    hint = "give the command again: it makes the part again"
+    raise InputError(f"results of {family.label}", "a whole part", "a damaged or lost one", hint)
+
+
+def _write_bytes(path: Path, content: bytes) -> None:
+    write_whole(path, lambda temporary: temporary.write_bytes(content))

@@ -1,0 +1,177 @@
+"""`malus status`: of a run or a dataset, what is done, what failed and why, and what is left."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from malus.bench.running.parts import PLAN, Failure, Parts
+from malus.bench.running.results import RUN
+from malus.renderers.files.dataset import DATASET, open_dataset
+from malus.renderers.files.storage import read_json
+from malus.renderers.files.stores import place
+from malus.scenes.errors import InputError, printable
+
+MAX_PLAN_BYTES = 1 << 28
+SHOWN = 20
+"""Lines of failures printed; `--json` has all."""
+
+_ID = re.compile(r"[0-9a-f]{16}")
+
+
+@dataclass
+class Status:
+    """How far a run or a dataset is.
+
+    Attributes
+    ----------
+    what : str
+        'run' or 'dataset', and of which suite.
+    unit : str
+        What is counted: 'families' or 'scenes'.
+    failed : list of (label of the family, Failure)
+        One a family and reason.
+    finished : bool
+        Nothing is left, and the results are written.
+    """
+
+    what: str
+    unit: str
+    total: int = 0
+    done: int = 0
+    left: int = 0
+    failed: list[tuple[str, Failure]] = field(default_factory=list)
+    finished: bool = False
+
+    @property
+    def failed_families(self) -> int:
+        """Families of which something failed."""
+        return self.total - self.done - self.left
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        reasons = [
+            {"family": label, "scene": why.scene, "method": why.method, "reason": why.reason}
+            for label, why in self.failed
+        ]
+        return {
+            "what": self.what,
+            "unit": self.unit,
+            "total": self.total,
+            "done": self.done,
+            "failed": self.failed_families,
+            "left": self.left,
+            "finished": self.finished,
+            "failures": reasons,
+        }
+
+
+def status(folder: Path | str) -> Status:
+    """Read how far a run or a dataset is; nothing is changed, also while it is being made.
+
+    Raises
+    ------
+    InputError
+        If the folder holds neither.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> _ = (folder / PLAN).write_text('{"suite": "a", "suite_id": "b", "methods": ["eq8"], '
+    ...     '"families": [{"id": "0123456789abcdef", "label": "sphere", "scenes": 2}]}')
+    >>> status(folder).left
+    1
+    """
+    folder = place(folder)
+    if (folder / PLAN).exists():
+        return _of_run(folder)
+    if (folder / DATASET).exists():
+        return _of_dataset(folder)
+    expected = f"{PLAN} of a run or {DATASET} of a dataset"
+    raise InputError(str(folder), expected, "neither", "give the --out of `malus run` or `render`")
+
+
+def _of_run(folder: Path) -> Status:
+    planned = read_json(folder / PLAN, MAX_PLAN_BYTES)[0]
+    try:
+        families = list(_families(planned))
+        methods = {str(name) for name in planned["methods"]}
+        found = Status(f"run of {planned['suite']}", "families", total=len(families))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            str(folder / PLAN), "the plan of a run", repr(error), "give the `malus run` again"
+        ) from None
+    parts = Parts(folder)
+    for name, label in families:
+        lacking = methods - set(parts.methods(name))
+        why = [
+            each for each in parts.failures(name) if each.method is None or each.method in lacking
+        ]
+        if not lacking:
+            found.done += 1
+        elif why:
+            found.failed += [(label, failure) for failure in why]
+        else:
+            found.left += 1
+    expected = {"suite_id": planned.get("suite_id"), "families_failed": found.failed_families}
+    found.finished = not found.left and _written(folder, expected)
+    return found
+
+
+def _families(planned: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for family in planned["families"]:
+        # The id becomes a file name: nothing else may lead out of the folder.
+        if not _ID.fullmatch(family["id"]):
+            raise ValueError(family["id"])
+        yield family["id"], printable(str(family["label"]))
+
+
+def _written(folder: Path, expected: Mapping[str, Any]) -> bool:
+    """Whether the results are those of these parts, not of an earlier run in the folder."""
+    try:
+        record = read_json(folder / RUN, MAX_PLAN_BYTES)[0]
+    except InputError:
+        return False
+    return isinstance(record, dict) and expected.items() <= record.items()
+
+
+def _of_dataset(folder: Path) -> Status:
+    record = open_dataset(folder).record
+    name = printable(str((record.suite or {}).get("name", "scenes")))
+    done = len(record.scenes)
+    left = record.planned - done - len(record.failed)
+    failed = [
+        (printable(why.label), Failure(why.scene, None, printable(why.reason)))
+        for why in record.failed
+    ]
+    return Status(f"dataset of {name}", "scenes", record.planned, done, left, failed, not left)
+
+
+def status_for_command_line(folder: Path, as_json: bool) -> None:
+    """Print the status of a folder."""
+    found = status(folder)
+    if as_json:
+        sys.stdout.write(json.dumps(found.as_json()) + "\n")
+        return
+    console = Console(soft_wrap=True, highlight=False, markup=False)
+    console.print(
+        f"{found.what}, {found.total} {found.unit}: {found.done} done, "
+        f"{found.failed_families} failed, {found.left} left"
+    )
+    for label, why in found.failed[:SHOWN]:
+        whose = ", ".join(part for part in (why.method, why.scene and f"scene {why.scene}") if part)
+        console.print(f"  failed: {label}{f' ({whose})' if whose else ''}: {why.reason}")
+    if len(found.failed) > SHOWN:
+        console.print(f"  and {len(found.failed) - SHOWN} more failures; --json tells all")
+    if not found.finished:
+        console.print("The command that made the folder, given again, goes on where it was.")
+    elif found.failed:
+        console.print("`malus run … --retry-failed` tries the failed ones again.")

@@ -1,0 +1,1 @@
+"""Time and error of single parts, and the stress table."""

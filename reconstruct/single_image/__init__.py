@@ -1,0 +1,1 @@
+"""From one ordinary image: illuminant, lobes, shape, light and parameters."""

@@ -1,0 +1,77 @@
+"""Direction of a distant light from one object's shading and normals."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from malus.reconstruct.observation import Inapplicable
+from malus.reconstruct.single_image.parameters import TYPICAL_ETA, fit_parameters
+
+Floats = NDArray[np.float64]
+
+_INCIDENCES_DEG = np.arange(5.0, 121.0, 11.5)
+_AZIMUTHS_DEG = np.arange(0.0, 360.0, 22.5)
+_ALPHA = 0.3
+"""Roughness while the direction is searched: a highlight of middling width is seen from afar."""
+_UNEXPLAINED = 0.25
+"""Residual over the largest value above which no single light made the shading."""
+
+
+def estimate_direction(pixels: Floats, normals: Floats) -> Floats:
+    """Unit vector (3,) towards the one distant light that explains the shading best.
+
+    A Lambertian body with a highlight is fitted for directions on a grid; the best of them is
+    refined by a simplex search.
+
+    Parameters
+    ----------
+    pixels : (n,) radiances
+    normals : (n, 3) unit normals, for example those that the outline suggests
+
+    Raises
+    ------
+    Inapplicable
+        If the object is dark, or no direction explains its shading.
+
+    Notes
+    -----
+    In the manner of Brooks and Horn, "Shape and source from shading", IJCAI (1985).
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> n = rng.normal(size=(500, 3))
+    >>> n[:, 2] = abs(n[:, 2])
+    >>> n /= np.linalg.norm(n, axis=1, keepdims=True)
+    >>> bool(estimate_direction(np.clip(n[:, 0], 0, 1), n)[0] > 0.999)
+    True
+    """
+    if not pixels.size or not pixels.max() > 0:
+        raise Inapplicable("the object is dark: no shading to read a light from")
+    scaled = pixels[:, None] / pixels.max()
+
+    def cost(angles: Floats) -> float:
+        light = _unit(angles)
+        # From behind and beside, half vectors turn over: such directions explain nothing.
+        if light[2] < -0.9:
+            return 1.0
+        return fit_parameters(
+            scaled, normals, light, "unpolarised", None, TYPICAL_ETA, _ALPHA
+        ).error
+
+    grid = np.radians([(i, a) for i in _INCIDENCES_DEG for a in _AZIMUTHS_DEG])
+    start = min(grid, key=cost)
+    found = minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6})
+    if not found.fun < _UNEXPLAINED:
+        raise Inapplicable(
+            f"no single light explains the shading: residual {found.fun:.0%} of its largest value"
+        )
+    return _unit(found.x)
+
+
+def _unit(angles: Floats) -> Floats:
+    incidence, azimuth = angles
+    sine = np.sin(incidence)
+    return np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(incidence)])

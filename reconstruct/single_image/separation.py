@@ -1,0 +1,146 @@
+"""Separate one picture into light from the body and light mirrored by the surface, by colour.
+
+The dichromatic model: a pixel is I = m_d c + m_s g, body colour c, light colour g. Divided by g the
+mirrored light is white. With s the mean over the bands and u = I − s the rest, u holds body light
+only (the specular-free part), and |u| / s is the saturation, which mirrored light lowers:
+
+    |u| = κ m_d,    s = m_d + m_s,    κ = |c/g − 1| for mean(c/g) = 1.
+
+So every method here comes down to finding κ of each body colour: by maximum chromaticity
+(`separation_chromaticity`), by erosion along colours (`separation_suv`) or by the ratio of
+intensity and range (`separation_ratio`). Grey bodies under grey light cannot be separated by
+colour at all; `separate` says so instead of guessing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from malus.reconstruct.observation import Image, Inapplicable
+from malus.reconstruct.single_image.separation_chromaticity import chromaticity_diffuse
+from malus.reconstruct.single_image.separation_ratio import ratio_diffuse
+from malus.reconstruct.single_image.separation_space import SourceSpace, source_space
+from malus.reconstruct.single_image.separation_suv import suv_diffuse
+from malus.scenes.errors import InputError
+
+Mask = NDArray[np.bool_]
+
+GREY = 0.06
+"""Saturation |u|/s that may be noise and dispersion: carbon disulfide mirrors with 0.045."""
+_COLOURED = 0.05
+"""Share of the lit pixels that must be more saturated than that."""
+
+
+class Separation(NamedTuple):
+    """I_d and I_s (height, width, bands); they add up to the image on the mask, zero off it."""
+
+    diffuse: Image
+    specular: Image
+
+
+class SeparationMethod(NamedTuple):
+    """How κ is found: a function of the source space that returns m_d (height, width)."""
+
+    name: str
+    body_light: Callable[[SourceSpace], Image]
+    summary: str
+
+
+SEPARATIONS = {
+    method.name: method
+    for method in (
+        SeparationMethod(
+            "chromaticity",
+            chromaticity_diffuse,
+            "maximum chromaticity-intensity space (Tan, Nishino, Ikeuchi 2004)",
+        ),
+        SeparationMethod("suv", suv_diffuse, "SUV space, multiscale erosion (Mallick et al. 2006)"),
+        SeparationMethod(
+            "ratio", ratio_diffuse, "clustered intensity ratio (after Shen and Zheng 2013)"
+        ),
+    )
+}
+"""The separations by name."""
+
+
+def separate(
+    image: Image,
+    mask: Mask,
+    illuminant: ArrayLike | None = None,
+    method: str = "ratio",
+    tint: ArrayLike | None = None,
+) -> Separation:
+    """I_d and I_s of one picture by colour.
+
+    Parameters
+    ----------
+    image : (height, width, bands) array
+        Linear radiance, at least two bands.
+    mask : (height, width) bool array
+    illuminant : (bands,) array, optional
+        Colour of the light; white by default. See `malus.reconstruct.single_image.illuminant`.
+    method : 'chromaticity', 'suv' or 'ratio'
+    tint : (bands,) array, optional
+        Colour that the surface gives to white light it mirrors: `illuminant.mirrored_tint`. A body
+        must be coloured in the light itself, not only beside this tint.
+
+    Raises
+    ------
+    Inapplicable
+        For a grey image where colour is needed, one band, or a dark image.
+    InputError
+        If there is no such method.
+
+    Examples
+    --------
+    >>> body, glare = np.linspace(0.2, 1, 256).reshape(16, 16, 1), np.zeros((16, 16, 1))
+    >>> glare[4:8, 4:8] = 0.5
+    >>> parts = separate(body * [1.5, 0.5] + glare, np.ones((16, 16), bool))
+    >>> bool(np.abs(parts.specular - glare).max() < 1e-6)
+    True
+    """
+    if method not in SEPARATIONS:
+        names = ", ".join(SEPARATIONS)
+        raise InputError("separation", f"one of {names}", method, "choose one of them")
+    if image.shape[-1] < 2:
+        raise Inapplicable("grey image where colour is needed: it has one band")
+    colour = _light_colour(image, illuminant)
+    space = source_space(image, mask, colour)
+    _require_colour(space)
+    if tint is not None:
+        colour = colour * _light_colour(image, tint)
+        space = source_space(image, mask, colour)
+    body_light = SEPARATIONS[method].body_light(space)
+    # Neither lobe can be negative, and both add up to what was seen.
+    mirrored = np.clip(space.intensity - body_light, 0, None)[..., None] * colour
+    # Where it is too dark to have a colour, noise would pass for highlights: all is the body's.
+    specular = np.where(space.lit[..., None], np.minimum(mirrored, np.maximum(image, 0)), 0)
+    specular = specular.astype(image.dtype, copy=False)
+    return Separation(np.where(mask[..., None], image, 0) - specular, specular)
+
+
+def _light_colour(image: Image, illuminant: ArrayLike | None) -> Image:
+    if illuminant is None:
+        return np.ones(image.shape[-1], dtype=image.dtype)
+    colour = np.asarray(illuminant, dtype=image.dtype)
+    if colour.shape != image.shape[-1:] or not np.all(np.isfinite(colour) & (colour > 0)):
+        raise ValueError(
+            f"illuminant: expected {image.shape[-1]} positive values, found {colour.tolist()}"
+        )
+    return np.asarray(colour / colour.mean(dtype=np.float64), dtype=image.dtype)
+
+
+def _require_colour(space: SourceSpace) -> None:
+    lit = space.lit
+    if not lit.any():
+        raise Inapplicable("the image is dark: nothing to separate")
+    coloured = float(np.mean(space.chroma[lit] > GREY * space.intensity[lit]))
+    if coloured < _COLOURED:
+        raise Inapplicable(
+            "grey image where colour is needed: "
+            f"{coloured:.1%} of the lit pixels are more saturated than {GREY:g}"
+        )

@@ -1,0 +1,1 @@
+"""Truths on disk: datasets, scene folders, spectral OpenEXR."""
