@@ -26,8 +26,10 @@ ERROR_MAPS = (
 )
 TABLE1 = (
     "Colour difference in CIELAB, mean ± standard deviation over the pixels of all scenes, each"
-    " scene counted alike; 2.3 is one just noticeable difference. White is the brightest pixel of"
-    " the true unpolarised image. The paper's scenes are photographs and not known in detail."
+    " scene counted alike, and normalised mean squared error; in brackets the standard deviation"
+    " of the scenes' means. A ΔE76 of 2.3 is one just noticeable difference. White is the"
+    " brightest pixel of the true unpolarised image. The paper's scenes are photographs and not"
+    " known in detail; nor is over what its deviations are taken."
 )
 LADDER = (
     "A method is told everything, then has one thing after another estimated for it, down to the"

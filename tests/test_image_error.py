@@ -55,6 +55,7 @@ def brute_force(truth: Truth, estimate: Components) -> dict[str, float]:
     """The definitions of physics.md in loops, with angles from complex numbers."""
     largest = truth.image[truth.mask].max()
     dolp, aolp, weights, s1, s2 = [], [], [], [], []
+    i_max, i_min = [], []
     for y, x in zip(*np.nonzero(truth.mask), strict=True):
         for b in range(BANDS):
             t, e = truth.stokes[y, x, b], estimate.stokes[y, x, b]
@@ -66,11 +67,15 @@ def brute_force(truth: Truth, estimate: Components) -> dict[str, float]:
             weights.append(abs(t_field))
             s1.append(((e[1] - t[1]) / largest) ** 2)
             s2.append(((e[2] - t[2]) / largest) ** 2)
+            i_max.append(((e[0] + abs(e_field) - t[0] - abs(t_field)) / (2 * largest)) ** 2)
+            i_min.append(((e[0] - abs(e_field) - t[0] + abs(t_field)) / (2 * largest)) ** 2)
     return {
         "dolp_mae": float(np.mean(dolp)),
         "aolp_mae_deg": math.degrees(np.dot(aolp, weights) / np.sum(weights)),
         "s1_rmse": math.sqrt(np.mean(s1)),
         "s2_rmse": math.sqrt(np.mean(s2)),
+        "nmse_i_max": float(np.mean(i_max)),
+        "nmse_i_min": float(np.mean(i_min)),
     }
 
 
@@ -95,7 +100,7 @@ def test_shards_add_up_to_the_whole() -> None:
     whole, first, second = (PolarisationError.of(*pair) for pair in fields)
     both = first + second
     assert both.dolp.count == whole.dolp.count
-    for name in ("dolp", "s1", "s2"):
+    for name in ("dolp", "s1", "s2", "i_max", "i_min"):
         added, one = getattr(both, name), getattr(whole, name)
         assert (added.mean, added.std) == pytest.approx((one.mean, one.std), rel=1e-12)
     assert both.aolp.mean == pytest.approx(whole.aolp.mean, rel=1e-12)

@@ -219,22 +219,29 @@ def test_table_1_pools_pixels_and_stands_beside_the_paper() -> None:
         for end, value in (("", values.mean()), ("_std", values.std())):
             metric = f"delta_e76_i_min{end}"
             parts.append(plain.assign(scene=scene, metric=metric, value=value, noise=0.2))
-    found = table1(pd.concat(parts))
+    errors = dict(zip(pixels, (2e-3, 5e-3, 1e-3), strict=True))
+    for scene, value in errors.items():
+        parts.append(plain.assign(scene=scene, metric="nmse_i_max", value=value, noise=1e-5))
+    table = pd.concat([*parts[1:], *(plain.assign(scene=scene) for scene in pixels)])
+    found = table1(table).set_index(["formula", "image"])
+    assert list(found.index) == [("ΔE76", "I_min"), ("NMSE", "I_max"), ("NMSE", "I(ϑ)")]
     every = np.concatenate(list(pixels.values()))
-    assert found[["formula", "image", "scenes"]].values.tolist() == [["ΔE76", "I_min", 3]]
-    assert found["mean"].item() == pytest.approx(every.mean(), rel=1e-12)
-    assert found["std"].item() == pytest.approx(every.std(), rel=1e-12)
-    assert found["noise"].item() == pytest.approx(0.2)
-    lines = table1_listing(pd.concat(parts)).lines
-    assert lines[0][:5] == [
-        "unpolarised",
-        "eq8",
-        "3",
-        "–",
-        f"{every.mean():.2f} ± {every.std():.2f}",
-    ]
-    assert len(lines[0]) == 6  # no column for ΔE2000, which was not asked for
-    assert lines[-2][1:5] == ["the paper, Indoor", "–", "2.09 ± 0.64", "1.24 ± 0.31"]
+    means = [values.mean() for values in pixels.values()]
+    colour, error = found.loc[("ΔE76", "I_min")], found.loc[("NMSE", "I_max")]
+    # The same sums in another order: a few roundings of float64.
+    assert colour["mean"] == pytest.approx(every.mean(), rel=1e-12)
+    assert colour["std"] == pytest.approx(every.std(), rel=1e-12)
+    assert colour["scene_std"] == pytest.approx(np.std(means), rel=1e-12)
+    assert (colour["noise"], colour["scenes"]) == (pytest.approx(0.2), 3)
+    assert error["mean"] == pytest.approx(np.mean(list(errors.values())), rel=1e-12)
+    assert error["scene_std"] == pytest.approx(np.std(list(errors.values())), rel=1e-12)
+    assert math.isnan(error["std"])
+    found_listing = table1_listing(table)
+    assert found_listing.heads[3:] == ("ΔE76 of I_min", "NMSE of I_max", "NMSE of I(ϑ)")
+    text = f"{every.mean():.2f} ± {every.std():.2f} ({np.std(means):.2f})"
+    assert found_listing.lines[0][:5] == ["unpolarised", "eq8", "3", text, "2.7e-3 (1.7e-3)"]
+    paper = ["the paper, Indoor", "–", "1.24 ± 0.31", "0.008 ± 0.0011", "–"]
+    assert found_listing.lines[-2][1:] == paper
 
 
 def test_figure_9_draws_the_pooled_numbers_of_every_light() -> None:

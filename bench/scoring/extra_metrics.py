@@ -63,13 +63,17 @@ def _colour_difference(
 
 
 def polarisation_error(estimate: Components, truth: Truth) -> Iterator[Value]:
-    """Mean absolute errors of DoLP and AoLP (degrees), RMSE of s1 and s2 over the peak."""
+    """Mean absolute errors of DoLP and AoLP (degrees), RMSE of s1 and s2 over the peak, NMSE of
+    I_max and I_min.
+    """
     estimated, noisy, true = _fields(estimate, truth)
     found, noise = (PolarisationError.of(field, true) for field in (estimated, noisy))
     yield Value("dolp_mae", found.dolp.mean, noise.dolp.mean)
     yield Value("aolp_mae_deg", math.degrees(found.aolp.mean), math.degrees(noise.aolp.mean))
     yield Value("s1_rmse", found.s1.rms, noise.s1.rms)
     yield Value("s2_rmse", found.s2.rms, noise.s2.rms)
+    yield Value("nmse_i_max", found.i_max.mean_square, noise.i_max.mean_square)
+    yield Value("nmse_i_min", found.i_min.mean_square, noise.i_min.mean_square)
 
 
 def psnr_values(estimate: Components, truth: Truth) -> Iterator[Value]:

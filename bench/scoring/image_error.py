@@ -27,7 +27,8 @@ SSIM_WINDOW = 7
 
 @dataclass(frozen=True)
 class PolarisationError:
-    """Sums of |ΔDoLP|, of |ΔAoLP| weighted by true polarised intensity, and of Δs1², Δs2².
+    """Sums of |ΔDoLP|, of |ΔAoLP| weighted by true polarised intensity, and of the squares of
+    Δs1, Δs2, ΔI_max and ΔI_min.
 
     Stokes components and weights are divided by the peak of the unpolarised image.
 
@@ -48,11 +49,14 @@ class PolarisationError:
     aolp: WeightedSum
     s1: PixelSums
     s2: PixelSums
+    i_max: PixelSums
+    i_min: PixelSums
 
     @classmethod
     def of(cls, estimated: Image, true: Image) -> Self:
         """Sums over `scaled` Stokes vectors (..., 3)."""
         difference = estimated - true
+        extremes = zip(polarisation.extremes(estimated), polarisation.extremes(true), strict=True)
         return cls(
             PixelSums.of(np.abs(polarisation.dolp(estimated) - polarisation.dolp(true))),
             WeightedSum.of(
@@ -61,6 +65,7 @@ class PolarisationError:
             ),
             PixelSums.of(difference[..., 1]),
             PixelSums.of(difference[..., 2]),
+            *(PixelSums.of(found - wanted) for found, wanted in extremes),
         )
 
     def __add__(self, other: Self) -> PolarisationError:
@@ -70,6 +75,8 @@ class PolarisationError:
             self.aolp + other.aolp,
             self.s1 + other.s1,
             self.s2 + other.s2,
+            self.i_max + other.i_max,
+            self.i_min + other.i_min,
         )
 
 
