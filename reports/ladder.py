@@ -54,9 +54,9 @@ def _parts(
 ) -> Iterator[dict[str, Any]]:
     errors = rows.pivot(index="scene", columns="knowledge", values="value")
     known = [name for name in rungs if name in errors]
-    if len(known) < 2 or KNOWLEDGE not in known:
-        return
     errors = errors.dropna()
+    if len(known) < 2 or KNOWLEDGE not in known or errors.empty:
+        return
     everything = rows[rows["knowledge"] == KNOWLEDGE].set_index("scene")
     noise = float(everything.loc[errors.index, "noise"].mean())
     means = [noise, *(float(errors[name].mean()) for name in known)]
@@ -68,29 +68,42 @@ def _parts(
         }  # fmt: skip
 
 
-def figure_ladder(table: pd.DataFrame, body: str) -> Figure:
-    """One bar a method: the parts of its mean NMSE, stacked; a tick where they add up to."""
-    numbers = only_body(ladder_numbers(table), body)
-    methods = in_order(numbers["method"])
+def figure_ladder(numbers: pd.DataFrame) -> Figure:
+    """The parts of each mean NMSE, stacked; a tick where they add up to. A row a body.
+
+    Parameters
+    ----------
+    numbers : DataFrame
+        As `ladder_numbers` returns it, with at least one row.
+    """
+    bodies = [only_body(numbers, body) for body in in_order(numbers["body"])]
     sources = in_order(numbers["source"])
     colours = dict(zip(sources, (SOFT, *_cycled(len(sources) - 1)), strict=True))
+    heights = [0.8 + 0.42 * rows["method"].nunique() for rows in bodies]
     with style():
-        figure = Figure(figsize=(7.1, 1.5 + 0.42 * len(methods)), layout="constrained")
-        ax: Axes = figure.subplots()
-        for place, method in enumerate(methods):
-            _bar(ax, place, numbers[numbers["method"] == method], colours)
-        ax.set_yticks(range(len(methods)), [drawable(name) for name in methods])
-        ax.invert_yaxis()
-        ax.axvline(0.0, color=INK, lw=0.7)
-        ax.use_sticky_edges = False
-        ax.margins(x=0.12)
-        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: scientific(value)))
-        ax.set_xlabel("normalised mean squared error")
-        ax.grid(axis="y", visible=False)
-        handles: list[Any] = [ax.barh(0, 0, color=colours[source]) for source in sources]
+        figure = Figure(figsize=(7.1, 0.7 + sum(heights)), layout="constrained")
+        grid = figure.subplots(len(bodies), squeeze=False, height_ratios=heights)
+        for ax, rows in zip(grid[:, 0], bodies, strict=True):
+            _panel(ax, rows, colours)
+        grid[-1, 0].set_xlabel("normalised mean squared error")
+        handles: list[Any] = [grid[0, 0].barh(0, 0, color=colours[name]) for name in sources]
         labels = [drawable(source) for source in sources]
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure
+
+
+def _panel(ax: Axes, rows: pd.DataFrame, colours: dict[str, str]) -> None:
+    methods = in_order(rows["method"])
+    for place, method in enumerate(methods):
+        _bar(ax, place, rows[rows["method"] == method], colours)
+    ax.set_title(f"{rows['body'].iloc[0]} body", loc="left")
+    ax.set_yticks(range(len(methods)), [drawable(name) for name in methods])
+    ax.invert_yaxis()
+    ax.axvline(0.0, color=INK, lw=0.7)
+    ax.use_sticky_edges = False
+    ax.margins(x=0.12)
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: scientific(value)))
+    ax.grid(axis="y", visible=False)
 
 
 def _cycled(count: int) -> list[str]:

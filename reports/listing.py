@@ -59,21 +59,15 @@ def by_method(numbers: pd.DataFrame) -> Listing:
 
 
 def budget(numbers: pd.DataFrame) -> Listing:
-    """A line a method, a column a part of its error."""
-    wide = numbers.pivot(index="method", columns="source", values="increment")
+    """A line a body and method, a column a part of its error."""
     sources = in_order(numbers["source"])
-    totals = numbers.groupby("method")["nmse"].last()
-    counts = numbers.groupby("method")["scenes"].last()
-    lines = [
-        [
-            method,
-            *(scientific(float(wide.loc[method, source])) for source in sources),
-            scientific(float(totals[method])),
-            str(counts[method]),
-        ]
-        for method in in_order(numbers["method"])
-    ]
-    return Listing(("method", *sources, "sum", "scenes"), lines)
+    lines = []
+    for (body, method), rows in numbers.groupby(["body", "method"], sort=False):
+        parts = dict(zip(rows["source"], rows["increment"], strict=True))
+        cells = [scientific(parts[name]) if name in parts else NOTHING for name in sources]
+        last = rows.iloc[-1]
+        lines.append([body, method, *cells, scientific(float(last["nmse"])), str(last["scenes"])])
+    return Listing(("body", "method", *sources, "sum", "scenes"), lines)
 
 
 def points(numbers: pd.DataFrame) -> Listing:

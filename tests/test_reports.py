@@ -16,7 +16,7 @@ import pytest
 
 from malus.reports import sample, write_report
 from malus.reports.colour_errors import figure9_numbers, table1, table1_listing
-from malus.reports.drawings import drawings
+from malus.reports.drawings import drawings, ladders
 from malus.reports.figure5 import figure5, figure5_by_light, numbers
 from malus.reports.figure9 import figure9
 from malus.reports.ladder import figure_ladder, ladder_numbers
@@ -341,22 +341,45 @@ def test_the_parts_of_an_error_add_up_to_it() -> None:
     assert found["increment"].iloc[-1] < 0  # a rung may help
 
 
-def test_the_bars_are_those_parts() -> None:
+def both_bodies() -> pd.DataFrame:
     table = sample.laddered()
-    widths = [
-        round(bar.get_width(), 12)
-        for bar in figure_ladder(table, "unpolarised").axes[0].patches
-        if bar.get_width()
-    ]
-    wanted = ladder_numbers(table)["increment"].round(12).tolist()
-    assert widths == [width for width in wanted if width]
+    other = table.assign(body="polarised", scene="p" + table["scene"])
+    other["value"] = other["value"].mask(other["metric"] == "nmse", 3 * other["value"])
+    return pd.concat([table, other], ignore_index=True)
+
+
+def test_the_bars_are_those_parts() -> None:
+    numbers = ladder_numbers(both_bodies())
+    axes = figure_ladder(numbers).axes
+    assert [ax.get_title("left") for ax in axes] == ["unpolarised body", "polarised body"]
+    for ax, (_, rows) in zip(axes, numbers.groupby("body", sort=False), strict=True):
+        widths = [round(bar.get_width(), 12) for bar in ax.patches if bar.get_width()]
+        assert widths == [width for width in rows["increment"].round(12) if width]
 
 
 def test_the_ladder_is_on_the_page_of_a_run_that_has_one(tmp_path: Path) -> None:
-    results = SimpleNamespace(table=sample.laddered(), run=sample.run())
+    results = SimpleNamespace(table=both_bodies(), run=sample.run())
     names = {path.name for path in write_report(results, tmp_path)}
-    assert {"ladder.svg", "ladder.png", "ladder.csv"} <= names
+    assert {name for name in names if "ladder" in name} == {
+        "ladder.svg", "ladder.png", "ladder.csv",
+    }  # fmt: skip
+    written = pd.read_csv(tmp_path / "ladder.csv")
+    last = written[written["source"] == "single image"]
+    found = dict(zip(last["body"], last["nmse"], strict=True))
+    # Written with all digits, of float64 sums in another order.
+    assert found == pytest.approx({"unpolarised": 6e-3, "polarised": 18e-3}, rel=1e-12)
     assert "normals estimated" in (tmp_path / "report.html").read_text("utf-8")
+    (drawing,) = ladders(results.table)
+    assert [line[:2] for line in drawing.cells.lines] == [
+        ["unpolarised", "eq8"], ["polarised", "eq8"],
+    ]  # fmt: skip
+
+
+def test_a_method_that_some_rung_never_lets_work_has_no_bar() -> None:
+    table = sample.laddered()
+    gone = (table["knowledge"] == "lobes estimated") & (table["metric"] == "nmse")
+    assert ladder_numbers(table.assign(value=table["value"].mask(gone))).empty
+    assert not list(ladders(table.assign(value=table["value"].mask(gone))))
 
 
 def a_study(folder: Path, **tables: pd.DataFrame) -> None:
