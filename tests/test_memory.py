@@ -39,6 +39,7 @@ def test_truths_do_not_pile_up(tmp_path: Path) -> None:
     def count(done: int, total: int, label: str) -> None:
         alive.append(sum(isinstance(found, Truth) for found in gc.get_objects()))
 
+    gc.collect()  # what other tests left behind
     found = render_dataset(many(24), tmp_path / "data", progress=count)
     assert found["rendered"] == 24
     # One in hand, and one that the next is made beside.

@@ -283,11 +283,7 @@ def test_every_problem_is_named_at_once(dataset: Dataset, tmp_path: Path) -> Non
 
 
 def malus(*arguments: object) -> subprocess.CompletedProcess[str]:
-    script = (
-        "from malus.bench import cli, cli_dataset as d\n"
-        "for c in (d.render_command, d.export_command, d.score_command): cli.cli.add_command(c)\n"
-        "cli.main()\n"
-    )
+    script = "from malus.bench.cli import main; main()"
     return subprocess.run(
         [sys.executable, "-c", script, *map(str, arguments)],
         capture_output=True,
