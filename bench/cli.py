@@ -111,7 +111,9 @@ def report(results: Path, beside: tuple[Path, ...]) -> None:
 @cli.command("list")
 @click.argument("what", default="everything")
 def list_command(what: str) -> None:
-    """List suites, methods, materials, surfaces, shapes or lights (default: everything).
+    """List suites, methods, materials, metals, surfaces, swatches, patterns, shapes or lights.
+
+    Without WHAT: everything.
 
     \b
     Example:
