@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -13,7 +12,6 @@ import numpy as np
 from malus.renderers.lighting import environment_emitter
 from malus.scenes import geometry
 from malus.scenes.camera import Camera
-from malus.scenes.content import check_content
 from malus.scenes.geometry import TriangleMesh
 from malus.scenes.lights import Area, Distant, Light, Uniform
 from malus.scenes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
@@ -77,8 +75,7 @@ def tessellated(shape: Shape) -> TriangleMesh:
         case MeshFile():
             from malus.scenes.meshes import load_mesh
 
-            check_content(Path(shape.path), shape.digest, "mesh file")
-            return load_mesh(shape.path, shading=shape.shading)[0]
+            return load_mesh(shape.checked(), shading=shape.shading)[0]
     raise TypeError(f"no mesh for {shape!r}")
 
 

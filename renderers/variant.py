@@ -15,14 +15,14 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 
 from malus.scenes.errors import InputError
+from malus.scenes.quiet import quiet
 
 SCALAR = "scalar_spectral_polarized"
 LLVM = "llvm_ad_mono_polarized"
@@ -213,23 +213,10 @@ def mitsuba(variant: Variant) -> ModuleType:
     else:
         # Without a path Dr.Jit would load the first libLLVM it finds, whatever its version.
         os.environ["DRJIT_LIBLLVM_PATH"] = variant.llvm or os.devnull
-        with nullcontext() if variant.llvm else _silence():
+        # Without LLVM it says so on the error stream, though nobody asked for it.
+        with nullcontext() if variant.llvm else quiet():
             import mitsuba as mi
     if mi.variant() != variant.name:
         mi.set_variant(variant.name)
         mi.set_log_level(mi.LogLevel.Error)
     return mi
-
-
-@contextmanager
-def _silence() -> Iterator[None]:
-    """Hide what a C library writes to the error stream: its complaint that there is no LLVM."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    with open(os.devnull, "wb") as nothing:
-        os.dup2(nothing.fileno(), 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)

@@ -3,9 +3,54 @@
 from __future__ import annotations
 
 import hashlib
+from abc import abstractmethod
 from pathlib import Path
+from typing import ClassVar, Self
+
+from pydantic import PrivateAttr
 
 from malus.scenes.errors import InputError
+from malus.scenes.model import Model
+
+
+class NamedFile(Model):
+    """A part of a scene that is in a file; `digest` is the hash of its bytes."""
+
+    what: ClassVar[str]
+    """What the file is, in messages."""
+    digest: str = ""
+    _file: Path | None = PrivateAttr(default=None)
+
+    @property
+    @abstractmethod
+    def file_name(self) -> str | None:
+        """The file's path in the scene; None where there is no file."""
+
+    @property
+    def file(self) -> Path:
+        """Where it is read from: the path in the scene, unless a dataset keeps a copy."""
+        return self._file or Path(self.file_name or "")
+
+    def read_from(self, file: Path) -> Self:
+        """The same part, of the same id, which is read from another file."""
+        moved = self.model_copy()
+        moved._file = file
+        return moved
+
+    def checked(self) -> Path:
+        """The file, whose content is the one that the digest tells, where there is one.
+
+        Raises
+        ------
+        InputError
+            If the file is another one, or cannot be read.
+        """
+        found = digest_of(self.file, self.what)
+        if self.digest not in ("", found):
+            expected = f"a {self.what} with digest {self.digest}"
+            hint = "the file changed: give the command again, or find the old one"
+            raise InputError(str(self.file), expected, found, hint)
+        return self.file
 
 
 def digest_of(path: Path, what: str) -> str:
@@ -25,17 +70,3 @@ def digest_of(path: Path, what: str) -> str:
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(str(path), f"a readable {what}", reason, "check the path") from None
-
-
-def check_content(path: Path, digest: str, what: str) -> None:
-    """Compare a file with the digest in a scene, where there is one.
-
-    Raises
-    ------
-    InputError
-        If the file is another one, or cannot be read.
-    """
-    found = digest_of(path, what)
-    if digest not in ("", found):
-        hint = "the file changed: give the command again, or find the old one"
-        raise InputError(str(path), f"a {what} with digest {digest}", found, hint)

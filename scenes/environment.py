@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.scenes import sky
-from malus.scenes.content import check_content
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Sky
+from malus.scenes.quiet import quiet
 
 Map = NDArray[np.float32]
 
@@ -49,13 +49,13 @@ def radiance_map(light: Environment | Sky) -> Map:
         return sky.radiance(light, directions(SKY_HEIGHT, 2 * SKY_HEIGHT)).astype(np.float32)
     if light.name == "studio":
         return _studio()
-    path = light.file
     readers = {".exr": read_grey, ".hdr": _read_hdr}
-    if path.suffix.lower() not in readers:
+    suffix = light.file.suffix.lower()
+    if suffix not in readers:
         expected = "studio, or the path of an .exr or .hdr file"
         raise InputError("environment", expected, light.name, "correct the name")
-    check_content(path, light.digest, "radiance map")
-    return _checked(readers[path.suffix.lower()](path), path)
+    path = light.checked()
+    return _checked(readers[suffix](path), path)
 
 
 def directions(height: int, width: int, turn_deg: float = 0.0) -> NDArray[np.float64]:
@@ -116,11 +116,11 @@ def read_grey(path: Path) -> Map:
     import OpenEXR
 
     try:
-        with OpenEXR.File(str(path), header_only=True) as file:
+        with quiet(), OpenEXR.File(str(path), header_only=True) as file:
             window = file.header()["dataWindow"]
             size = np.asarray(window[1], np.int64) - np.asarray(window[0], np.int64) + 1
         _check_size(path, int(size[0]), int(size[1]))
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.asarray(c.pixels) for name, c in file.channels().items()}
     except InputError:
         raise
@@ -134,7 +134,8 @@ def read_grey(path: Path) -> Map:
         raise InputError(
             str(path), "channels R, G, B or Y", ", ".join(channels), "export it as RGB"
         )
-    return np.mean(colours, axis=0).astype(np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused by name
+        return np.mean(colours, axis=0).astype(np.float32)
 
 
 def _read_hdr(path: Path) -> Map:
@@ -155,7 +156,8 @@ def _read_hdr(path: Path) -> Map:
         colours = imagecodecs.rgbe_decode(content)
     except (RuntimeError, ValueError) as error:
         raise InputError(str(path), "a whole Radiance file", str(error), "copy it again") from None
-    return np.asarray(colours.mean(axis=-1), dtype=np.float32)
+    with np.errstate(over="ignore"):  # infinite radiance is refused by name
+        return np.asarray(colours.mean(axis=-1), dtype=np.float32)
 
 
 def _check_size(path: Path, width: int, height: int) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, PrivateAttr
+from pydantic import Field
 
+from malus.scenes.content import NamedFile
 from malus.scenes.model import Model
 
 
@@ -77,7 +78,7 @@ class Area(Model):
         return _direction(self.incidence_deg, self.azimuth_deg)
 
 
-class Environment(Model):
+class Environment(NamedFile):
     """Light from all around: a radiance map that malus brings, or an EXR or HDR file.
 
     Maps are equirectangular with y up: see `malus.scenes.environment`. `turn_deg` turns the map
@@ -86,20 +87,13 @@ class Environment(Model):
 
     kind: Literal["environment"] = "environment"
     name: str = Field(default="studio", min_length=1)
-    digest: str = ""
     turn_deg: float = Field(default=0.0, ge=-360, le=360, exclude_if=lambda turn: turn == 0.0)
-    _file: Path | None = PrivateAttr(default=None)
+    what: ClassVar[str] = "radiance map"
 
     @property
-    def file(self) -> Path:
-        """Where the map is read from; `name`, unless a dataset keeps a copy."""
-        return self._file or Path(self.name)
-
-    def read_from(self, file: Path) -> Environment:
-        """The same light, of the same id, whose map is read from another file."""
-        light = self.model_copy()
-        light._file = file
-        return light
+    def file_name(self) -> str | None:
+        """The map's path, unless malus brings it."""
+        return None if self.name == "studio" else self.name
 
     @property
     def label(self) -> str:

@@ -6,17 +6,21 @@ unit sphere), as if the object were carved out of it: no seams, and no texture c
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from malus.scenes.content import check_content
+from malus.scenes.content import NamedFile
 from malus.scenes.environment import LARGEST_PIXELS, read_grey
 from malus.scenes.errors import InputError
 from malus.scenes.model import Model
+
+if TYPE_CHECKING:
+    import PIL.Image
 
 Size = Annotated[float, Field(ge=1e-3, le=10)]
 
@@ -59,7 +63,7 @@ class Spots(Model):
         return "spots"
 
 
-class ImageTexture(Model):
+class ImageTexture(NamedFile):
     """A grey PNG or EXR file: black is the first surface, white the last.
 
     A grey between is a fine mixture of both neighbours. It is projected along z (`planar`: the
@@ -71,7 +75,12 @@ class ImageTexture(Model):
     kind: Literal["image"] = "image"
     path: str = Field(min_length=1, max_length=4096)
     projection: Literal["planar", "spherical"] = "planar"
-    digest: str = ""
+    what: ClassVar[str] = "picture"
+
+    @property
+    def file_name(self) -> str:
+        """The file's path."""
+        return self.path
 
     @property
     def label(self) -> str:
@@ -86,8 +95,7 @@ class ImageTexture(Model):
         InputError
             A file that is missing, malformed or larger than 64 megapixels, a value outside 0..1.
         """
-        path = Path(self.path)
-        check_content(path, self.digest, "picture")
+        path = self.checked()
         values = read_grey(path) if path.suffix.lower() == ".exr" else _read_png(path)
         if not np.isfinite(values).all() or values.min() < 0 or values.max() > 1:
             found = f"values from {values.min():g} to {values.max():g}"
@@ -102,14 +110,23 @@ def _read_png(path: Path) -> NDArray[np.float32]:
     from PIL import Image
 
     try:
-        with Image.open(path, formats=["PNG"]) as picture:
-            width, height = picture.size
-            if width * height > LARGEST_PIXELS:
-                hint = "make it smaller"
-                raise InputError(str(path), "at most 64 megapixels", f"{width} x {height}", hint)
-            deep = picture.mode.startswith("I")
-            values = np.asarray(picture if deep else picture.convert("L"), dtype=np.float32)
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
+        with warnings.catch_warnings():
+            # Of a size that is refused here anyway, and of odd chunks.
+            warnings.simplefilter("ignore")
+            return _grey(path, Image.open(path, formats=["PNG"]))
+    except InputError:
+        raise
+    except Exception as error:  # a foreign parser raises anything on a broken file
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(str(path), "a PNG or EXR file", reason, "check the path") from None
+
+
+def _grey(path: Path, opened: PIL.Image.Image) -> NDArray[np.float32]:
+    with opened as picture:
+        width, height = picture.size
+        if width * height > LARGEST_PIXELS:
+            hint = "make it smaller"
+            raise InputError(str(path), "at most 64 megapixels", f"{width} x {height}", hint)
+        deep = picture.mode.startswith("I")
+        values = np.asarray(picture if deep else picture.convert("L"), dtype=np.float32)
     return values / np.float32(65535 if deep else 255)

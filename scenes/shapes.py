@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from malus.scenes.content import NamedFile
 from malus.scenes.model import Model
 
 Shading = Literal["smooth", "flat", "file"]
@@ -67,13 +68,18 @@ class Superquadric(Model):
         return f"{self.kind}-{self.e1:g}-{self.e2:g}"
 
 
-class MeshFile(Model):
+class MeshFile(NamedFile):
     """A mesh file, centred and scaled to the unit sphere; `digest` is the hash of its bytes."""
 
     kind: Literal["mesh"] = "mesh"
     path: str = Field(min_length=1)
     shading: Shading = "smooth"
-    digest: str = ""
+    what: ClassVar[str] = "mesh file"
+
+    @property
+    def file_name(self) -> str:
+        """The file's path."""
+        return self.path
 
     @property
     def label(self) -> str:

@@ -40,6 +40,7 @@ from malus.scenes import load_suite
 from malus.scenes.environment import radiance_map
 from malus.scenes.lights import Environment
 from malus.scenes.meshes import load_mesh
+from malus.scenes.patterns import ImageTexture
 
 SIDE = 6
 TRUTH = made_up_truth(side=SIDE)
@@ -121,6 +122,13 @@ def picture(kind: str, depth: type = np.uint8) -> Callable[[], bytes]:
         return out.getvalue()
 
     return content
+
+
+def deep_grey() -> bytes:
+    import imagecodecs
+
+    codes = np.random.default_rng(1).integers(0, 1 << 16, (8, 8), np.uint16)
+    return bytes(imagecodecs.png_encode(codes))
 
 
 def colours(path: Path) -> None:
@@ -266,6 +274,16 @@ READERS = {
     ),
     "environment-hdr": Reader(
         of_file("a.hdr", lambda path: radiance_map(Environment(name=str(path)))), lambda: HDR
+    ),
+    "pattern-png": Reader(
+        of_file("a.png", lambda path: ImageTexture(path=str(path)).grey()), picture("png")
+    ),
+    "pattern-png-16": Reader(
+        of_file("a.png", lambda path: ImageTexture(path=str(path)).grey()), deep_grey
+    ),
+    "pattern-exr": Reader(
+        of_file("a.exr", lambda path: ImageTexture(path=str(path)).grey()),
+        written("a.exr", colours),
     ),
     "normals-npy": Reader(
         of_file("a.npy", lambda path: read_normals(path, (4, 4))), written("a.npy", npy)

@@ -26,7 +26,7 @@ from malus.bench.commands.cli_dataset import render_command
 from malus.bench.commands.command_render import render_dataset
 from malus.renderers import Truth, render
 from malus.renderers.files.dataset import DatasetWriter, open_dataset
-from malus.renderers.files.dataset_maps import with_own_map
+from malus.renderers.files.dataset_files import with_own_files
 from malus.renderers.files.planes import FIELDS, MAPS
 from malus.renderers.files.scene_folder import IMAGES
 from malus.renderers.files.spectral_exr import read_exr, write_exr
@@ -485,9 +485,9 @@ def test_a_foreign_scene_opens_no_file_outside_its_dataset(
 def test_a_digest_leads_out_of_no_dataset(tmp_path: Path, digest: str) -> None:
     light = Environment(name="/etc/passwd", digest=digest)
     scene = made_up_truth().scene.model_copy(update={"light": light})
-    found = with_own_map(scene, tmp_path).light
+    found = with_own_files(scene, tmp_path).light
     assert isinstance(found, Environment)
-    assert found.file == tmp_path / "maps" / "unknown.exr"
+    assert found.file == tmp_path / "maps" / "unknown"
 
 
 def test_a_map_that_is_a_link_or_another_file_is_refused(tmp_path: Path) -> None:

@@ -38,7 +38,8 @@ def read_normals(path: Path, shape: tuple[int, int]) -> Image:
         found = f"shape {vectors.shape}"
         raise InputError(str(path), "three values a pixel", found, "write x, y, z to 3 channels")
     _check_shape(path, vectors.shape[:2], shape)
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    with np.errstate(over="ignore"):  # what is longer than a float holds is no normal
+        length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     good = np.isfinite(length) & (length > 0.5) & (vectors[..., 2:] >= 0)
     return np.where(good, vectors / np.where(good, length, 1), 0).astype(np.float32)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import struct
 import tempfile
@@ -21,11 +22,14 @@ from malus.bench.photos.pictures import (
     upright,
 )
 from malus.scenes.errors import InputError
+from malus.scenes.quiet import quiet
 
 _TIFF_TEXT_TAGS = (271, 272, 306, 315, 33432)
 """Make, model, date, artist, copyright."""
 _ICC_TAG = 34675
 _JPEG_QUALITY = 95
+_NOWHERE = logging.NullHandler()
+"""For the log of tifffile, which would go to the error stream where a program sets up none."""
 _EXR_STRUCTURE = frozenset(
     {"channels", "dataWindow", "displayWindow", "compression", "lineOrder", "type", "tiles",
      "version", "name", "chunkCount", "screenWindowCenter", "screenWindowWidth", "pixelAspectRatio"}
@@ -36,6 +40,7 @@ def read_tiff(path: Path, linear: bool) -> Picture:
     """A TIFF of 8 or 16 bits, or of floats, which are linear light. Raises InputError."""
     import tifffile
 
+    logging.getLogger("tifffile").addHandler(_NOWHERE)
     try:
         with tifffile.TiffFile(path) as file:
             page = file.pages.first
@@ -96,11 +101,11 @@ def read_exr(path: Path, linear: bool) -> Picture:
     import OpenEXR
 
     try:
-        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+        with quiet(), OpenEXR.File(str(path), header_only=True) as file:
             window = file.header()["dataWindow"]
         width, height = (int(b) - int(a) + 1 for a, b in zip(*window, strict=True))
         check_size(path, width, height)
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
             header = {k: v for k, v in file.header().items() if k not in _EXR_STRUCTURE}
     except InputError:

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from malus.renderers.files.dataset_maps import keep_map, with_own_map
+from malus.renderers.files.dataset_files import keep_files, with_own_files
 from malus.renderers.files.dataset_record import DatasetRecord, Entry, Failed
 from malus.renderers.files.scene_folder import (
     SCENE,
@@ -101,7 +101,7 @@ class Dataset:
         """
         self.scene(scene_id)
         truth = read_scene(self.path / scene_id)
-        return replace(truth, scene=with_own_map(truth.scene, self.path))
+        return replace(truth, scene=with_own_files(truth.scene, self.path))
 
 
 def open_dataset(path: Path | str) -> Dataset:
@@ -192,7 +192,7 @@ class DatasetWriter:
         """
         folder = self.folder / truth.scene.id
         write_scene(folder, truth, origin)
-        keep_map(truth.scene, self.folder)
+        keep_files(truth.scene, self.folder)
         self.done[truth.scene.id] = Entry.of(truth.scene, read_record(folder)[1])
         self.failed.pop(truth.scene.id, None)
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from malus.renderers.files.preview import preview
 from malus.renderers.files.stores import lstat, readable
 from malus.scenes.errors import InputError
+from malus.scenes.quiet import quiet
 
 Image = NDArray[np.floating[Any]]
 Channels = dict[str, NDArray[Any]]
@@ -202,7 +203,8 @@ def _decoded(path: Path, file: Any) -> dict[str, NDArray[Any] | None]:
 
 def _guarded(path: Path, read: Callable[[], Any]) -> Any:
     try:
-        return read()
+        with quiet():
+            return read()
     # OpenEXR's binding has no exception of its own: what it throws depends on where it stumbles.
     except _STUMBLES as error:
         hint = "the file is damaged: write it again"
