@@ -197,8 +197,7 @@ def _opened(path: Path, header_only: bool) -> Any:
 
 
 def _decoded(path: Path, file: Any) -> dict[str, NDArray[Any] | None]:
-    channels = _guarded(path, file.channels)
-    return {name: channel.pixels for name, channel in channels.items()}
+    return {name: channel.pixels for name, channel in _guarded(path, file.channels).items()}
 
 
 def _guarded(path: Path, read: Callable[[], Any]) -> Any:
