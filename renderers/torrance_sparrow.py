@@ -89,6 +89,10 @@ def _checked(scene: Scene, normals: Floats | None) -> Distant:
         raise InputError(where, "a distant light", light.kind, hint)
     if scene.camera.projection != "orthographic":
         raise InputError(where, "an orthographic camera", scene.camera.projection, hint)
+    if scene.surroundings is not None:
+        raise InputError(where, "a scene of one object", "surroundings", hint)
+    if scene.surface.kind == "patterned":
+        raise InputError(where, "the same surface all over", "a pattern", hint)
     if scene.surface.body != "unpolarised":
         raise InputError(where, "an unpolarised body", scene.surface.body, hint)
     return light

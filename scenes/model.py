@@ -53,6 +53,9 @@ def _first_problem(error: ValidationError, where: str) -> InputError:
     # Where a value may be one of several types, the deepest complaint is about the one meant.
     first = max(problems, key=lambda problem: len(problem["loc"]))
     key = ".".join(str(part) for part in first["loc"]) or "(top level)"
+    told = first.get("ctx", {}).get("error")
+    if isinstance(told, InputError):
+        return InputError(f"{where}, {told.where}", told.expected, told.found, told.hint)
     missing = first["type"] == "missing"
     more = f"; {len(problems) - 1} more problem(s) follow" if len(problems) > 1 else ""
     return InputError(

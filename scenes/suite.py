@@ -96,14 +96,15 @@ class Suite(Model):
         seen = set()
         for shape, surroundings, light, rough, body in families:
             for substance in self.materials:
-                scene = Scene(
-                    shape=shape,
-                    surface=coated(substance, rough, body),
-                    light=light,
-                    camera=self.camera,
-                    wavelengths_nm=self.wavelengths_nm,
-                    surroundings=surroundings,
-                )
+                content = {
+                    "shape": shape,
+                    "surface": coated(substance, rough, body),
+                    "light": light,
+                    "camera": self.camera,
+                    "wavelengths_nm": self.wavelengths_nm,
+                    "surroundings": surroundings,
+                }
+                scene = Scene.parse(content, f"suite {self.name}")
                 # A metal has no body, so that its scene is the same for every one.
                 if scene not in seen:
                     seen.add(scene)

@@ -163,7 +163,9 @@ class Conductor(Rough):
 
 
 def _kind(value: Any) -> Any:
-    return value.get("kind", "dielectric") if isinstance(value, dict) else value.kind
+    if isinstance(value, dict):
+        return value.get("kind", "dielectric")
+    return getattr(value, "kind", None)
 
 
 Plain = Annotated[

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from malus.bench.running.plan import plan
+from malus.renderers import render
 from malus.scenes import (
     Dielectric,
     Distant,
@@ -96,6 +97,40 @@ def test_a_mistake_is_one_line_that_names_file_and_key(
     assert "expected" in message
     assert "found" in message
     assert "\n" not in message
+
+
+PATTERN = '{ pattern = { kind = "checker" }, parts = ["rust", "carbon"] }'
+PAINT = '{ shape = { kind = "plane" }, surface = { eta = 1.5, alpha = 0.1 } }'
+ROOM = f'surroundings = [{{ name = "room", objects = [{PAINT}] }}]'
+
+
+@pytest.mark.parametrize(
+    ("finish", "more", "says"),
+    [
+        ('{ alpha = 0.3, albedo = "redd" }', "", "did you mean red?"),
+        ("{ alpha = 0.3, albedo = [0.1, 0.2, 0.3] }", "", "one number a band, 2, found 3"),
+        ('"rustt"', "", "toml, surface: expected the name of a surface, found 'rustt'"),
+        (PATTERN, ROOM, "only in scenes without surroundings"),
+        ('"rust"', ROOM.replace("{ eta = 1.5, alpha = 0.1 }", '"rust"'), "surface: expected"),
+        (PATTERN, 'renderer = "torrance-sparrow"', "the same surface all over, found a pattern"),
+        ('"rust"', f'{ROOM}\nrenderer = "torrance-sparrow"', "one object, found surroundings"),
+    ],
+)
+def test_surfaces_that_do_not_fit_are_one_line(
+    suite_file: Path, finish: str, more: str, says: str
+) -> None:
+    text = GOOD.replace('"carbon"', finish).replace('"uniform"', '"distant", incidence_deg = 60')
+    suite_file.write_text(f"{text}camera = {{ resolution = 4 }}\n{more}\n", "utf-8")
+
+    def used() -> None:
+        suite = load_suite(suite_file)
+        for scene in suite.scenes():
+            render(scene, renderer=suite.renderer)
+
+    with pytest.raises(InputError) as error:
+        used()
+    assert says in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_the_good_suite_is_good(suite_file: Path) -> None:
