@@ -21,6 +21,7 @@ from malus.bench.photos.pictures import Picture, read_picture
 from malus.bench.photos.transfer import linear_transfer, srgb_transfer
 from malus.reconstruct import Components
 from malus.reconstruct.single_image import shape
+from malus.reconstruct.single_image.shading import body_shading
 from malus.scenes import InputError, polarisation
 
 RNG = np.random.default_rng(0)
@@ -112,6 +113,22 @@ def test_a_search_that_failed_is_a_warning(tmp_path: Path, monkeypatch: pytest.M
     result = CliRunner().invoke(filter_command, arguments)
     assert result.exit_code == 0, result.output
     assert "warning: the search for a shape did not converge" in result.stderr
+
+
+def test_an_undecided_body_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    light, (_, normals) = np.array([1, 1, 2]) / np.sqrt(6), dome()
+    inside = normals[..., 2] > 0
+    linear = np.zeros((*inside.shape, 3))
+    linear[inside] = 0.5 * body_shading(normals[inside], light, "polarised", 1.5)[:, None]
+    PIL.Image.fromarray(srgb_transfer(8).encoded(linear)).save(tmp_path / "dome.png")
+    PIL.Image.fromarray(inside.astype(np.uint8) * 255).save(tmp_path / "mask.png")
+    monkeypatch.setattr(shape, "UNDECIDED", np.inf)
+    files = [str(tmp_path / name) for name in ("dome.png", "mask.png", "out")]
+    arguments = [files[0], "--mask", files[1], "--light", "1,1,2", "--out", files[2]]
+    result = CliRunner().invoke(filter_command, arguments)
+    assert result.exit_code == 0, result.output
+    assert result.stderr.count("warning: the body is undecided and taken for unpolarised") == 1
+    assert "body taken for unpolarised" in result.stdout
 
 
 def test_exposure_makes_up_for_one_stop(tmp_path: Path) -> None:

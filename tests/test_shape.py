@@ -14,6 +14,7 @@ from malus.reconstruct.single_image.light_direction import estimate_direction
 from malus.reconstruct.single_image.outline import outline_of
 from malus.reconstruct.single_image.parameters import fit_parameters
 from malus.reconstruct.single_image.shading import (
+    BodyKind,
     body_shading,
     facet_reflectance,
     index_of,
@@ -206,6 +207,30 @@ def test_starts_that_disagree_are_a_warning() -> None:
     found = Convergence(at_minimum=True, residual=0.001, agreed=1, starts=2)
     assert found.converged
     assert "1 of 2 starts" in found.warnings[0]
+
+
+def candidate(body: BodyKind, cost: float) -> shape._Candidate:
+    return shape._Candidate(Guess(np.zeros((1, 3)), 1.0, 0.1, 0.3), body, 1.5, cost)
+
+
+@pytest.mark.parametrize(
+    ("polarised", "unpolarised", "answer", "decided"),
+    [
+        (1.0, 1.28, "polarised", True),  # the least on blobs that do polarise
+        (1.0, 1.02, "unpolarised", False),  # the most on those that do not, and passed for such
+        (1.01, 1.0, "unpolarised", True),
+    ],
+)
+def test_a_body_that_hardly_explains_more_is_not_taken_for_polarised(
+    polarised: float, unpolarised: float, answer: str, decided: bool
+) -> None:
+    both = [candidate("polarised", polarised), candidate("unpolarised", unpolarised)]
+    best, rival = shape._chosen(sorted(both, key=lambda c: c.cost))
+    found = Convergence(True, 0.001, 2, 2, rival)
+    assert (best.body, found.decided) == (answer, decided)
+    assert len(found.warnings) == (not decided)
+    # Of one kind alone there is nothing to decide.
+    assert shape._chosen(both[:1]) == (both[0], math.inf)
 
 
 def test_known_parameters_are_kept() -> None:

@@ -141,6 +141,8 @@ def _convergence_columns(found: Convergence | None) -> Row:
         "converged": float(found.converged),
         "residual": found.residual,
         "unanimous": unanimous,
+        "rival": found.rival,
+        "decided": float(found.decided),
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 EXPLAINED = 0.008
@@ -20,12 +21,16 @@ class Convergence(NamedTuple):
     agreed, starts : int
         How many starts of the search ended at this minimum, and how many there were for this kind
         of body.
+    rival : float
+        Cost of the best shape with the other kind of body over the cost of this one; infinite
+        where only one kind was searched, below 1 where an unpolarised body was preferred.
     """
 
     at_minimum: bool
     residual: float
     agreed: int
     starts: int
+    rival: float = math.inf
 
     @property
     def converged(self) -> bool:
@@ -37,6 +42,17 @@ class Convergence(NamedTuple):
         (True, False)
         """
         return self.at_minimum and self.residual < EXPLAINED
+
+    @property
+    def decided(self) -> bool:
+        """The kind of body is the one that explains the picture best, not the safer one.
+
+        Examples
+        --------
+        >>> [Convergence(True, 0.004, 2, 2, rival).decided for rival in (1.3, 0.98)]
+        [True, False]
+        """
+        return self.rival >= 1
 
     @property
     def statement(self) -> str:
@@ -69,5 +85,11 @@ class Convergence(NamedTuple):
             found.append(
                 f"the shape is one of several that explain the picture: {self.statement}; "
                 "roughness and normals are uncertain"
+            )
+        if not self.decided:
+            found.append(
+                "the body is undecided and taken for unpolarised: a polarised one explains the "
+                f"picture hardly better (at {self.rival:.0%} of the cost); given normals would "
+                "decide it, material and roughness would not"
             )
         return tuple(found)

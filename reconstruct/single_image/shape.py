@@ -38,6 +38,9 @@ FAILED = 0.1
 """Error above which a shape is no shape then: blobs leave 0.04, noise leaves 0.28."""
 SAME_COST, SAME_ALPHA = 1.02, 0.1
 """Two starts ended at one minimum where costs differ by 2 % and alphas by a tenth at most."""
+UNDECIDED = 1.15
+"""Cost of an unpolarised body over a polarised one's below which it is the safer answer: where the
+body polarises it is 1.28 and more, where a polarised one is a mistake 1.02 and less (blobs)."""
 _STARTING_ALPHAS = (0.12, 0.4)
 _STEPS = 30
 _SAMPLE = 8_000
@@ -133,9 +136,9 @@ def recover_shape(
             )
         if error < STOP:
             break
-    best = candidates[0]
+    best, rival = _chosen(candidates)
     starts = sum(c.starts for c in candidates if c.body == best.body)
-    convergence = Convergence(best.at_minimum, best.error, best.starts, starts)
+    convergence = Convergence(best.at_minimum, best.error, best.starts, starts, rival)
     normals = reduced.enlarged(best.guess.normals, mask)
     if known.irradiance is not None:
         # From the search, where what is usual counts: on a bent shape the level alone says little.
@@ -221,17 +224,23 @@ def _distinct(candidates: list[_Candidate]) -> list[_Candidate]:
     return found
 
 
+def _chosen(candidates: list[_Candidate]) -> tuple[_Candidate, float]:
+    """The cheapest, or the safer body beside it, and the other body's cost over its cost."""
+    best = candidates[0]
+    other = next((c for c in candidates if c.body != best.body), None)
+    if other is None:
+        return best, np.inf
+    if other.body == "unpolarised" and other.cost < UNDECIDED * best.cost:
+        best, other = other, best
+    return best, other.cost / best.cost
+
+
 def _finished(
     image: Image, mask: Mask, direction: Floats, known: Known, normals: Floats, body: BodyKind
 ) -> Parameters:
     """The parameters fitted to the whole picture, all its bands, with these normals."""
     every = max(1, int(mask.sum()) // _SAMPLE)
+    pixels, normals = image[mask][::every].astype(np.float64), normals[mask][::every]
     return fit_parameters(
-        image[mask][::every].astype(np.float64),
-        normals[mask][::every],
-        direction,
-        body,
-        known.irradiance,
-        known.eta,
-        known.alpha,
+        pixels, normals, direction, body, known.irradiance, known.eta, known.alpha
     )
