@@ -216,7 +216,7 @@ def candidate(body: BodyKind, cost: float) -> shape._Candidate:
 @pytest.mark.parametrize(
     ("polarised", "unpolarised", "answer", "decided"),
     [
-        (1.0, 1.28, "polarised", True),  # the least on blobs that do polarise
+        (1.0, 1.28, "polarised", True),
         (1.0, 1.02, "unpolarised", False),  # the most on those that do not, and passed for such
         (1.01, 1.0, "unpolarised", True),
     ],
