@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
-import tomllib
 from functools import cache
-from importlib import resources
 from typing import Annotated
 
 import numpy as np
@@ -13,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from malus.scenes.errors import InputError
+from malus.scenes.named import lookup, table
 
 Floats = NDArray[np.float64]
 Fraction = Annotated[float, Field(ge=0, le=1)]
@@ -69,22 +67,18 @@ def swatch_wavelengths() -> Floats:
 
 def _between(name: str, wavelengths_nm: Floats) -> Floats:
     table_nm, known = _tables()
-    if name not in known:
-        close = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.5)
-        hint = f"did you mean {' or '.join(close)}?" if close else f"known: {', '.join(known)}"
-        raise InputError("albedo", "a number in 0..1 or a swatch", repr(name), hint)
+    values = lookup(name, known, "albedo", "a number in 0..1 or a swatch")
     inside = (wavelengths_nm >= table_nm[0]) & (wavelengths_nm <= table_nm[-1])
     if not inside.all():
         expected = f"wavelengths in {table_nm[0]:g} to {table_nm[-1]:g} nm"
         found = f"{wavelengths_nm[~inside][0]:g} nm"
         raise InputError(f"swatch {name}", expected, found, "choose other bands, or give numbers")
-    return np.interp(wavelengths_nm, table_nm, known[name])
+    return np.interp(wavelengths_nm, table_nm, values)
 
 
 @cache
 def _tables() -> tuple[Floats, dict[str, Floats]]:
-    text = resources.files("malus.scenes").joinpath("data", "swatches.toml").read_text("utf-8")
-    data = tomllib.loads(text)
+    data = table("swatches.toml")
     known = {name: np.array(values) for name, values in data["swatches"].items()}
     count = len(next(iter(known.values())))
     return data["first_nm"] + data["step_nm"] * np.arange(count, dtype=np.float64), known

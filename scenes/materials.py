@@ -5,22 +5,19 @@ The numbers, with their sources, are in `data/materials.toml` and `data/surfaces
 
 from __future__ import annotations
 
-import difflib
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from malus.scenes.dispersion import FORMULAS, Numbers
 from malus.scenes.errors import InputError
+from malus.scenes.named import lookup, table
 
 FloatArray = NDArray[np.float64]
-Item = TypeVar("Item")
 Kind = Literal["plastic", "liquid"]
 
 FRAUNHOFER_F_NM, FRAUNHOFER_D_NM, FRAUNHOFER_C_NM = 486.1, 587.6, 656.3
@@ -159,7 +156,7 @@ def material(name: str) -> Material:
     >>> material("water").kind
     'liquid'
     """
-    return _lookup(name, materials(), "material")
+    return lookup(name, materials(), "material")
 
 
 def surfaces() -> dict[str, Surface]:
@@ -186,19 +183,7 @@ def surface(name: str) -> Surface:
     >>> surface("rubber").alpha
     0.3
     """
-    return _lookup(name, surfaces(), "surface")
-
-
-def _lookup(name: str, known: dict[str, Item], what: str) -> Item:
-    if name in known:
-        return known[name]
-    close = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(close)}?" if close else f"known: {', '.join(known)}"
-    raise InputError(what, f"the name of a {what}", repr(name), hint)
-
-
-def _toml(name: str) -> dict[str, Any]:
-    return tomllib.loads(resources.files("malus.scenes").joinpath("data", name).read_text("utf-8"))
+    return lookup(name, surfaces(), "surface")
 
 
 def _nanometres(micrometres: Iterable[float]) -> Numbers:
@@ -208,7 +193,7 @@ def _nanometres(micrometres: Iterable[float]) -> Numbers:
 
 @cache
 def _load_materials() -> tuple[Material, ...]:
-    return tuple(_material(entry) for entry in _toml("materials.toml")["material"])
+    return tuple(_material(entry) for entry in table("materials.toml")["material"])
 
 
 def _material(entry: dict[str, Any]) -> Material:
@@ -228,7 +213,7 @@ def _material(entry: dict[str, Any]) -> Material:
 
 @cache
 def _load_surfaces() -> tuple[Surface, ...]:
-    data = _toml("surfaces.toml")
+    data = table("surfaces.toml")
     return tuple(
         Surface(
             id=entry["id"],

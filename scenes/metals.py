@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
-import tomllib
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from malus.scenes.errors import InputError
+from malus.scenes.named import lookup, table
 
 ComplexArray = NDArray[np.complex128]
 
@@ -76,18 +74,12 @@ def metal(name: str) -> Metal:
     >>> metal("gold").name
     'Gold'
     """
-    known = metals()
-    if name in known:
-        return known[name]
-    close = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(close)}?" if close else f"known: {', '.join(known)}"
-    raise InputError("metal", "the name of a metal", repr(name), hint)
+    return lookup(name, metals(), "metal")
 
 
 @cache
 def _load() -> tuple[Metal, ...]:
-    text = resources.files("malus.scenes").joinpath("data", "metals.toml").read_text("utf-8")
-    return tuple(_metal(entry) for entry in tomllib.loads(text)["metal"])
+    return tuple(_metal(entry) for entry in table("metals.toml")["metal"])
 
 
 def _metal(entry: dict[str, Any]) -> Metal:

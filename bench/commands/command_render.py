@@ -6,20 +6,20 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from malus.bench.commands.command_run import overridden
 from malus.bench.commands.memory import peak_memory
 from malus.bench.running.child import ATTEMPTS, TIMEOUT_SECONDS, Child, Died
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan, plan
+from malus.bench.running.progress import Progress, silent, with_progress
 from malus.bench.running.results import prepare_folder
 from malus.bench.running.task import Made
 from malus.bench.running.work import truths
@@ -33,12 +33,6 @@ from malus.scenes.errors import InputError
 from malus.scenes.model import content_id
 from malus.scenes.scene import Scene
 from malus.scenes.suite import Suite, load_suite
-
-Show = Callable[[int, int, str], None]
-
-
-def _silent(done: int, total: int, label: str) -> None:
-    """Show nothing."""
 
 
 def render_for_command_line(
@@ -85,7 +79,7 @@ def render_dataset(
     suite: Suite,
     out: Path | str,
     variant: Variant | None = None,
-    progress: Show = _silent,
+    progress: Progress = silent,
     child: Child | None = None,
     retry_failed: bool = False,
 ) -> dict[str, Any]:
@@ -156,23 +150,6 @@ def about(suite: Suite, variant: Variant) -> dict[str, Any]:
         | {"python": platform.python_version()},
         "variant": {"name": variant.name, "reason": variant.reason},
     }
-
-
-def with_progress(console: Console, what: str, work: Callable[[Show], Any]) -> Any:
-    """Do some work under a progress bar on stderr, and return what it returns."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(what, total=None)
-        return work(
-            lambda done, total, label: bar.update(
-                task, completed=done, total=total, description=label
-            )
-        )
 
 
 def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:

@@ -12,14 +12,13 @@ from typing import Any
 import pandas as pd
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from malus.bench.running.child import TIMEOUT_SECONDS
 from malus.bench.running.cluster import engine
+from malus.bench.running.progress import with_progress
 from malus.bench.running.results import Results, read_results
 from malus.bench.running.runner import run
-from malus.bench.running.work import Engine
 from malus.renderers.variant import Variant, choose
 from malus.scenes.suite import Suite, load_suite
 
@@ -57,7 +56,11 @@ def run_command(
         highlight=False,
     )
     with engine(variant, how.workers, how.scheduler, how.timeout) as chosen:
-        results = _with_progress(suite, folder, variant, console, chosen, how.retry_failed)
+        results = with_progress(
+            console,
+            "families",
+            lambda show: run(suite, folder, variant, show, chosen, how.retry_failed),
+        )
     from malus.reports.write import write_report
 
     write_report(results, folder)
@@ -116,29 +119,6 @@ def overridden(suite: Suite, overrides: dict[str, Any], variant: Variant) -> Sui
     if overrides.get("methods"):
         data["methods"] = list(overrides["methods"])
     return Suite.parse(data, "command line")
-
-
-def _with_progress(
-    suite: Suite,
-    folder: Path,
-    variant: Variant,
-    console: Console,
-    chosen: Engine,
-    retry_failed: bool,
-) -> Results:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("families", total=None)
-
-        def show(done: int, total: int, label: str) -> None:
-            bar.update(task, completed=done, total=total, description=label)
-
-        return run(suite, folder, variant, show, chosen, retry_failed)
 
 
 def headline(results: Results) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -16,10 +16,10 @@ from typing import Any
 import pandas as pd
 from rich.console import Console
 
-from malus.bench.commands.command_render import with_progress
 from malus.bench.commands.command_run import final_table, headline
 from malus.bench.exchange.predictions import Image, Predictions, check_predictions
 from malus.bench.exchange.suspicion import Fit
+from malus.bench.running.progress import Progress, silent, with_progress
 from malus.bench.running.results import (
     Record,
     Results,
@@ -35,8 +35,6 @@ from malus.reconstruct import Components, Inapplicable, Method, Observation, get
 from malus.renderers.files.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
 from malus.scenes.errors import InputError, printable
-
-Show = Callable[[int, int, str], None]
 
 
 def score_for_command_line(
@@ -73,16 +71,12 @@ def score_for_command_line(
     console.print(f"written to {out}", highlight=False)
 
 
-def _silent(done: int, total: int, label: str) -> None:
-    """Show nothing."""
-
-
 def score_dataset(
     dataset: Dataset,
     methods: Sequence[Method],
     predictions: Predictions | None = None,
     label: str = "predictions",
-    progress: Show = _silent,
+    progress: Progress = silent,
 ) -> Results:
     """Scores of methods and predictions on every scene, as a table like that of a run.
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image as Picture
 from rich.console import Console
 
-from malus.bench.commands.command_render import with_progress
+from malus.bench.running.progress import Progress, silent, with_progress
 from malus.bench.running.results import prepare_folder
 from malus.renderers.files.dataset import Dataset, open_dataset
 from malus.renderers.files.dataset_record import CONVENTIONS
@@ -81,16 +81,12 @@ def export_for_command_line(
         console.print(f"{count} scenes written to {out}", highlight=False)
 
 
-def _silent(done: int, total: int, label: str) -> None:
-    """Show nothing."""
-
-
 def export(
     dataset: Dataset,
     layout: str,
     out: Path | str,
     pixels: str = "exr",
-    progress: Callable[[int, int, str], None] = _silent,
+    progress: Progress = silent,
 ) -> int:
     """Write every scene of a dataset in another format; returns how many.
 

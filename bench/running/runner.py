@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from malus.bench.running.collected import Collected
 from malus.bench.running.examples import chosen
 from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
 from malus.bench.running.plan import FamilyPlan, plan
+from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import (
     EXAMPLES,
     Results,
@@ -35,20 +36,15 @@ from malus.renderers.variant import Variant, choose
 from malus.scenes.errors import InputError
 from malus.scenes.suite import Suite
 
-Progress = Callable[[int, int, str], None]
 REASONS_KEPT = 20
 """Failures that `run.json` tells at most; the parts and `malus status` tell all."""
-
-
-def _silent(_done: int, _total: int, _label: str) -> None:
-    """Progress that nobody watches."""
 
 
 def run(
     suite: Suite,
     out: Path | str,
     variant: Variant | None = None,
-    progress: Progress = _silent,
+    progress: Progress = silent,
     engine: Engine | None = None,
     retry_failed: bool = False,
 ) -> Results:
@@ -104,7 +100,7 @@ class Job:
     methods: dict[str, str]
     folder: Path
     variant: Variant
-    progress: Progress = _silent
+    progress: Progress = silent
     retry_failed: bool = False
     seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     taken_over: int = 0

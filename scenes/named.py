@@ -1,0 +1,45 @@
+"""Tables of named things that malus brings, and the way to one of them."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from typing import Any, TypeVar
+
+from malus.scenes.errors import InputError
+
+Item = TypeVar("Item")
+
+
+def table(name: str) -> dict[str, Any]:
+    """The content of the TOML file of that name among malus' data."""
+    return tomllib.loads(resources.files("malus.scenes").joinpath("data", name).read_text("utf-8"))
+
+
+def lookup(name: str, known: Mapping[str, Item], where: str, expected: str = "") -> Item:
+    """What is known under that name.
+
+    Parameters
+    ----------
+    name : str
+    known : mapping by name
+    where, expected : str
+        Of the message; by default the name of a `where` is expected.
+
+    Raises
+    ------
+    InputError
+        For an unknown name; tells the closest ones.
+
+    Examples
+    --------
+    >>> lookup("gold", {"gold": 79}, "metal")
+    79
+    """
+    if name in known:
+        return known[name]
+    close = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(close)}?" if close else f"known: {', '.join(known)}"
+    raise InputError(where, expected or f"the name of a {where}", repr(name), hint)
