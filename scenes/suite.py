@@ -68,7 +68,7 @@ class Suite(Model):
     methods: tuple[str, ...] = Field(min_length=1)
     metrics: tuple[str, ...] = ()
     renderer: Renderer = "mitsuba"
-    knowledge: Knowledge = "everything"
+    knowledge: Knowledge = Field(default="everything", exclude_if=lambda told: told == "everything")
     camera: Camera = Camera()
     sampling: Sampling = Sampling()
     scalar: Smaller | None = None
