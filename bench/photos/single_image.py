@@ -4,21 +4,24 @@ To run it: `python -m malus.bench.photos.single_image`.
 
 Every stage is measured against the truth of the same scenes: separation by colour on coloured
 bodies; shape, parameters and polarisation on grey ones, where separation has to come from the
-shape, or with `--coloured` on the same coloured bodies.
+shape, or with `--coloured` on the same coloured bodies. With `--rows` a measurement that
+was stopped goes on where it stopped.
 """
 
 from __future__ import annotations
 
-import itertools
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.bench.photos.photo_rows import Row, kept_rows
+from malus.bench.photos.photo_scenes import BANDS_NM, photo_scenes
 from malus.bench.scoring.metrics import Error, Residuals, peak, skill
 from malus.bench.scoring.view import observe
 from malus.reconstruct import Components, Inapplicable
@@ -28,60 +31,15 @@ from malus.reconstruct.single_image.illuminant import ILLUMINANTS, mirrored_tint
 from malus.reconstruct.single_image.separation import SEPARATIONS, separate
 from malus.renderers.family import render_family
 from malus.renderers.truth import Truth
-from malus.scenes import Blob, Camera, Dielectric, Distant, Sampling, Scene, Sphere
-from malus.scenes.lights import Distant as DistantLight
-from malus.scenes.materials import materials, surfaces
+from malus.scenes import Distant, InputError, Sampling, Scene
 
 Image = NDArray[np.floating[Any]]
-Row = dict[str, Any]
 
-COLOURS = ("blue", "light_skin", "green", "foliage", "red", "yellow", "magenta")
-"""Swatches of coloured bodies, some strong, some pale; scenes take turns."""
-INCIDENCES_DEG = (20.0, 45.0, 60.0, 80.0)
-BANDS_NM = (450.0, 550.0, 650.0)
 LEVELS = {
     "blind": frozenset[str](),
     "blind-light": frozenset({"light"}),
     "blind-normals": frozenset({"light", "normals"}),
 }
-
-
-def truths(shapes: Sequence[str], every: int, resolution: int, coloured: bool) -> Iterator[Truth]:
-    """All 24 x 5 x 2 bodies x 4 lights of each shape, or every n-th of them.
-
-    Materials and colours take turns, so that a part of the scenes stands for all of them.
-    """
-    colours = itertools.cycle(COLOURS if coloured else (None,))
-    lit = itertools.product(surfaces(), ("unpolarised", "polarised"), INCIDENCES_DEG)
-    for turn, (surface, body, incidence) in enumerate(lit):
-        # Seven and 24 have no common divisor: the first material of a turn is each one in turn.
-        names = list(materials())[7 * turn % every :: every]
-        for shape in shapes:
-            scenes = [
-                _scene(shape, name, surface, body, incidence, resolution, next(colours))
-                for name in names
-            ]
-            family = render_family(scenes, Sampling(samples=64))
-            yield from (family.truth(scene) for scene in scenes)
-
-
-def _scene(
-    shape: str,
-    material: str,
-    surface: str,
-    body: Any,
-    incidence: float,
-    resolution: int,
-    colour: str | None,
-) -> Scene:
-    made = Dielectric.named(material, surface, body)
-    return Scene(
-        shape=Sphere() if shape == "sphere" else Blob(seed=int(shape.removeprefix("blob") or 0)),
-        surface=made if colour is None else made.model_copy(update={"albedo": colour}),
-        light=Distant(incidence_deg=incidence),
-        camera=Camera(resolution=resolution),
-        wavelengths_nm=BANDS_NM,
-    )
 
 
 def separation_row(truth: Truth) -> Row:
@@ -161,8 +119,8 @@ def _errors(found: Components, truth: Truth) -> tuple[float, float, float]:
 
 
 def _light_error(found: Any, true: Any) -> float:
-    assert isinstance(found, DistantLight)
-    assert isinstance(true, DistantLight)
+    assert isinstance(found, Distant)
+    assert isinstance(true, Distant)
     cosine = float(np.dot(found.direction, true.direction))
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
@@ -170,6 +128,7 @@ def _light_error(found: Any, true: Any) -> float:
 def _scene_columns(truth: Truth) -> Row:
     scene = truth.scene
     return {
+        "scene": scene.id,
         "shape": scene.shape.label,
         "surface": scene.surface.label,
         "material": scene.surface.material_label,
@@ -197,18 +156,43 @@ def megapixels_per_second(megapixels: float = 2.0, repeats: int = 3) -> dict[str
     return found
 
 
+def measured(scenes: Sequence[Scene], levels: Sequence[str], path: Path | None) -> list[Row]:
+    """A row a scene and level, the level '' being separation; those in the file are not redone."""
+    kept = kept_rows(path) if path else {}
+    for scene in scenes:
+        missing = [level for level in levels if (scene.id, level) not in kept]
+        if not missing:
+            continue
+        truth = render_family([scene], Sampling(samples=64)).truth(scene)
+        for level in missing:
+            row = chain_row(truth, level) if level else separation_row(truth)
+            kept[scene.id, level] = row
+            if path:
+                with path.open("a", encoding="utf-8") as file:
+                    print(json.dumps(row), file=file)
+    return [kept[scene.id, level] for scene in scenes for level in levels]
+
+
+_QUANTILES = {"median": 0.5, "lower quartile": 0.25, "least": 0.0, "largest": 1.0}
+
+
 def _summary(rows: list[Row], group: Sequence[str]) -> None:
     import pandas as pd
 
     table = pd.DataFrame(rows)
     numbers = [c for c in table.columns if table[c].dtype.kind == "f"]
-    with pd.option_context("display.width", 200, "display.max_columns", 40):
-        for statistic in ("median", "mean"):
-            click.echo(f"{statistic}:")
-            grouped = table.groupby(list(group))[numbers]
-            click.echo(grouped.agg(statistic).to_string(float_format="{:.4g}".format))
+    grouped = table.groupby(list(group))
+    tables = {name: grouped[numbers].quantile(q) for name, q in _QUANTILES.items()}
+    tables |= {"mean": grouped[numbers].mean(), "scenes": grouped[["scene"]].count()}
+    for name, numbers_of_it in tables.items():
+        click.echo(f"{name}:")
+        click.echo(numbers_of_it.to_string(float_format="{:.4g}".format, line_width=200))
     if "failed" in table:
         click.echo(f"failed: {table['failed'].notna().sum()} of {len(table)}")
+
+
+class _Refused(click.ClickException):
+    exit_code = 2
 
 
 @click.command()
@@ -218,7 +202,12 @@ def _summary(rows: list[Row], group: Sequence[str]) -> None:
 @click.option("--level", "levels", multiple=True, default=("blind-light",), show_default=True)
 @click.option("--resolution", default=48, show_default=True)
 @click.option("--coloured", is_flag=True, help="Coloured bodies for the chain too.")
-@click.option("--rows", "out", type=click.File("w"), help="Write every row as a line of JSON.")
+@click.option(
+    "--rows",
+    "path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write every row as a line of JSON; scenes that the file has are not measured again.",
+)
 def main(
     stage: str,
     shapes: tuple[str, ...],
@@ -226,21 +215,19 @@ def main(
     levels: tuple[str, ...],
     resolution: int,
     coloured: bool,
-    out: Any,
+    path: Path | None,
 ) -> None:
     """Measure one stage of the single-image chain on 24 materials x 5 surfaces x 2 bodies."""
     if stage == "speed":
         click.echo(json.dumps(megapixels_per_second(), indent=1))
         return
-    rows = []
-    for truth in truths(shapes, every, resolution, coloured or stage == "separation"):
-        for level in levels if stage == "chain" else ("",):
-            row = chain_row(truth, level) if level else separation_row(truth)
-            rows.append(row)
-            if out is not None:
-                # A line at once, so that a run that is stopped keeps what it measured.
-                print(json.dumps(row), file=out, flush=True)
-    _summary(rows, ["shape", "body", "level"] if stage == "chain" else ["shape", "body"])
+    chain = stage == "chain"
+    scenes = photo_scenes(shapes, every, resolution, coloured or not chain)
+    try:
+        rows = measured(scenes, levels if chain else ("",), path)
+    except InputError as error:
+        raise _Refused(str(error)) from error
+    _summary(rows, ["shape", "body", "level"] if chain else ["shape", "body"])
 
 
 if __name__ == "__main__":
