@@ -48,17 +48,22 @@ def light_of(truth: Truth) -> np.ndarray:
     return np.array(truth.scene.light.direction)
 
 
-def problem(truth: Truth) -> tuple[ShapeProblem, Guess]:
-    outline = outline_of(truth.mask)
-    radiance = truth.image[truth.mask][:, 0]
-    normals = truth.normals[truth.mask]
+def problem(truth: Truth, separated: bool = False, cut: int = 0) -> tuple[ShapeProblem, Guess]:
+    """The object's left `cut` columns may lie beyond the picture's edge."""
+    mask = truth.mask[:, cut:]
+    radiance = truth.image[:, cut:][mask][:, 0]
+    pictures = [Picture(radiance)]
+    if separated:
+        pictures = [Picture(0.7 * radiance, mirrored=False), Picture(0.3 * radiance, body=False)]
     weights = Weights(1e-3, 0.1, 1e-4, 0.1)
-    solver = ShapeProblem([Picture(radiance)], outline, light_of(truth), "polarised", 1.5, weights)
-    return solver, Guess(normals, 0.9, 0.2, 0.3)
+    solver = ShapeProblem(pictures, outline_of(mask), light_of(truth), "polarised", 1.5, weights)
+    return solver, Guess(truth.normals[:, cut:][mask], 0.9, 0.2, 0.3)
 
 
-def test_jacobian_is_the_derivative_of_the_residuals() -> None:
-    solver, guess = problem(sphere(side=20))
+@pytest.mark.parametrize("separated", [False, True])
+@pytest.mark.parametrize("cut", [0, 6])
+def test_jacobian_is_the_derivative_of_the_residuals(separated: bool, cut: int) -> None:
+    solver, guess = problem(sphere(side=20), separated, cut)
     x = solver._packed(guess)
     x[:-3] *= 0.9
     direction = np.random.default_rng(0).normal(size=x.size)

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import OptimizeResult, least_squares
 
+from malus.reconstruct.single_image.jacobian_pattern import Pattern
 from malus.reconstruct.single_image.outline import Outline
 from malus.reconstruct.single_image.parameters import ALPHA_RANGE
 from malus.reconstruct.single_image.shading import BodyKind, body_shading, mirrored_shading
@@ -110,6 +111,7 @@ class ShapeProblem:
         self.plausible = np.sqrt(np.array([weights.level, weights.alpha]) * outline.count)
         self.usual = np.array([weights.usual_level, weights.usual_alpha])
         self.alpha = alpha
+        self.pattern = Pattern(outline, len(pictures))
 
     def solve(self, start: Guess, max_steps: int, tolerance: float) -> tuple[Guess, OptimizeResult]:
         """Minimise by scipy's trust-region method for sparse least squares."""
@@ -150,19 +152,15 @@ class ShapeProblem:
         by_g = self._differences(f, g + _STEP, f, g - _STEP, alpha, alpha)
         up, down = alpha * np.exp(_STEP), alpha * np.exp(-_STEP)
         by_alpha = self._differences(f, g, f, g, up, down)[1]
-        blocks = []
+        parts = []
         for picture in self.pictures:
             scale = self._scale(picture)
             a, k = scale * albedo * picture.body, scale * level * picture.mirrored
-            slopes = [sparse.diags_array(a * by[0] + k * by[1]) for by in (by_f, by_g)]
             by_alpha_if_free = k * by_alpha * (self.alpha is None)
-            surface = np.stack([a * shaded, k * mirrored, by_alpha_if_free], axis=1)
-            blocks.append(sparse.hstack([*slopes, sparse.csr_array(surface)]))
-        geometry = self._geometry_jacobian(f, g)
-        none = sparse.csr_array((geometry.shape[0], 3))
+            parts += [a * by[0] + k * by[1] for by in (by_f, by_g)]
+            parts += [a * shaded, k * mirrored, by_alpha_if_free]
         pulls = self.plausible * [1.0, float(self.alpha is None)]
-        unusual = sparse.csr_array((pulls, ([0, 1], [len(x) - 2, len(x) - 1])), shape=(2, len(x)))
-        return sparse.csr_array(sparse.vstack([*blocks, sparse.hstack([geometry, none]), unusual]))
+        return self.pattern.filled([*parts, *self._geometry_slopes(f, g), pulls])
 
     def error(self, guess: Guess) -> float:
         """Root mean square residual of the irradiance, over the largest value of each picture."""
@@ -192,18 +190,15 @@ class ShapeProblem:
         after, before = self._shadings(f1, g1, alpha1), self._shadings(f0, g0, alpha0)
         return (after[0] - before[0]) / (2 * _STEP), (after[1] - before[1]) / (2 * _STEP)
 
-    def _geometry_jacobian(self, f: Floats, g: Floats) -> sparse.csr_array:
-        """Of smoothness and integrability, by f and g."""
-        smooth = sparse.diags_array(self.smooth)
-        laplacian = smooth @ self.outline.laplacian[:, : self.outline.count]
-        none = sparse.csr_array(laplacian.shape)
-        curl = self._curl_jacobian(self._with_ring(normals_of(f, g).T[:2]))
-        by_normal = sparse.vstack(
-            [sparse.hstack([laplacian, none]), sparse.hstack([none, laplacian]), curl]
-        )
-        slopes = plane_slopes(f, g)
-        chain = sparse.block_array([[sparse.diags_array(s) for s in row] for row in slopes])
-        return sparse.csr_array(by_normal @ chain)
+    def _geometry_slopes(self, f: Floats, g: Floats) -> list[Floats]:
+        """Of smoothness and integrability, by f and g, in the order of the pattern."""
+        bending, curl = self.pattern.bending, self.pattern.curl
+        n_x, n_y = plane_slopes(f, g)
+        smooth = self.smooth[bending.rows] * bending.values
+        by_x, by_y = self._curl_slopes(self._with_ring(normals_of(f, g).T[:2]))
+        parts = [smooth * slope[bending.columns] for slope in (*n_x, *n_y)]
+        at = curl.columns
+        return parts + [by_x * x[at] + by_y * y[at] for x, y in zip(n_x, n_y, strict=True)]
 
     def _with_ring(self, components: Floats) -> Floats:
         return np.concatenate([components, self.outline.across.T], axis=1)
@@ -218,16 +213,15 @@ class ShapeProblem:
         n_x, n_y = field[:, : self.outline.count]
         return np.asarray((1 - n_y**2) * xy - (1 - n_x**2) * yx + n_x * n_y * (yy - xx))
 
-    def _curl_jacobian(self, field: Floats) -> sparse.csr_array:
+    def _curl_slopes(self, field: Floats) -> tuple[Floats, Floats]:
+        """Of integrability by n_x and n_y, at the entries of the pattern's `curl`."""
         xx, xy, yx, yy = self._derivatives(field)
         n_x, n_y = field[:, : self.outline.count]
-        diagonal, count = sparse.diags_array, self.outline.count
-        dx, dy = self.outline.dx[:, :count], self.outline.dy[:, :count]
-        by_x = diagonal(2 * n_x * yx + n_y * (yy - xx))
-        by_x = by_x + diagonal(1 - n_y**2) @ dy - diagonal(n_x * n_y) @ dx
-        by_y = diagonal(-2 * n_y * xy + n_x * (yy - xx))
-        by_y = by_y - diagonal(1 - n_x**2) @ dx + diagonal(n_x * n_y) @ dy
-        return sparse.csr_array(diagonal(self.integrable) @ sparse.hstack([by_x, by_y]))
+        both, curl = n_x * n_y, self.pattern.curl
+        by_x = [-both, 1 - n_y**2, 2 * n_x * yx + n_y * (yy - xx)]
+        by_y = [n_x**2 - 1, both, n_x * (yy - xx) - 2 * n_y * xy]
+        weights = [np.concatenate([part * self.integrable for part in by]) for by in (by_x, by_y)]
+        return weights[0][curl.rows] * curl.values, weights[1][curl.rows] * curl.values
 
     def _packed(self, guess: Guess) -> Floats:
         n_z = np.clip(guess.normals[:, 2], 0.0, None)
