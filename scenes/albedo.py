@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from malus.scenes.errors import InputError
 from malus.scenes.named import lookup, table
 
 Floats = NDArray[np.float64]
 Fraction = Annotated[float, Field(ge=0, le=1)]
-Albedo = Fraction | str | Annotated[tuple[Fraction, ...], Field(min_length=1, max_length=512)]
+
+
+def _albedo(value: Any) -> str | None:
+    match value:
+        case str():
+            return "swatch"
+        case int() | float():
+            return "grey"
+        case tuple() | list():
+            return "bands"
+    return None
+
+
+Albedo = Annotated[
+    Annotated[Fraction, Tag("grey")]
+    | Annotated[str, Tag("swatch")]
+    | Annotated[tuple[Fraction, ...], Field(min_length=1, max_length=512), Tag("bands")],
+    Discriminator(_albedo, "choice", "a number in 0..1, a swatch, or one number a band"),
+]
 """Grey, the name of a swatch, or one number a band."""
 
 

@@ -75,6 +75,25 @@ class Camera(Model):
         sine, cosine = (math.sin(roll), math.cos(roll)) if self.roll_deg else (0.0, 1.0)
         return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
+    @property
+    def sees_the_object(self) -> bool:
+        """Whether the unit sphere, which every object fits, covers a pixel from corner to corner.
+
+        Examples
+        --------
+        >>> Camera(resolution=64, half_width=1e9).sees_the_object
+        False
+        """
+        if self.fov_deg is None or self.distance is None:
+            radius = 1.0 / self.half_width
+        else:  # of the cone that touches the sphere, where the image is 2 wide
+            cone = math.tan(math.asin(1.0 / self.distance))
+            radius = cone / math.tan(math.radians(0.5 * self.fov_deg))
+        # In pixels; four of an even number meet in the middle, where an odd one has one.
+        return 0.5 * radius * self.resolution >= (
+            math.sqrt(0.5) if self.resolution % 2 else math.sqrt(2)
+        )
+
     def view(self) -> Floats | None:
         """Unit vectors (height, width, 3) from what a pixel's centre sees towards the camera.
 

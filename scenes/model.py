@@ -6,9 +6,11 @@ import hashlib
 import json
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from malus.scenes.errors import InputError
+from malus.scenes.named import lookup
+from malus.scenes.problems import first_problem
 
 
 class Model(BaseModel):
@@ -25,15 +27,28 @@ class Model(BaseModel):
     def parse(cls, data: Any, where: str) -> Self:
         """Validate untrusted `data`; `where` names the file in the message.
 
+        Nothing is converted but whole numbers to floats and lists to tuples.
+
         Raises
         ------
         InputError
             One line that names the key, what was expected and what was found.
         """
         try:
-            return cls.model_validate(data)
+            return cls.model_validate(_tuples(data), strict=True)
         except ValidationError as error:
-            raise _first_problem(error, where) from None
+            raise first_problem(error, data, where) from None
+        except RecursionError:
+            raise InputError(
+                where, "a few levels", "too many", "this is no file of malus"
+            ) from None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        for key in data if isinstance(data, dict) else ():
+            lookup(str(key), cls.model_fields, "key", "one of the keys here")
+        return data
 
 
 def content_id(content: Any) -> str:
@@ -48,27 +63,10 @@ def content_id(content: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _first_problem(error: ValidationError, where: str) -> InputError:
-    problems = error.errors(include_url=False)
-    # Where a value may be one of several types, the deepest complaint is about the one meant.
-    first = max(problems, key=lambda problem: len(problem["loc"]))
-    key = ".".join(str(part) for part in first["loc"]) or "(top level)"
-    told = first.get("ctx", {}).get("error")
-    if isinstance(told, InputError):
-        return InputError(f"{where}, {told.where}", told.expected, told.found, told.hint)
-    missing = first["type"] == "missing"
-    more = f"; {len(problems) - 1} more problem(s) follow" if len(problems) > 1 else ""
-    return InputError(
-        where=f"{where}, key {key}",
-        expected=_expectation(first["type"], first["msg"]),
-        found="nothing" if missing else repr(first["input"]),
-        hint=("add this key" if missing else "correct this value") + more,
-    )
-
-
-def _expectation(kind: str, message: str) -> str:
-    if kind == "extra_forbidden":
-        return "no such key"
-    for prefix in ("Input should be ", "Value error, "):
-        message = message.removeprefix(prefix)
-    return message
+def _tuples(data: Any) -> Any:
+    """The data with tuples for lists, as TOML and JSON know only these."""
+    if isinstance(data, dict):
+        return {key: _tuples(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return tuple(_tuples(value) for value in data)
+    return data

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
 from typing import Any, TypeVar
 
 from malus.scenes.errors import InputError
+from malus.scenes.problems import near
 
 Item = TypeVar("Item")
 
@@ -40,6 +40,5 @@ def lookup(name: str, known: Mapping[str, Item], where: str, expected: str = "")
     """
     if name in known:
         return known[name]
-    close = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(close)}?" if close else f"known: {', '.join(known)}"
+    hint = near(name, known) or f"known: {', '.join(known)}"
     raise InputError(where, expected or f"the name of a {where}", repr(name), hint)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from malus.scenes.camera import Camera
+from malus.scenes.errors import InputError
 from malus.scenes.lights import Light, turned
 from malus.scenes.model import Model
 from malus.scenes.shapes import Shape
@@ -56,6 +57,10 @@ class Scene(Model):
             placed.surface.albedos(self.wavelengths_nm)
             if self.surroundings and placed.surface.kind == "patterned":
                 raise ValueError("patterned surfaces only in scenes without surroundings")
+        # Where there is more to see than the own shape, that may be small.
+        if not (self.surroundings or self.camera.sees_the_object):
+            hint = "use more resolution, or a camera that is nearer"
+            raise InputError("camera", "an object that covers a pixel", "a smaller one", hint)
         return self
 
     @property

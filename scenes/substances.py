@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from malus.scenes.albedo import Albedo
-from malus.scenes.materials import material, surface
+from malus.scenes.materials import materials, surface, surfaces
 from malus.scenes.metals import metals
 from malus.scenes.model import Model
+from malus.scenes.named import lookup
 from malus.scenes.patterns import Pattern
 from malus.scenes.surface import Body, Conductor, Dielectric, Patterned, Surface
 
@@ -27,7 +28,35 @@ class MetalIndex(Model):
     k: float = Field(ge=0, le=20)
 
 
-Substance = str | Index | MetalIndex
+def _material_name(name: str) -> str:
+    lookup(name, {**materials(), **metals()}, "material")
+    return name
+
+
+def _surface_name(name: str) -> str:
+    lookup(name, surfaces(), "surface")
+    return name
+
+
+SubstanceName = Annotated[str, AfterValidator(_material_name), Tag("name")]
+FinishName = Annotated[str, AfterValidator(_surface_name), Tag("name")]
+
+
+def _substance(value: Any) -> str | None:
+    match value:
+        case str():
+            return "name"
+        case MetalIndex() | {"k": _}:
+            return "metal"
+        case Index() | dict():
+            return "index"
+    return None
+
+
+Substance = Annotated[
+    SubstanceName | Annotated[Index, Tag("index")] | Annotated[MetalIndex, Tag("metal")],
+    Discriminator(_substance, "choice", "a name, { eta = … } or { eta = …, k = … }"),
+]
 
 
 class Roughness(Model):
@@ -37,10 +66,29 @@ class Roughness(Model):
     albedo: Albedo = 0.5
 
 
+def _finish(value: Any) -> str | None:
+    match value:
+        case str():
+            return "name"
+        case Patchwork() | {"pattern": _} | {"parts": _}:
+            return "patchwork"
+        case Part() | {"surface": _} | {"material": _}:
+            return "part"
+        case Roughness() | dict():
+            return "roughness"
+    return None
+
+
+PlainFinish = Annotated[
+    FinishName | Annotated[Roughness, Tag("roughness")],
+    Discriminator(_finish, "choice", "a name or { alpha = … }"),
+]
+
+
 class Part(Model):
     """One surface of a pattern; without a material of its own it has the scene's."""
 
-    surface: str | Roughness
+    surface: PlainFinish
     material: Substance | None = None
 
 
@@ -48,30 +96,19 @@ class Patchwork(Model):
     """Several surfaces on one object, where a pattern puts them."""
 
     pattern: Pattern
-    parts: tuple[Part | str | Roughness, ...] = Field(min_length=2, max_length=8)
+    parts: tuple[
+        Annotated[
+            FinishName | Annotated[Roughness, Tag("roughness")] | Annotated[Part, Tag("part")],
+            Discriminator(_finish, "choice", "a name, { alpha = … } or { surface = … }"),
+        ],
+        ...,
+    ] = Field(min_length=2, max_length=8)
 
 
-Finish = str | Roughness | Patchwork
-
-
-def known_names(substances: Iterable[Substance], finishes: Iterable[Finish]) -> None:
-    """Check names of materials and surfaces.
-
-    Raises
-    ------
-    InputError
-        If a material is neither a dielectric nor a metal, or a surface is none.
-    """
-    for substance in substances:
-        if isinstance(substance, str) and substance not in metals():
-            material(substance)
-    for finish in finishes:
-        if isinstance(finish, str):
-            surface(finish)
-        elif isinstance(finish, Patchwork):
-            parts = [_part(part) for part in finish.parts]
-            named = [part.material for part in parts if part.material is not None]
-            known_names(named, [part.surface for part in parts])
+Finish = Annotated[
+    FinishName | Annotated[Roughness, Tag("roughness")] | Annotated[Patchwork, Tag("patchwork")],
+    Discriminator(_finish, "choice", "a name, { alpha = … } or { pattern = …, parts = […] }"),
+]
 
 
 def coated(substance: Substance, finish: Finish, body: Body) -> Surface:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import tomllib
 from collections.abc import Iterator
 from importlib import resources
@@ -20,8 +21,8 @@ from malus.scenes.model import Model
 from malus.scenes.patterns import ImageTexture
 from malus.scenes.scene import Sampling, Scene, Wavelengths
 from malus.scenes.shapes import MeshFile, Shape
-from malus.scenes.substances import Finish, Patchwork, Substance, coated, known_names
-from malus.scenes.surface import Body
+from malus.scenes.substances import Finish, Index, Patchwork, Substance, coated
+from malus.scenes.surface import Body, Surface
 from malus.scenes.surroundings import Surroundings
 
 AnyShape = TypeVar("AnyShape", bound=Model)
@@ -30,6 +31,8 @@ Knowledge = Literal["everything", "ladder"]
 """Whether methods are told all that they need, or are also scored on every rung below that."""
 
 MAX_SUITE_BYTES = 1 << 20
+MOST_SCENES = 10_000_000
+"""Of a suite: its axes multiply, and a plan holds every scene."""
 
 
 class Smaller(Model):
@@ -84,8 +87,20 @@ class Suite(Model):
         return tuple(surfaces()) if value == "all" else value
 
     @model_validator(mode="after")
-    def _known_names(self) -> Self:
-        known_names(self.materials, self.surfaces)
+    def _scenes_fit(self) -> Self:
+        axes = self.shapes, self.surroundings or (None,), self.lights, self.surfaces, self.bodies
+        count = math.prod(map(len, axes)) * len(self.materials)
+        if count > MOST_SCENES:
+            raise ValueError(f"at most {MOST_SCENES:,} scenes, which are {count:,} here")
+        # Every item once is enough, and stays quick where the axes multiply to very many.
+        materials = ((substance, self.surfaces[0]) for substance in self.materials)
+        surfaces = ((Index(eta=1.5), finish) for finish in self.surfaces)
+        for substance, finish in itertools.chain(materials, surfaces):
+            for surroundings in axes[1]:
+                surface = coated(substance, finish, self.bodies[0])
+                scene = self._scene(self.shapes[0], surroundings, self.lights[0], surface)
+                for placed in scene.objects:
+                    placed.surface.indices(self.wavelengths_nm)
         return self
 
     def scenes(self) -> Iterator[Scene]:
@@ -96,19 +111,24 @@ class Suite(Model):
         seen = set()
         for shape, surroundings, light, rough, body in families:
             for substance in self.materials:
-                content = {
-                    "shape": shape,
-                    "surface": coated(substance, rough, body),
-                    "light": light,
-                    "camera": self.camera,
-                    "wavelengths_nm": self.wavelengths_nm,
-                    "surroundings": surroundings,
-                }
-                scene = Scene.parse(content, f"suite {self.name}")
+                scene = self._scene(shape, surroundings, light, coated(substance, rough, body))
                 # A metal has no body, so that its scene is the same for every one.
                 if scene not in seen:
                     seen.add(scene)
                     yield scene
+
+    def _scene(
+        self, shape: Shape, surroundings: Surroundings | None, light: Light, surface: Surface
+    ) -> Scene:
+        content = {
+            "shape": shape,
+            "surface": surface,
+            "light": light,
+            "camera": self.camera,
+            "wavelengths_nm": self.wavelengths_nm,
+            "surroundings": surroundings,
+        }
+        return Scene.parse(content, f"suite {self.name}")
 
 
 def suite_names() -> tuple[str, ...]:

@@ -16,7 +16,16 @@ from malus.bench.scoring.judge import Judge
 from malus.reconstruct import get_method
 from malus.renderers import render
 from malus.renderers.files.dataset import DatasetWriter
-from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+from malus.scenes import (
+    Camera,
+    Dielectric,
+    Distant,
+    InputError,
+    Sampling,
+    Scene,
+    Sphere,
+    Torus,
+)
 
 SCENE = Scene(
     shape=Sphere(),
@@ -37,6 +46,15 @@ def test_a_score_counts_invalid_pixels_of_the_object() -> None:
     rows = {value.metric: value.value for value in score.values()}
     assert rows["invalid"] == 1.0
     assert Judge(truth).score(get_method("eq8")).invalid == 0
+
+
+def test_an_object_that_covers_no_pixel_has_no_score() -> None:
+    """NaN would be worse than a word; the camera sees the hole of a torus here."""
+    ring = SCENE.model_copy(update={"shape": Torus(major=0.9, minor=0.02, tilt_deg=0)})
+    truth = render(ring, Sampling(samples=2))
+    assert not truth.mask.any()
+    with pytest.raises(InputError, match="torus: expected an object that covers a pixel"):
+        Judge(truth)
 
 
 @pytest.mark.parametrize("light", [None, (1.0, 1.0, 2.0)])

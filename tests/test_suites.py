@@ -27,6 +27,7 @@ surfaces = ["carbon"]
 lights = [{ kind = "uniform" }]
 wavelengths_nm = [500, 600]
 methods = ["eq8"]
+# more
 """
 
 
@@ -101,36 +102,206 @@ def test_a_mistake_is_one_line_that_names_file_and_key(
 
 PATTERN = '{ pattern = { kind = "checker" }, parts = ["rust", "carbon"] }'
 PAINT = '{ shape = { kind = "plane" }, surface = { eta = 1.5, alpha = 0.1 } }'
+ALBEDO = "{{ alpha = 0.3, albedo = {} }}"
 ROOM = f'surroundings = [{{ name = "room", objects = [{PAINT}] }}]'
+
+
+PLAIN = "{ eta = 1.5, alpha = 0.1 }"
+FAR = 'projection = "perspective", fov_deg = 160, distance = 1e4'
+MISTAKES = [
+    (
+        '"carbon"',
+        '"carbn"',
+        "surfaces.0, surface",
+        "the name of a surface",
+        "'carbn'; did you mean carbon?",
+    ),
+    (
+        '"water"',
+        '"gould"',
+        "materials.0, material",
+        "the name of a material",
+        "'gould'; did you mean gold?",
+    ),
+    (
+        '"carbon"',
+        ALBEDO.format('"redd"'),
+        "albedo",
+        "a number in 0..1 or a swatch",
+        "'redd'; did you mean red?",
+    ),
+    (
+        '"carbon"',
+        ALBEDO.format("[1, 1, 1]"),
+        "albedo",
+        "one number a band, 2",
+        "3; or give one number",
+    ),
+    (
+        '"carbon"',
+        ALBEDO.format(1.5),
+        "surfaces.0.albedo",
+        "less than or equal to 1",
+        "1.5; correct",
+    ),
+    (
+        '"carbon"',
+        ALBEDO.format("{}"),
+        "surfaces.0.albedo",
+        "a number in 0..1, a swatch, or one number a band",
+        "{}",
+    ),
+    ('"carbon"', "3", "surfaces.0", "a name, { alpha = … } or { pattern = …, parts = […] }", "3"),
+    (
+        '"carbon"',
+        PATTERN.replace("checker", "chequer"),
+        "surfaces.0.pattern.kind",
+        "one of checker, stripes, spots, image",
+        "'chequer'; did you mean checker?",
+    ),
+    (
+        '"carbon"',
+        PATTERN.replace('"rust"', '{ alpha = "x" }'),
+        "surfaces.0.parts.0.alpha",
+        "a number",
+        "'x'",
+    ),
+    (
+        '"carbon"',
+        PATTERN.replace('"rust"', '{ surface = "rust", material = 2 }'),
+        "parts.0.material",
+        "a name, { eta = … } or { eta = …, k = … }",
+        "2",
+    ),
+    (
+        '"sphere"',
+        '"spher"',
+        "shapes.0.kind",
+        "one of sphere, torus, blob, superquadric, mesh",
+        "'spher'; did you mean sphere?",
+    ),
+    (
+        '{ kind = "sphere" }',
+        '"sphere"',
+        "shapes.0",
+        'a table with a kind: { kind = "…" }',
+        "'sphere'",
+    ),
+    ('kind = "uniform"', "radiance = 1", "lights.0", 'a kind: { kind = "…" }', "{'radiance': 1}"),
+    (
+        'kind = "uniform"',
+        'kind = "distant", incidence = 20',
+        "lights.0, key",
+        "one of the keys here",
+        "'incidence'; did you mean incidence_deg or",
+    ),
+    (
+        'kind = "uniform"',
+        'kind = "distant"',
+        "lights.0.incidence_deg",
+        "this key",
+        "nothing; add this key",
+    ),
+    ('kind = "uniform"', 'kind = "sky", sun = "yes"', "lights.0.sun", "true or false", "'yes'"),
+    ('"water"', '{ eta = "1.5" }', "materials.0.eta", "a number", "'1.5'"),
+    ("500, 600", '"500", 600', "wavelengths_nm.0", "a number", "'500'"),
+    ("[500, 600]", "500", "wavelengths_nm", "a list", "500"),
+    ('"water"', "", "materials", "at least 1 item(s)", "[]"),
+    ("# more", "camera = { resolution = 64.5 }", "camera.resolution", "a whole number", "64.5"),
+    ("# more", 'camera = { resolution = "64" }', "camera.resolution", "a whole number", "'64'"),
+    (
+        "# more",
+        "camera = { half_width = 1e9 }",
+        "camera",
+        "an object that covers a pixel",
+        "a smaller one",
+    ),
+    ("# more", f"camera = {{ {FAR} }}", "camera", "an object that covers a pixel", "a smaller one"),
+    (
+        "# more",
+        'bodies = ["polarized"]',
+        "bodies.0",
+        "'unpolarised' or 'polarised'",
+        "'polarized'; did you mean polarised",
+    ),
+    (
+        "# more",
+        ROOM.replace(PLAIN, '"rust"'),
+        "surroundings.0.objects.0.surface",
+        'a kind: { kind = "…" }',
+        "'rust'",
+    ),
+    (
+        "# more",
+        ROOM.replace("0.1 }", '0.1, albedo = "bleu" }'),
+        "albedo",
+        "a number in 0..1 or a swatch",
+        "'bleu'; did you mean blue",
+    ),
+    (
+        '"carbon"]',
+        f"{PATTERN}]\n{ROOM}",
+        "(top level)",
+        "patterned surfaces only in scenes without surroundings",
+        "{",
+    ),
+]
+"""In the good suite: what stands there, what stands there instead; where, expected and found."""
+
+
+@pytest.mark.parametrize(("old", "new", "where", "expected", "found"), MISTAKES)
+def test_a_mistake_is_told_with_its_place_and_the_nearest_name(
+    suite_file: Path, old: str, new: str, where: str, expected: str, found: str
+) -> None:
+    """When the suite is loaded, before anything is rendered."""
+    assert old in GOOD
+    suite_file.write_text(GOOD.replace(old, new, 1), "utf-8")
+    with pytest.raises(InputError) as error:
+        load_suite(suite_file)
+    message = str(error.value)
+    assert f"{where}: expected {expected}, found {found}" in message
+    assert message.startswith(f"{suite_file}, ")
+    assert "\n" not in message
 
 
 @pytest.mark.parametrize(
     ("finish", "more", "says"),
     [
-        ('{ alpha = 0.3, albedo = "redd" }', "", "did you mean red?"),
-        ("{ alpha = 0.3, albedo = [0.1, 0.2, 0.3] }", "", "one number a band, 2, found 3"),
-        ('"rustt"', "", "toml, surface: expected the name of a surface, found 'rustt'"),
-        (PATTERN, ROOM, "only in scenes without surroundings"),
-        ('"rust"', ROOM.replace("{ eta = 1.5, alpha = 0.1 }", '"rust"'), "surface: expected"),
-        (PATTERN, 'renderer = "torrance-sparrow"', "the same surface all over, found a pattern"),
-        ('"rust"', f'{ROOM}\nrenderer = "torrance-sparrow"', "one object, found surroundings"),
+        (PATTERN, "", "the same surface all over, found a pattern"),
+        ('"rust"', ROOM, "one object, found surroundings"),
     ],
 )
-def test_surfaces_that_do_not_fit_are_one_line(
+def test_scenes_that_the_formulas_cannot_render_are_one_line(
     suite_file: Path, finish: str, more: str, says: str
 ) -> None:
     text = GOOD.replace('"carbon"', finish).replace('"uniform"', '"distant", incidence_deg = 60')
-    suite_file.write_text(f"{text}camera = {{ resolution = 4 }}\n{more}\n", "utf-8")
-
-    def used() -> None:
-        suite = load_suite(suite_file)
-        for scene in suite.scenes():
-            render(scene, renderer=suite.renderer)
-
+    suite_file.write_text(f'{text}renderer = "torrance-sparrow"\n{more}\n', "utf-8")
+    scene = next(load_suite(suite_file).scenes())
     with pytest.raises(InputError) as error:
-        used()
+        render(scene, renderer="torrance-sparrow")
     assert says in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_numbers_are_numbers_and_whole_ones_serve_as_floats(suite_file: Path) -> None:
+    text = GOOD.replace('"carbon"', "{ alpha = 1, albedo = 0 }")
+    suite_file.write_text(text, "utf-8")
+    assert isinstance(load_suite(suite_file).wavelengths_nm[0], float)
+
+
+def test_bands_outside_the_table_of_a_metal_are_refused(suite_file: Path) -> None:
+    text = GOOD.replace('"water"', '"water", "gold"').replace("600", "2000")
+    suite_file.write_text(text, "utf-8")
+    with pytest.raises(InputError, match="metal gold: expected wavelengths within its table, 292"):
+        load_suite(suite_file)
+
+
+def test_axes_that_multiply_to_very_many_scenes_are_refused_at_once(suite_file: Path) -> None:
+    many = ", ".join(['"carbon"'] * 4000)
+    text = GOOD.replace('"carbon"', many).replace('"water"', many.replace("carbon", "water"))
+    suite_file.write_text(text, "utf-8")
+    with pytest.raises(InputError, match="at most 10,000,000 scenes, which are 16,000,000 here"):
+        load_suite(suite_file)
 
 
 def test_the_good_suite_is_good(suite_file: Path) -> None:

@@ -13,6 +13,7 @@ from malus.bench.scoring.pixel_kernels import count_violations, estimate_sums, f
 from malus.bench.scoring.sight import Sight
 from malus.reconstruct import Components, Method, get_method
 from malus.renderers.truth import Truth
+from malus.scenes.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 
 
@@ -114,9 +115,17 @@ class Judge:
     >>> judge = Judge(render(scene, renderer="torrance-sparrow"))
     >>> round(judge.score(get_method("half_vector")).skill, 6)
     1.0
+
+    Raises
+    ------
+    InputError
+        If no pixel sees an object.
     """
 
     def __init__(self, truth: Truth) -> None:
+        if not truth.mask.any():
+            hint = "use more resolution, or a camera that is nearer"
+            raise InputError(truth.scene.label, "an object that covers a pixel", "none", hint)
         self.truth = truth
         self.sight = Sight.of(truth)
         self.peak = peak(truth)
