@@ -87,13 +87,27 @@ def _frame(axis: tuple[float, float, float]) -> Floats:
 
 
 def _sphere(values: Floats, alpha: float, turn_deg: float = 0.0) -> Directions:
-    """All directions: a map's pixels averaged over blocks as small as the lobe asks for."""
-    wanted = math.pi * NODES_A_LOBE / (2.0 * alpha)
-    step = max(1, int(values.shape[0] / max(wanted, 32.0)))
-    height, width = values.shape[0] // step, values.shape[1] // step
+    """All directions: a map's pixels summed in blocks as small as the lobe asks for.
+
+    A block shines from the centroid of its light, so that a sun in it stays where it is.
+    """
+    wanted = math.ceil(max(math.pi * NODES_A_LOBE / (2.0 * alpha), 32.0))
+    rows, columns = (_starts(values.shape[axis], (1 + axis) * wanted) for axis in range(2))
     weight = solid_angles(*values.shape) * values
-    cut = weight[: height * step, : width * step]
-    power = cut.reshape(height, step, width, step).sum(axis=(1, 3)).ravel()
-    toward = directions(height, width, turn_deg).reshape(-1, 3)
-    lit = (power > 0) & (toward[:, 2] > -1.0 + 1e-9)  # straight behind mirrors nothing to V
-    return Directions(toward[lit], power[lit])
+
+    def summed(plane: Floats) -> Floats:
+        return np.add.reduceat(np.add.reduceat(plane, rows, axis=0), columns, axis=1).ravel()
+
+    pixels = directions(*values.shape, turn_deg)
+    power = summed(weight)
+    toward = np.stack([summed(weight * pixels[..., axis]) for axis in range(3)], axis=-1)[power > 0]
+    power = power[power > 0]
+    toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
+    mirrored = toward[:, 2] > -1.0 + 1e-9  # what is straight behind mirrors nothing to V
+    return Directions(toward[mirrored], power[mirrored])
+
+
+def _starts(pixels: int, blocks: int) -> NDArray[np.intp]:
+    """Where each of at most `blocks` blocks of nearly equal length begins."""
+    blocks = min(blocks, pixels)
+    return np.arange(blocks) * pixels // blocks

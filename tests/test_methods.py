@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from malus.reconstruct import Components, Observation, get_method
 from malus.reconstruct import image as image_module
+from malus.reconstruct.quadrature import _sphere
 from malus.scenes import Distant, Uniform
+from malus.scenes.environment import directions, solid_angles
 
 ABOUT_NORMALS = ("eq8", "visible", "shadowed", "smooth")
 # A table is within 1e-6 of the integral; DoLP is that error times I_s/I ≤ 1.
@@ -177,6 +179,20 @@ def test_lights_of_a_uniform_light_are_the_shadowed_facets() -> None:
     np.testing.assert_allclose(found.s1, expected.s1, atol=2e-3)
     np.testing.assert_allclose(found.s2, expected.s2, atol=2e-3)
     assert np.max(np.abs(expected.s1)) > 0.1
+
+
+@pytest.mark.parametrize("alpha", [0.3, 0.14, 0.1])
+@pytest.mark.parametrize("shape", [(128, 256), (101, 199), (37, 64), (8, 1000)])
+def test_directions_of_a_map_keep_a_sun_where_it_is(shape: tuple[int, int], alpha: float) -> None:
+    """Blocks of pixels need not divide the map: the last pixel lights from its place, too."""
+    toward, solid = directions(*shape), solid_angles(*shape)
+    for row, column in ((0, 0), (shape[0] // 3, shape[1] // 2), (shape[0] - 1, shape[1] - 1)):
+        values = np.zeros(shape)
+        values[row, column] = 5.0
+        found = _sphere(values, alpha)
+        # One product and one division in double precision.
+        np.testing.assert_allclose(found.toward, [toward[row, column]], atol=1e-12)
+        np.testing.assert_allclose(found.power, 5.0 * solid[row], rtol=1e-12)
 
 
 @settings(deadline=None, derandomize=True, max_examples=15)
