@@ -38,11 +38,11 @@ class Observation:
         Unit vectors from the surface to the camera in the image frame; None is an orthographic
         camera, (0, 0, 1) everywhere.
     eta : (bands,) or (height, width, bands) or None
-        Relative refractive index.
+        Relative refractive index, complex for metals.
     alpha : float or (height, width) or None
         Beckmann roughness; σ = 1/alpha².
     light : Light or None
-        A light of `malus.scenes`.
+        A light of `malus.scenes`, in the image frame.
     """
 
     image: Image
@@ -52,7 +52,7 @@ class Observation:
     diffuse: Image | None = None
     normals: Image | None = None
     view: Image | None = None
-    eta: Image | None = None
+    eta: NDArray[np.inexact[Any]] | None = None
     alpha: float | Image | None = None
     light: Light | None = None
 
@@ -81,11 +81,6 @@ class Observation:
             if value is not None and np.shape(value) not in shapes:
                 wanted = " or ".join(map(str, shapes))
                 raise ValueError(f"{name}: expected shape {wanted}, found {np.shape(value)}")
-
-    @property
-    def sigma(self) -> float:
-        """Exponent σ = 1/m² of the paper's Equation 2, for one roughness."""
-        return 1.0 / float(self.require("alpha")) ** 2
 
     def require(self, name: str) -> Any:
         """What the method cannot do without.

@@ -92,13 +92,14 @@ def _sphere(values: Floats, alpha: float, turn_deg: float = 0.0) -> Directions:
     A block shines from the centroid of its light, so that a sun in it stays where it is.
     """
     wanted = math.ceil(max(math.pi * NODES_A_LOBE / (2.0 * alpha), 32.0))
-    rows, columns = (_starts(values.shape[axis], (1 + axis) * wanted) for axis in range(2))
-    weight = solid_angles(*values.shape) * values
+    height, width = values.shape
+    rows, columns = _starts(height, wanted), _starts(width, 2 * wanted)
+    weight = solid_angles(height, width) * values
 
     def summed(plane: Floats) -> Floats:
         return np.add.reduceat(np.add.reduceat(plane, rows, axis=0), columns, axis=1).ravel()
 
-    pixels = directions(*values.shape, turn_deg)
+    pixels = directions(height, width, turn_deg)
     power = summed(weight)
     toward = np.stack([summed(weight * pixels[..., axis]) for axis in range(3)], axis=-1)[power > 0]
     power = power[power > 0]

@@ -99,13 +99,11 @@ def only_body(table: pd.DataFrame, body: str) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Coverage:
-    """Which lights a method's mean covers, and on how many of the scenes it could work."""
+    """Lights on all, on some and on none of whose scenes a method could work."""
 
     whole: tuple[str, ...]
     part: tuple[str, ...]
     missing: tuple[str, ...]
-    scenes: int
-    scenes_in_all: int
 
     @property
     def complete(self) -> bool:
@@ -139,6 +137,4 @@ def coverage(table: pd.DataFrame, method: str) -> Coverage:
         whole=tuple(map(str, wanted.index[done == wanted])),
         part=tuple(map(str, wanted.index[(done > 0) & (done < wanted)])),
         missing=tuple(map(str, wanted.index[done == 0])),
-        scenes=int(done.sum()),
-        scenes_in_all=int(wanted.sum()),
     )

@@ -62,7 +62,7 @@ def reflectance(albedo: Albedo, wavelengths_nm: tuple[float, ...]) -> Floats:
 
 
 def swatches() -> dict[str, Floats]:
-    """Reflectances of all swatches by name, at `swatch_wavelengths`.
+    """Reflectances of all swatches by name, every 10 nm from 380 to 730 nm.
 
     Examples
     --------
@@ -70,17 +70,6 @@ def swatches() -> dict[str, Floats]:
     24
     """
     return {name: values.copy() for name, values in _tables()[1].items()}
-
-
-def swatch_wavelengths() -> Floats:
-    """Wavelengths of the swatches' tables in nm.
-
-    Examples
-    --------
-    >>> swatch_wavelengths()[[0, -1]].tolist()
-    [380.0, 730.0]
-    """
-    return _tables()[0].copy()
 
 
 def _between(name: str, wavelengths_nm: Floats) -> Floats:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from malus.scenes.errors import InputError
 from malus.scenes.geometry import TriangleMesh
+from malus.scenes.shapes import Shading
 from malus.scenes.tessellation import fitted
 from malus.scenes.topology import (
     angle_weighted_normals,
@@ -22,7 +23,6 @@ from malus.scenes.topology import (
     thin,
 )
 
-Shading = Literal["smooth", "flat", "file"]
 FloatArray = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -75,7 +75,7 @@ def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMe
     ...     file = Path(folder, "one.obj")
     ...     _ = file.write_text("v 0 0 0\\nv 1 0 0\\nv 0 1 0\\nf 1 2 3\\n")
     ...     mesh, defects = load_mesh(file)
-    >>> mesh.face_count, defects[0]
+    >>> len(mesh.faces), defects[0]
     (1, 'open: 3 edges have only one face')
     """
     file = Path(path)

@@ -6,8 +6,23 @@ import numpy as np
 
 from malus.renderers import Truth
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+from malus.scenes.geometry import TriangleMesh
+from malus.scenes.tessellation import icosahedral_grid
+from malus.scenes.topology import signed_volume
 
 BANDS = (450.0, 532.1234567, 650.0)
+
+
+def icosphere(subdivisions: int = 6) -> TriangleMesh:
+    """The unit sphere in 20 · 4^subdivisions triangles, with exact normals."""
+    directions, faces = icosahedral_grid(subdivisions)
+    corners = directions.astype(np.float32)
+    return TriangleMesh(corners, faces, corners.copy())
+
+
+def volume(mesh: TriangleMesh) -> float:
+    """Volume inside a mesh, negative if it is inside out."""
+    return signed_volume(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64))
 
 
 def made_up_truth(

@@ -121,10 +121,12 @@ def test_nothing_off_the_object_is_polarised() -> None:
     np.testing.assert_array_equal(found.image, wall.image)
 
 
-def test_other_lights_and_dark_pictures_say_so() -> None:
+def test_other_lights_metals_and_dark_pictures_say_so() -> None:
     truth = sphere()
     seen = observe(truth, frozenset())
     with pytest.raises(Inapplicable, match="distant light"):
         blind(replace(seen, light=Uniform()))
     with pytest.raises(Inapplicable, match="dark"):
         blind(replace(seen, image=0 * seen.image))
+    with pytest.raises(Inapplicable, match="dielectric"):  # its real part alone is no index
+        blind(replace(seen, eta=np.full(3, 0.4 + 2.4j)))

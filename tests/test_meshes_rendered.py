@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from made_up import icosphere
 
 from malus.renderers.family import render_family
 from malus.scenes import Camera, Dielectric, Distant, MeshFile, Sampling, Scene, Sphere, Uniform
-from malus.scenes.geometry import icosphere
 from malus.scenes.polarisation import dolp
 
 SURFACE = Dielectric(eta=1.5, alpha=0.3, albedo=0.5)

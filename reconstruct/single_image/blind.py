@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,7 @@ def blind(observation: Observation) -> Components:
     ------
     Inapplicable
         If a stage fails: dark or grey where it must not be, no outline, another light than one
-        distant one, or no shape that explains the picture.
+        distant one, a metal, or no shape that explains the picture.
 
     Examples
     --------
@@ -159,8 +159,12 @@ def _light(observation: Observation) -> tuple[Floats, float | None, tuple[str, .
     return direction, None, (f"one distant light, estimated {incidence:.0f}° from the viewer",)
 
 
-def _mean_or_none(value: float | Image | None) -> float | None:
-    return None if value is None else float(np.mean(value))
+def _mean_or_none(value: float | NDArray[np.inexact[Any]] | None) -> float | None:
+    if value is None:
+        return None
+    if np.iscomplexobj(value):
+        raise Inapplicable("needs a dielectric, found a complex index")
+    return float(np.mean(value))
 
 
 def _sampled(observation: Observation, normals: Image) -> tuple[Floats, Floats]:

@@ -44,12 +44,6 @@ class SourceSpace(NamedTuple):
     chroma: Image
     lit: Mask
 
-    @property
-    def saturation(self) -> Image:
-        """|u| / s, zero where it is dark."""
-        dark = self.intensity <= 0
-        return np.where(dark, 0, self.chroma / np.where(dark, 1, self.intensity))
-
 
 def source_space(image: Image, mask: Mask, colour: Image) -> SourceSpace:
     """Split an image (height, width, bands) by the light's colour (bands,), mean 1.
