@@ -72,15 +72,22 @@ def run(
     Example:
       malus run quick --out results/quick
     """
+    overrides = {"samples": samples, "resolution": resolution, "seed": seed, "methods": methods}
     if suite in STUDIES:
         from malus.bench.running.studies import run_study
 
-        if not run_study(suite, out, backend):
+        others: dict[str, object] = {
+            **overrides,
+            "workers": workers,
+            "scheduler": scheduler,
+            "json": as_json,
+            "retry-failed": retry_failed,
+        }
+        if not run_study(suite, out, backend, others):
             sys.exit(FAILED)
         return
     from malus.bench.commands.command_run import How, run_command
 
-    overrides = {"samples": samples, "resolution": resolution, "seed": seed, "methods": methods}
     how = How(workers, scheduler, retry_failed, timeout)
     if run_command(suite, out, overrides, backend, as_json, how):
         sys.exit(FAILED)
@@ -130,10 +137,17 @@ def list_command(what: str) -> None:
 def plan(suite: str, backend: str) -> None:
     """Say what a run of SUITE will do, what it leaves out and why, and what it will cost.
 
+    A study (`stress`, `precision`) has no scenes to plan: what it does is told instead.
+
     \b
     Example:
       malus plan fig5
     """
+    if suite in STUDIES:
+        from malus.bench.running.studies import STUDIES as KNOWN
+
+        click.echo(KNOWN[suite].plan)
+        return
     from malus.bench.commands.command_plan import plan_command
 
     plan_command(suite, backend)

@@ -19,6 +19,7 @@ from malus.scenes.lights import Environment, Light
 from malus.scenes.materials import materials, surfaces
 from malus.scenes.model import Model
 from malus.scenes.patterns import ImageTexture
+from malus.scenes.problems import near
 from malus.scenes.scene import Sampling, Scene, Wavelengths
 from malus.scenes.shapes import MeshFile, Shape
 from malus.scenes.substances import Finish, Index, Patchwork, Substance, coated
@@ -188,7 +189,7 @@ def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
             "suite",
             f"one of {', '.join(suite_names())}, or the path of a .toml file",
             str(name_or_path),
-            "`malus list suites` shows them",
+            near(str(name_or_path), suite_names()) or "`malus list suites` shows them",
         )
     try:
         with path.open("rb") as file:

@@ -11,9 +11,13 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from made_up import made_up_truth
 
 from malus.bench import read_results
+from malus.bench.running.folders import FOLDERS, prepare_folder
 from malus.bench.running.results import HEADLINES, PARTS, RUN, TABLE
+from malus.renderers.files.dataset import DatasetWriter
+from malus.scenes import InputError
 
 TINY = ["--resolution", "12", "--samples", "4"]
 
@@ -26,6 +30,10 @@ def malus(*arguments: str, **environment: str) -> subprocess.CompletedProcess[st
         check=False,
         env=os.environ | environment,
     )
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +94,7 @@ def bad_mesh(folder: Path, content: str) -> str:
     ("arguments", "says"),
     [
         (["run", "nosuch"], "fig5"),
+        (["run", "mendet"], "did you mean mended?"),
         (["run", "/nonexistent/suite.toml"], "No such file"),
         (["run", "quick", "--samples", "3"], "multiple of 2"),
         (["run", "quick", "--samples", "many"], "not a valid integer"),
@@ -121,6 +130,39 @@ def test_bad_meshes_are_one_line_and_exit_code_2(tmp_path: Path, content: str, s
     assert done.returncode == 2, done.stderr
     assert says in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("study", ["stress", "precision"])
+def test_a_study_has_a_plan_and_takes_no_options_of_suites(study: str) -> None:
+    planned = malus("plan", study)
+    assert planned.returncode == 0, planned.stderr
+    assert f"`malus run {study}`" in planned.stdout
+    refused = malus("run", study, "--samples", "4")
+    assert refused.returncode == 2
+    assert "found --samples; leave it out" in refused.stderr
+
+
+def test_a_run_into_a_dataset_is_refused_and_loses_nothing(tmp_path: Path) -> None:
+    with DatasetWriter(tmp_path) as writer:
+        writer.add(made_up_truth())
+    before = contents(tmp_path)
+    done = malus("run", "quick", *TINY, "--out", str(tmp_path))
+    assert done.returncode == 2
+    assert "expected a new folder, or a run, found a dataset; choose another --out" in done.stderr
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("what", sorted(set(FOLDERS.values())))
+@pytest.mark.parametrize("mark", FOLDERS)
+def test_a_folder_takes_what_one_command_writes(tmp_path: Path, mark: str, what: str) -> None:
+    (tmp_path / mark).write_text("all that there is", "utf-8")
+    before = contents(tmp_path)
+    if FOLDERS[mark] == what:
+        assert prepare_folder(tmp_path, what) == tmp_path
+    else:
+        with pytest.raises(InputError, match=f"{what}, found {FOLDERS[mark]}"):
+            prepare_folder(tmp_path, what)
+    assert contents(tmp_path) == before
 
 
 def test_lists_name_everything() -> None:

@@ -120,7 +120,8 @@ def _tell(lines: list[str], out: Path | None, name: str, figures: list[dict[str,
         return
     import json
 
-    from malus.bench.running.results import prepare_folder, write_whole
+    from malus.bench.running.folders import prepare_folder
+    from malus.bench.running.results import write_whole
 
     text = json.dumps(figures, indent=2, sort_keys=True) + "\n"
     path = prepare_folder(out) / f"{name}.json"

@@ -17,10 +17,10 @@ from rich.console import Console
 from malus.bench.commands.command_run import overridden
 from malus.bench.commands.memory import peak_memory
 from malus.bench.running.child import ATTEMPTS, TIMEOUT_SECONDS, Child, Died
+from malus.bench.running.folders import prepare_folder
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.progress import Progress, silent, with_progress
-from malus.bench.running.results import prepare_folder
 from malus.bench.running.task import Made
 from malus.bench.running.work import truths
 from malus.renderers.files.dataset import DatasetWriter
@@ -108,7 +108,7 @@ def render_dataset(
         A folder that cannot be written, not a single scene that can be rendered.
     """
     started = time.perf_counter()
-    folder = prepare_folder(place(out))
+    folder = prepare_folder(place(out), "a dataset")
     chosen = variant or choose()
     families = plan(suite)
     planned = {

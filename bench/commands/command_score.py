@@ -19,13 +19,13 @@ from rich.console import Console
 from malus.bench.commands.command_run import final_table, headline
 from malus.bench.exchange.predictions import Image, Predictions, check_predictions
 from malus.bench.exchange.suspicion import Fit
+from malus.bench.running.folders import prepare_folder
 from malus.bench.running.progress import Progress, silent, with_progress
 from malus.bench.running.results import (
     Record,
     Results,
     describe,
     inapplicable,
-    prepare_folder,
     record,
     table_of,
     write_results,
@@ -50,7 +50,7 @@ def score_for_command_line(
     dataset = open_dataset(path)
     methods = [get_method(name) for name in names]
     _check_request(dataset, names, folder, label)
-    prepare_folder(out)
+    prepare_folder(out, "scores")
     predictions = None if folder is None else _checked(dataset, folder, console)
     results = with_progress(
         console,

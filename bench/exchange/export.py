@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from PIL import Image as Picture
 from rich.console import Console
 
+from malus.bench.running.folders import prepare_folder
 from malus.bench.running.progress import Progress, silent, with_progress
-from malus.bench.running.results import prepare_folder
 from malus.renderers.files.dataset import Dataset, open_dataset
 from malus.renderers.files.dataset_record import CONVENTIONS
 from malus.renderers.files.spectral_exr import write_exr
@@ -106,7 +106,7 @@ def export(
     write, words = _LAYOUTS[layout]
     if layout == "polanalyser":
         write = partial(write_polanalyser, pixels=pixels)
-    folder = prepare_folder(place(out))
+    folder = prepare_folder(place(out), "an export")
     remove_abandoned(folder)
     replace_text(folder / "conventions.json", json.dumps(words, indent=1) + "\n")
     for done, scene_id in enumerate(dataset.scenes):

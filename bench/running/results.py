@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,8 +16,7 @@ import pandas as pd
 
 from malus.bench.running.pieces import headlines, stream
 from malus.bench.scoring.judge import Value
-from malus.renderers.files.storage import TEMPORARY, open_regular, remove_abandoned, replace_file
-from malus.renderers.files.stores import is_here, put_mark
+from malus.renderers.files.storage import open_regular, replace_file
 from malus.scenes.errors import InputError
 from malus.scenes.scene import Scene
 
@@ -134,39 +132,6 @@ def origin() -> dict[str, Any]:
         "versions": versions | {"python": platform.python_version()},
         "machine": {"system": platform.platform(), "processor": platform.machine()},
     }
-
-
-def prepare_folder(out: Path) -> Path:
-    """Make the output folder, check that it can be written, and clear what a kill left there.
-
-    Raises
-    ------
-    InputError
-        If it cannot.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for folder in (out, out / PARTS, out / EXAMPLES):
-            remove_abandoned(folder)
-        _try_to_write(out)
-    except Exception as error:
-        # What a store elsewhere raises, for wrong credentials say, is its package's business.
-        if is_here(out) and not isinstance(error, OSError):
-            raise
-        reason = getattr(error, "strerror", None) or str(error).split("\n")[0]
-        raise InputError(
-            f"output folder {out}", "a folder that can be written", reason, "choose another --out"
-        ) from None
-    return out
-
-
-def _try_to_write(out: Path) -> None:
-    if is_here(out):
-        # Without a name, so that a kill at this moment leaves nothing.
-        with tempfile.TemporaryFile(dir=out) as file:
-            file.write(bytes(4096))
-    else:
-        put_mark(out, f"{TEMPORARY}*").unlink()
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:

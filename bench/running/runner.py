@@ -13,6 +13,7 @@ import pandas as pd
 
 from malus.bench.running.collected import Collected
 from malus.bench.running.examples import chosen
+from malus.bench.running.folders import prepare_folder
 from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
 from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.progress import Progress, silent
@@ -20,7 +21,6 @@ from malus.bench.running.results import (
     EXAMPLES,
     Results,
     origin,
-    prepare_folder,
     read_results,
     write_run,
     write_tables,
@@ -77,7 +77,7 @@ def run(
     chosen_variant = variant or choose()
     families = plan(suite)
     methods = {get_method(reference).name: reference for reference in suite.methods}
-    folder = prepare_folder(place(out))
+    folder = prepare_folder(place(out), "a run")
     job = Job(suite, families, methods, folder, chosen_variant, progress, retry_failed)
     with owned(folder, suite.id):
         write_plan(folder, suite, families, methods, chosen_variant)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,8 +11,10 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from malus.bench.running.results import origin, prepare_folder, write_run, write_whole
+from malus.bench.running.folders import prepare_folder
+from malus.bench.running.results import origin, write_run, write_whole
 from malus.renderers.variant import choose
+from malus.scenes.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,14 @@ class Study:
     name: str
     description: str
     run: Callable[[Path, str], bool]
+
+    @property
+    def plan(self) -> str:
+        """What a run of it will do, for `malus plan`."""
+        return (
+            f"{self.name}: {self.description}. A study of fixed cases instead of a suite of scenes:"
+            f" nothing is left out. `malus run {self.name}` writes a table and a page"
+        )
 
 
 def _stress(out: Path, backend: str) -> bool:
@@ -68,11 +78,25 @@ STUDIES = {
 }
 
 
-def run_study(name: str, out: Path | None, backend: str) -> bool:
-    """Run a study; its files go to `out`, by default results/NAME. True if it passed."""
+def run_study(
+    name: str, out: Path | None, backend: str, others: Mapping[str, object] | None = None
+) -> bool:
+    """Run a study; its files go to `out`, by default results/NAME. True if it passed.
+
+    Raises
+    ------
+    InputError
+        If one of the `others`, options of `malus run` that are for suites, was given.
+    """
     from malus.reports.write import write_study
 
-    folder = prepare_folder(out if out is not None else Path("results") / name)
+    given = [
+        f"--{key}".replace("methods", "method") for key, value in (others or {}).items() if value
+    ]
+    if given:
+        hint = f"leave it out: the cases of {name} are fixed"
+        raise InputError(f"malus run {name}", "no option but --out and --backend", given[0], hint)
+    folder = prepare_folder(out if out is not None else Path("results") / name, "a study")
     study = STUDIES[name]
     passed = study.run(folder, backend)
     write_run(folder, origin() | {"study": name, "description": study.description})
