@@ -16,9 +16,13 @@ import numpy as np
 Loop = TypeVar("Loop", bound=Callable[..., Any])
 
 
-def compiled(loop: Loop) -> Loop:
-    """Machine code that runs without the interpreter's lock, for each dtype when first called."""
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+def compiled(loop: Loop, any_order: bool = False) -> Loop:
+    """Machine code that runs without the interpreter's lock, for each dtype when first called.
+
+    In `any_order`, sums may be added up in several parts at once.
+    """
+    freedom = {"contract", "reassoc"} if any_order else {"contract"}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": freedom}
     try:
         return numba.njit(cache=True, **options)(loop)
     except RuntimeError:  # no folder can be written: every process compiles again

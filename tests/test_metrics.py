@@ -10,6 +10,7 @@ import pytest
 
 from malus.bench.scoring.judge import Judge, score
 from malus.bench.scoring.metrics import Error, Residuals, nmse_by, skill
+from malus.bench.scoring.pixel_kernels import MOST_BANDS, difference_sums
 from malus.bench.scoring.sight import Sight
 from malus.bench.scoring.view import observe
 from malus.reconstruct import Components, Method, Observation, get_method, methods
@@ -18,7 +19,7 @@ from malus.renderers.truth import Truth
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere, Uniform
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, polarised
 
-SIDE, BANDS = 12, 3
+SIDE, BANDS = 20, 3  # more pixels than are summed at once
 SCENE = Scene(
     shape=Sphere(),
     surface=Dielectric(eta=1.5, alpha=0.3),
@@ -224,6 +225,38 @@ def test_agreement_equals_brute_force(noise: float) -> None:
     np.testing.assert_allclose(found.totals, totals, rtol=1e-10)
     np.testing.assert_allclose(found.covariance, covariance, rtol=1e-9, atol=1e-14)
     assert found.count == truth.mask.sum() * BANDS
+
+
+@pytest.mark.parametrize(("pixels", "bands"), [(0, 2), (1, 1), (700, 1), (100, 8), (3, MOST_BANDS)])
+def test_sums_equal_brute_force(pixels: int, bands: int) -> None:
+    """For all sizes against what is summed at once, also where the picture is not kept."""
+    rng = np.random.default_rng(8)
+    estimate, known = rng.normal(size=(2, 3, 2, pixels, bands))
+    facing, root = rng.random(pixels), rng.normal(size=(3, 3))
+    form = root @ root.T
+    (first, second), field, noise = known
+    true, draw = np.stack([first, *field]), np.stack([second - first, *noise])
+    missed = estimate[:, 0] - true
+    change = estimate[:, 1] - (true + draw) - missed
+    moments, totals, draws = difference_sums(
+        tuple(estimate), tuple(known), facing, tuple(form[np.triu_indices(3)])
+    )
+    i, j = np.triu_indices(3)
+    for found, each in zip(moments, (missed, change), strict=True):
+        np.testing.assert_allclose(found, (each[i] * each[j]).sum(axis=1), rtol=1e-10, atol=1e-11)
+    along = np.diag([0.0, 1.0, 1.0])
+    across = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    terms = [
+        (along, missed, true, change, draw, np.ones(pixels)),
+        (across, missed, true, change, draw, np.ones(pixels)),
+        (form, missed, missed, change, change, facing),
+    ]
+    for k, (matrix, d, t, c, n, weight) in enumerate(terms):
+        each = np.einsum("ij,ipb,jpb->p", matrix, d, t) - np.einsum("ij,ipb,jpb->p", matrix, c, n)
+        odd = np.einsum("ij,ipb,jpb->p", matrix, d, n) + np.einsum("ij,ipb,jpb->p", matrix, c, t)
+        # A thousand float64 products in another order.
+        np.testing.assert_allclose(totals[k], each @ weight, rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(draws[k], odd * weight, rtol=1e-10, atol=1e-10)
 
 
 def test_noise_is_what_one_draw_changes() -> None:

@@ -7,9 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from malus.bench.scoring.agreement import Agreement
+from malus.bench.scoring.agreement import ALONG, ERROR, Agreement
 from malus.bench.scoring.metrics import Error, Floats, Residuals, nmse_by, peak, skill, skills
-from malus.bench.scoring.pixel_kernels import count_violations, estimate_sums, field_sums
+from malus.bench.scoring.pixel_kernels import (
+    Planes,
+    count_violations,
+    difference_sums,
+    products,
+)
 from malus.bench.scoring.sight import Sight
 from malus.reconstruct import Components, Method, get_method
 from malus.renderers.truth import Truth
@@ -132,10 +137,12 @@ class Judge:
         normals = truth.normals.reshape(-1, 3)[self.sight.pixels]
         # The fourth power: see Agreement.facing_skill.
         self.facing = np.clip(normals[:, 2].astype(np.float64), 0.0, 1.0) ** 4
-        self.form = angle_weights().copy()
-        field = self.sight.true, self.sight.draw, self.facing, self.form
-        moments, self.totals, self.draws = field_sums(*field)
+        self.form = tuple(angle_weights()[np.triu_indices(3)].tolist())
+        nothing = np.zeros_like(self.sight.true)
+        moments, (along, _, error), draws = self._sums((self.sight.known.image, nothing, nothing))
         self.guess = self._residuals(moments)
+        # The guess lacks the whole field: its product with that is minus the field's energy.
+        self.totals, self.draws = (-along, error), (-draws[ALONG], draws[ERROR])
 
     def score(self, method: Method, metrics: Sequence[Metric] = ()) -> Score:
         """The score of one method; raises Inapplicable where it cannot work on this truth.
@@ -146,10 +153,8 @@ class Judge:
 
     def score_estimate(self, estimate: Components, metrics: Sequence[Metric] = ()) -> Score:
         """The score of what a method made of this truth's sight."""
-        known = self.sight.known.image, self.sight.true, self.sight.draw
-        planes = estimate.image, estimate.s1, estimate.s2
-        weights = self.draws, self.facing, self.form
-        moments, totals, covariance = estimate_sums(planes, known, *weights)
+        moments, totals, draws = self._sums((estimate.image, estimate.s1, estimate.s2))
+        covariance = products(np.vstack([draws, *self.draws]))
         scale = self.peak**2
         residuals, noise = self._residuals(moments)
         picture = self.sight.picture(estimate) if metrics else estimate
@@ -161,13 +166,18 @@ class Judge:
             estimate.invalid(self.sight.as_rendered),
             self.truth.scene.wavelengths_nm,
             Agreement(
-                np.concatenate([totals, self.totals]) / scale,
+                np.array([*totals, *self.totals]) / scale,
                 covariance / scale**2,
-                known[1][0].size,
+                self.sight.true[0].size,
             ),
             tuple(value for metric in metrics for value in metric(picture, self.truth)),
             estimate.converged,
         )
+
+    def _sums(self, estimate: Planes) -> tuple[Floats, Floats, Floats]:
+        known = self.sight.known.image, self.sight.true, self.sight.draw
+        image, s1, s2 = (np.ascontiguousarray(plane) for plane in estimate)
+        return difference_sums((image, s1, s2), known, self.facing, self.form)
 
     def _residuals(self, moments: Floats) -> tuple[Residuals, Residuals]:
         """Of an estimate, and of what one draw of the noise changes in it."""

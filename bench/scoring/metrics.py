@@ -56,8 +56,8 @@ class Residuals:
 
     @classmethod
     def of_products(cls, products: Floats, peak: float, pixels: int) -> Residuals:
-        """From the six distinct products (bands, 00 01 02 11 12 22) of `pixel_kernels`."""
-        return cls(products[:, _SYMMETRIC] / peak**2, pixels)
+        """From the six distinct products (00 01 02 11 12 22, bands) of `pixel_kernels`."""
+        return cls(products.T[:, _SYMMETRIC] / peak**2, pixels)
 
     def nmse(self, angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> float:
         """Normalised mean squared error over pixels, bands and polariser angles.
