@@ -151,14 +151,16 @@ def get_method(name: str) -> Method:
 def _loaded(where: str, reference: str) -> Method:
     module, _, attribute = reference.partition(":")
     # What is asked for by name on the command line may lie in the folder that one stands in.
-    sys.path.insert(0, os.getcwd())
+    here = os.getcwd()
+    sys.path.insert(0, here)
     try:
         found = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         hint = "check that it can be imported"
         raise InputError(where, "package.module:object", str(error), hint) from None
     finally:
-        sys.path.pop(0)
+        # What was imported may have put something before it.
+        sys.path.remove(here)
     if not isinstance(found, Method):
         expected = "a malus.reconstruct.Method"
         raise InputError(where, expected, type(found).__name__, "see README, a method of your own")

@@ -108,19 +108,31 @@ def _cache_file() -> Path:
 
 def _probe(variant: str, llvm: Path | None) -> bool:
     """Whether a tiny render works in a subprocess; the answer is remembered on disk."""
-    stamp = f"{llvm}:{llvm.stat().st_mtime_ns}" if llvm else ""
+    stamp = f"{llvm}:{llvm.stat().st_mtime_ns}" if llvm else _driver()
     key = f"{variant}|{stamp}|mitsuba {version('mitsuba')}|{sys.executable}"
     known = _read_cache()
     if key not in known:
         environment = dict(os.environ)
         if llvm:
             environment["DRJIT_LIBLLVM_PATH"] = str(llvm)
-        known[key] = _render_in_subprocess(variant, environment)
+        found = _render_in_subprocess(variant, environment)
+        if found is None:
+            return False
+        known[key] = found
         _write_cache(known)
     return known[key]
 
 
-def _render_in_subprocess(variant: str, environment: dict[str, str]) -> bool:
+def _driver() -> str:
+    """Version of NVIDIA's driver, where Linux tells it: another one may work."""
+    try:
+        return Path("/proc/driver/nvidia/version").read_text("utf-8").splitlines()[0]
+    except (OSError, ValueError, IndexError):
+        return ""
+
+
+def _render_in_subprocess(variant: str, environment: dict[str, str]) -> bool | None:
+    """Whether the render worked; None where it did not come to an end, as on a busy machine."""
     try:
         done = subprocess.run(
             [sys.executable, "-c", _PROBE, variant],
@@ -131,7 +143,7 @@ def _render_in_subprocess(variant: str, environment: dict[str, str]) -> bool:
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired):
-        return False
+        return None
     return done.returncode == 0 and "usable" in done.stdout
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field
 
@@ -52,6 +53,25 @@ class Distant(Model):
         1.0
         """
         return _direction(self.incidence_deg, self.azimuth_deg)
+
+    @classmethod
+    def towards(cls, direction: Iterable[float], irradiance: float = math.pi) -> Self:
+        """Light from the direction of a vector (x, y, z) of any length but 0.
+
+        Straight from behind is a billionth of a degree beside it.
+
+        Examples
+        --------
+        >>> Distant.towards((0, 2, 2)).incidence_deg
+        45.0
+        """
+        x, y, z = map(float, direction)
+        incidence = math.degrees(math.atan2(math.hypot(x, y), z))
+        return cls(
+            incidence_deg=min(incidence, 180.0 - 1e-9),
+            azimuth_deg=math.degrees(math.atan2(y, x)),
+            irradiance=irradiance,
+        )
 
 
 class Area(Model):

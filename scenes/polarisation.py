@@ -164,8 +164,7 @@ def phase(stokes: Array) -> Array:
     """
     # I(ϑ) = ½ (s0 + (−s1) cos 2ϑ + (−s2) sin 2ϑ) is largest at 2ϑ = atan2(−s2, −s1); adding 0.0
     # turns −0.0 into 0.0, which atan2 would send to ±π.
-    result: Array = 0.5 * np.arctan2(0.0 - stokes[..., 2], 0.0 - stokes[..., 1])
-    return result % np.pi
+    return _half_turn(0.5 * np.arctan2(0.0 - stokes[..., 2], 0.0 - stokes[..., 1]))
 
 
 def dolp(stokes: Array) -> Array:
@@ -189,8 +188,13 @@ def aolp(stokes: Array) -> Array:
     >>> round(float(np.degrees(aolp(np.array([1.0, 0.0, 1.0])))), 6)
     45.0
     """
-    result: Array = 0.5 * np.arctan2(stokes[..., 2], stokes[..., 1])
-    return result % np.pi
+    return _half_turn(0.5 * np.arctan2(stokes[..., 2], stokes[..., 1]))
+
+
+def _half_turn(angle: Array) -> Array:
+    """Angles modulo π; a tiny negative one would be rounded up to π, and is 0."""
+    result = angle % np.pi
+    return np.where(result < np.pi, result, result.dtype.type(0.0))
 
 
 def stokes_from_extremes(i_max: Array, i_min: Array, phase: Array) -> Array:

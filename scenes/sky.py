@@ -17,7 +17,7 @@ from importlib import resources
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.scenes.lights import Distant, Light, Sky
+from malus.scenes.lights import Distant, Light, Sky, turned
 
 Floats = NDArray[np.float64]
 
@@ -81,13 +81,9 @@ def sun(sky: Sky) -> Distant:
         weight * np.interp(sky.sun_elevation_deg, elevations, table[:, band])
         for band, weight in _bands(sky.wavelength_nm)
     )
-    x, y, z = sky.to_sun
-    azimuth = math.degrees(math.atan2(y, x)) + sky.turn_deg
-    return Distant(
-        incidence_deg=min(math.degrees(math.acos(max(-1.0, min(1.0, z)))), 180.0 - 1e-9),
-        azimuth_deg=math.remainder(azimuth, 360.0),
-        irradiance=float(irradiance),
-    )
+    light = turned(Distant.towards(sky.to_sun, float(irradiance)), sky.turn_deg)
+    assert isinstance(light, Distant)
+    return light
 
 
 @functools.cache

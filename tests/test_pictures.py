@@ -72,14 +72,23 @@ def test_sixteen_bit_colour_png_keeps_bits_and_metadata(tmp_path: Path) -> None:
         assert image.text["Title"] == "noise"
 
 
+def grey_profile(curve: bytes) -> bytes:
+    """The least that `icc_transfer` reads: a signature, and one tone curve."""
+    table = struct.pack(">I4sII", 1, b"kTRC", 144, len(curve))
+    return b"\0" * 36 + b"acsp" + b"\0" * 88 + table + curve
+
+
+def parametric(kind: int, *numbers: float) -> bytes:
+    stored = [int(number * 65536) for number in numbers]
+    return struct.pack(f">4s4xH2x{len(stored)}i", b"para", kind, *stored)
+
+
 def test_curves_of_a_profile_are_used(tmp_path: Path) -> None:
     x = np.linspace(0, 1, 256)
     np.testing.assert_allclose(
         icc_transfer(PROFILE, 8, "x").table[0], srgb_transfer(8).table[0], atol=2e-5
     )
-    gamma = struct.pack(">4s4xIH2x", b"curv", 1, int(2.2 * 256))
-    table = struct.pack(">I4sII", 1, b"kTRC", 144, len(gamma))
-    profile = b"\0" * 36 + b"acsp" + b"\0" * 88 + table + gamma
+    profile = grey_profile(struct.pack(">4s4xIH2x", b"curv", 1, int(2.2 * 256)))
     # 2.2 is stored in 1/256.
     expected = x ** (int(2.2 * 256) / 256)
     np.testing.assert_allclose(icc_transfer(profile, 8, "x").table[0], expected, rtol=1e-12)
@@ -89,10 +98,23 @@ def test_curves_of_a_profile_are_used(tmp_path: Path) -> None:
     assert "embedded" in read.assumption
 
 
-@pytest.mark.parametrize("profile", [b"nonsense", PROFILE[:200], PROFILE[:132]])
+@pytest.mark.parametrize(
+    "profile",
+    [
+        b"nonsense",
+        PROFILE[:200],
+        PROFILE[:132],
+        grey_profile(parametric(1, 2.0, 0.0, 0.5)),  # breaks at −b/a
+    ],
+)
 def test_a_damaged_profile_says_so(profile: bytes) -> None:
     with pytest.raises(InputError, match="profile"):
         icc_transfer(profile, 8, "x")
+
+
+def test_a_curve_that_is_infinite_says_so_and_warns_of_nothing() -> None:
+    with pytest.raises(InputError, match="rising tone curves"):
+        icc_transfer(grey_profile(parametric(0, -1.0)), 8, "x")
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

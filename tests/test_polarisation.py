@@ -47,6 +47,14 @@ def test_extremes_and_phase_hold_everything(stokes: np.ndarray) -> None:
     assert again == pytest.approx(stokes, abs=1e-9)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("tiny", [0.0, -0.0, 1e-30, -1e-30])
+def test_angles_stay_below_half_a_turn(dtype: type[np.floating], tiny: float) -> None:
+    """Light polarised along the axis, up to rounding: 0 and not π, which the docstrings exclude."""
+    assert polarisation.aolp(np.array([1.0, 1.0, tiny], dtype)) == pytest.approx(0.0, abs=1e-20)
+    assert polarisation.phase(np.array([1.0, -1.0, tiny], dtype)) == pytest.approx(0.0, abs=1e-20)
+
+
 @given(stokes_vectors)
 def test_aolp_is_the_phase_seen_from_the_horizontal(stokes: np.ndarray) -> None:
     if polarisation.dolp(stokes) < 1e-3:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,21 @@ def test_a_library_that_does_not_work_is_survived_and_remembered(no_libraries: P
     assert variant._probe(variant.LLVM, broken) is False
     assert (no_libraries / "cache" / "variants.json").exists()
     assert variant._read_cache() != {}
+
+
+def test_a_probe_that_came_to_no_end_is_made_again(
+    no_libraries: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A machine that was too busy once must not render slowly for ever."""
+
+    def endless(*_: object, **__: object) -> None:
+        raise subprocess.TimeoutExpired("python", 120)
+
+    library = no_libraries / "libLLVM-19.so"
+    library.write_bytes(b"")
+    monkeypatch.setattr(variant.subprocess, "run", endless)
+    assert variant._probe(variant.LLVM, library) is False
+    assert variant._read_cache() == {}
 
 
 def test_a_cache_that_is_damaged_is_no_cache(no_libraries: Path) -> None:

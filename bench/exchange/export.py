@@ -28,7 +28,7 @@ from malus.bench.running.progress import Progress, silent, with_progress
 from malus.renderers.files.dataset import Dataset, open_dataset
 from malus.renderers.files.dataset_record import CONVENTIONS
 from malus.renderers.files.spectral_exr import write_exr
-from malus.renderers.files.storage import remove_abandoned, replace_folder, replace_text
+from malus.renderers.files.storage import replace_folder, replace_text
 from malus.renderers.files.stores import place
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
@@ -107,7 +107,6 @@ def export(
     if layout == "polanalyser":
         write = partial(write_polanalyser, pixels=pixels)
     folder = prepare_folder(place(out), "an export")
-    remove_abandoned(folder)
     replace_text(folder / "conventions.json", json.dumps(words, indent=1) + "\n")
     for done, scene_id in enumerate(dataset.scenes):
         progress(done, len(dataset), scene_id)

@@ -148,7 +148,7 @@ def estimate(image: Image, known: Knowledge, where: str) -> Estimate:
             normals=known.normals,
             eta=None if known.eta is None else np.full(image.shape[-1], known.eta),
             alpha=known.alpha,
-            light=None if known.light is None else _distant(known.light),
+            light=None if known.light is None else Distant.towards(known.light),
         )
         if known.normals is not None and known.light is None:
             found, said = _surrounded(observation, known)
@@ -177,14 +177,6 @@ def _advice(known: Knowledge) -> str:
         if value is None
     ]
     return f"give {', '.join(missing)}" if missing else "give another picture or light"
-
-
-def _distant(toward: tuple[float, float, float]) -> Distant:
-    x, y, z = np.asarray(toward) / np.linalg.norm(toward)
-    incidence = float(np.degrees(np.arccos(np.clip(z, -1, 1))))
-    return Distant(
-        incidence_deg=min(incidence, 179.9), azimuth_deg=float(np.degrees(np.arctan2(y, x)))
-    )
 
 
 def _surrounded(observation: Observation, known: Knowledge) -> tuple[Components, tuple[str, ...]]:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-import os
 import struct
-import tempfile
 import zlib
 from pathlib import Path
 from typing import Any
@@ -21,6 +19,7 @@ from malus.bench.photos.pictures import (
     transfer_of,
     upright,
 )
+from malus.renderers.files.storage import replace_file
 from malus.scenes.errors import InputError
 from malus.scenes.quiet import quiet
 
@@ -135,24 +134,10 @@ def write_picture(path: Path, picture: Picture) -> None:
     Raises
     ------
     InputError
-        If the folder cannot be written.
+        If it cannot be written.
     """
     writers = {"PNG": _png, "JPEG": _jpeg, "TIFF": _tiff, "EXR": _exr}
-    handle, name = -1, ""
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".part-", suffix=path.suffix)
-        os.close(handle)
-        writers[picture.kind](Path(name), picture)
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(
-            str(path), "a folder to write to", reason, "choose another --out"
-        ) from None
-    finally:
-        if name:
-            Path(name).unlink(missing_ok=True)
+    replace_file(path, lambda temporary: writers[picture.kind](temporary, picture))
 
 
 def _codes(picture: Picture) -> NDArray[Any]:

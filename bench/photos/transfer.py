@@ -107,8 +107,9 @@ def icc_transfer(profile: bytes, bits: int, where: str) -> Transfer:
                 "convert the picture to sRGB, Display P3 or Adobe RGB first",
             )
         x = np.linspace(0.0, 1.0, 1 << bits)
-        table = np.stack([_curve(tags[name], x) for name in names])
-    except (struct.error, IndexError, KeyError, ValueError, OverflowError) as error:
+        with np.errstate(all="ignore"):  # what is not finite is refused below
+            table = np.stack([_curve(tags[name], x) for name in names])
+    except (struct.error, IndexError, KeyError, ValueError, ArithmeticError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(

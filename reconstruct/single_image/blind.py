@@ -8,6 +8,7 @@ crossed one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, get_args
@@ -115,7 +116,7 @@ def run_chain(observation: Observation, calibrated: bool = True) -> Chain:
         normals=normals,
         eta=np.full(observation.image.shape[-1], parameters.eta),
         alpha=parameters.alpha,
-        light=_distant(direction, irradiance),
+        light=Distant.towards(direction, math.pi if irradiance is None else irradiance),
     )
     components = _polarised(filled, parameters.body)
     if convergence is not None:
@@ -205,13 +206,6 @@ def _by_model(
     specular = np.zeros_like(observation.image)
     specular[mask] = np.maximum(observation.image[mask], 0) * share
     return specular
-
-
-def _distant(direction: Floats, irradiance: float | None) -> Distant:
-    incidence = float(np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0))))
-    azimuth = float(np.degrees(np.arctan2(direction[1], direction[0])))
-    light = Distant(incidence_deg=min(incidence, 179.99), azimuth_deg=azimuth)
-    return light if irradiance is None else light.model_copy(update={"irradiance": irradiance})
 
 
 def _polarised(filled: Observation, body: BodyKind) -> Components:

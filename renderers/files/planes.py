@@ -13,7 +13,12 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.renderers.files.spectral_exr import Channels, stokes_channels, stokes_from_channels
+from malus.renderers.files.spectral_exr import (
+    Channels,
+    band_name,
+    stokes_channels,
+    stokes_from_channels,
+)
 from malus.renderers.truth import Truth
 
 Bands = tuple[float, ...]
@@ -76,7 +81,7 @@ def planes(name: FieldName, array: NDArray[Any], bands: Bands) -> Channels:
     if name == "eta_map":
         parts = {"n": array.real, "k": array.imag} if np.iscomplexobj(array) else {"n": array}
         return {
-            f"eta.{part}.{_nm(band)}": values[..., index]
+            f"eta.{part}.{band_name(band)}": values[..., index]
             for part, values in parts.items()
             for index, band in enumerate(bands)
         }
@@ -92,12 +97,12 @@ def assembled(
     if name == "alpha_map":
         return channels["alpha"]
     if name == "eta_map":
-        n = np.stack([channels[f"eta.n.{_nm(band)}"] for band in bands], axis=-1)
+        n = np.stack([channels[f"eta.n.{band_name(band)}"] for band in bands], axis=-1)
         if not dtype.startswith("complex"):
             return n
         index = np.empty(n.shape, np.result_type(n.dtype, np.complex64))
         index.real = n
-        index.imag = np.stack([channels[f"eta.k.{_nm(band)}"] for band in bands], axis=-1)
+        index.imag = np.stack([channels[f"eta.k.{band_name(band)}"] for band in bands], axis=-1)
         return index
     return stokes_from_channels(channels, bands, prefix=f"{name}.")
 
@@ -140,7 +145,3 @@ def doubles(stored: Channels, channels: Iterable[str]) -> Channels:
         pair = np.stack([stored[f"{channel}.low"], stored[f"{channel}.high"]], axis=-1)
         found[channel] = pair.astype("<u4").view("<f8")[..., 0]
     return found
-
-
-def _nm(wavelength_nm: float) -> str:
-    return f"{wavelength_nm:.6f}nm".replace(".", ",")

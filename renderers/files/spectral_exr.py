@@ -57,7 +57,18 @@ def channel_name(component: int, wavelength_nm: float) -> str:
     >>> channel_name(1, 550.0)
     'S1.550,000000nm'
     """
-    return f"S{component}.{wavelength_nm:.6f}nm".replace(".", ",").replace(",", ".", 1)
+    return f"S{component}.{band_name(wavelength_nm)}"
+
+
+def band_name(wavelength_nm: float) -> str:
+    """A wavelength as the authors' library prints it, six decimals and a comma.
+
+    Examples
+    --------
+    >>> band_name(550.0)
+    '550,000000nm'
+    """
+    return f"{wavelength_nm:.6f}nm".replace(".", ",")
 
 
 def stokes_channels(
