@@ -13,7 +13,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.renderers.files.spectral_exr import (
+from malus.renderers.files.stokes_channels import (
     Channels,
     band_name,
     stokes_channels,

@@ -34,12 +34,12 @@ from malus.renderers.files.planes import (
     words,
 )
 from malus.renderers.files.spectral_exr import (
-    Channels,
     read_exr,
     read_spectral,
     write_exr,
     write_spectral,
 )
+from malus.renderers.files.stokes_channels import Channels
 from malus.renderers.files.storage import check_digest, digest, read_json, replace_folder
 from malus.renderers.files.stores import lstat
 from malus.renderers.truth import Truth

@@ -22,12 +22,17 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from malus.renderers.files.preview import preview
+from malus.renderers.files.stokes_channels import (
+    Channels,
+    channel_name,
+    stokes_channels,
+    stokes_from_channels,
+)
 from malus.renderers.files.stores import lstat, readable
 from malus.scenes.errors import InputError
 from malus.scenes.quiet import quiet
 
 Image = NDArray[np.floating[Any]]
-Channels = dict[str, NDArray[Any]]
 
 ATTRIBUTES = {
     "spectralLayoutVersion": "1.0",
@@ -47,64 +52,6 @@ _STUMBLES = (
 )  # fmt: skip
 _OVERHEAD = 1 << 20
 """Bytes that a header and a table of chunks may add to the pixels."""
-
-
-def channel_name(component: int, wavelength_nm: float) -> str:
-    """Name of a Stokes component at a wavelength.
-
-    Examples
-    --------
-    >>> channel_name(1, 550.0)
-    'S1.550,000000nm'
-    """
-    return f"S{component}.{band_name(wavelength_nm)}"
-
-
-def band_name(wavelength_nm: float) -> str:
-    """A wavelength as the authors' library prints it, six decimals and a comma.
-
-    Examples
-    --------
-    >>> band_name(550.0)
-    '550,000000nm'
-    """
-    return f"{wavelength_nm:.6f}nm".replace(".", ",")
-
-
-def stokes_channels(
-    stokes: Image, wavelengths_nm: Sequence[float], prefix: str = ""
-) -> dict[str, Image]:
-    """The planes (height, width) of a Stokes image (height, width, bands, 3) by channel name.
-
-    Raises
-    ------
-    ValueError
-        If two bands are so near that they have one name.
-
-    Examples
-    --------
-    >>> list(stokes_channels(np.zeros((2, 2, 1, 3)), [550.0]))
-    ['S0.550,000000nm', 'S1.550,000000nm', 'S2.550,000000nm']
-    """
-    planes = {
-        prefix + channel_name(component, wavelength): stokes[:, :, band, component]
-        for band, wavelength in enumerate(wavelengths_nm)
-        for component in range(3)
-    }
-    if len(planes) != 3 * len(wavelengths_nm):
-        raise ValueError("wavelengths_nm: expected bands at least 1e-6 nm apart")
-    return planes
-
-
-def stokes_from_channels(
-    channels: Mapping[str, NDArray[Any]], wavelengths_nm: Sequence[float], prefix: str = ""
-) -> Image:
-    """The Stokes image (height, width, bands, 3) of `stokes_channels`, in the channels' type."""
-    bands = [
-        np.stack([channels[prefix + channel_name(part, nm)] for part in range(3)], axis=-1)
-        for nm in wavelengths_nm
-    ]
-    return np.stack(bands, axis=2)
 
 
 def write_spectral(path: Path, stokes: Image, wavelengths_nm: tuple[float, ...]) -> None:
