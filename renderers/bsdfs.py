@@ -7,18 +7,29 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
+from malus.renderers.measured import measured_bsdfs
 from malus.renderers.translate import body_bsdf, interface_bsdf
 from malus.renderers.variant import Variant, mitsuba
+from malus.scenes.measured import Measured
 from malus.scenes.surface import AnyBody
 
 Index = float | complex
 
 
 def bsdfs(
-    variant: Variant, etas: Sequence[Index], alpha: float, body: AnyBody
+    variant: Variant,
+    etas: Sequence[Index],
+    alpha: float,
+    body: AnyBody,
+    measured: Measured | None = None,
 ) -> tuple[list[Any], list[Any]]:
-    """Interface and body BSDFs at the given indices; one body where it does not depend on η."""
+    """Interface and body BSDFs at the given indices; one body where it does not depend on η.
+
+    Of a `measured` material, at the given wavelengths in nm, in place of the interface.
+    """
     mi = mitsuba(variant)
+    if measured is not None:
+        return measured_bsdfs(variant, measured, tuple(etas)), [_pool(variant, 1, body)[0][0]]
     interface = _pool(variant, len(etas), None, body == "none")
     scattering = _pool(variant, len(etas) if body == "polarised" else 1, body)
     _update(mi, interface, etas, alpha)

@@ -29,6 +29,7 @@ PLATE_DISTANCE = 100.0
 def _bsdf(scene: Scene, band: int) -> dict[str, Any]:
     """Interface and body in one BSDF."""
     surface = scene.surface
+    assert surface.alpha is not None
     albedo = {"type": "uniform", "value": float(surface.albedos(scene.wavelengths_nm)[band])}
     return interface_bsdf(float(scene.eta[band]), surface.alpha) | {"diffuse_reflectance": albedo}
 

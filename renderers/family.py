@@ -14,7 +14,7 @@ from malus.renderers.adaptive import Repeated, render_until
 from malus.renderers.bsdfs import bsdfs
 from malus.renderers.interpolated import Family, FamilyKey, interpolate
 from malus.renderers.lobes import Floats, Lobes
-from malus.renderers.nodes import Nodes
+from malus.renderers.nodes import Nodes, family_nodes
 from malus.renderers.patterned import PatternedFamily, chosen, shares, with_part
 from malus.renderers.room import Rendered, render_room
 from malus.renderers.variant import Variant, choose, mitsuba
@@ -79,7 +79,7 @@ class Options:
 def _plain(
     key: FamilyKey, scenes: list[Scene], sampling: Sampling, variant: Variant, options: Options
 ) -> Family:
-    points = Nodes.of(np.concatenate([scene.eta for scene in scenes]), options.nodes)
+    points = family_nodes(scenes, options.nodes)
     started = time.perf_counter()
     lobes = _render(key, list(points.rendered), sampling, variant, options)
     seconds = time.perf_counter() - started
@@ -112,16 +112,14 @@ def _patterned(
 
 def _render(
     key: FamilyKey,
-    etas: list[float | complex],
+    nodes: list[float | complex],
     sampling: Sampling,
     variant: Variant,
     options: Options,
 ) -> Lobes:
     if not variant.vectorised:
-        return stock.render_lobes(
-            variant, key.shape, key.camera, key.light, etas, key.alpha, key.body, sampling
-        )
-    interface, body = bsdfs(variant, etas, key.alpha, key.body)
+        return stock.render_lobes(variant, key, nodes, sampling)
+    interface, body = bsdfs(variant, nodes, key.alpha, key.body, key.measured)
     shading = wavefront.Shading(interface, body, options.errors, options.where)
     return wavefront.stage(variant, key.shape, key.camera).render(key.light, shading, sampling)
 

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.renderers.lobes import Floats, Lobes
-from malus.renderers.nodes import Nodes
+from malus.renderers.nodes import Nodes, places
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 from malus.scenes.camera import Camera
 from malus.scenes.lights import Light
+from malus.scenes.measured import Measured
 from malus.scenes.patterns import Pattern
 from malus.scenes.scene import Scene
 from malus.scenes.shapes import Shape
@@ -35,15 +36,20 @@ class FamilyKey:
     room: Scene | None = None
     pattern: Pattern | None = None
     parts: tuple[tuple[float, AnyBody], ...] = ()
+    measured: Measured | None = None
 
     @classmethod
     def of(cls, scene: Scene) -> FamilyKey:
         """The family of a scene: all of it but the material, the bands and the albedo.
 
         A scene with surroundings is a family of its own, `room`. Surfaces in a `pattern` have a
-        roughness and a body each, `parts`; `alpha` and `body` are then those of the first.
+        roughness and a body each, `parts`; `alpha` and `body` are then those of the first. A
+        `measured` material has neither; what methods are told of its index changes no render.
         """
         surface = scene.surface
+        if isinstance(surface, Measured):
+            table = surface.model_copy(update={"eta": None})
+            return cls(scene.shape, scene.camera, scene.light, 0.0, "none", measured=table)
         if isinstance(surface, Patterned):
             pattern, surfaces = surface.pattern, surface.surfaces
         else:
@@ -113,7 +119,7 @@ class Family:
             If the scene belongs to another family or its index lies outside the nodes.
         """
         self._check(scene)
-        weights = self.nodes.weights(scene.eta).astype(np.float32)
+        weights = self.nodes.weights(places(scene)).astype(np.float32)
         albedo = scene.surface.albedos(scene.wavelengths_nm).astype(np.float32)[:, None]
         specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
         diffuse, diffuse_noise = self._mean_and_noise(self.lobes.body, weights)
@@ -141,7 +147,7 @@ class Family:
         if np.ptp(albedo) > 0:
             stokes = self.truth(scene, standard_error=False).stokes
             return np.stack([polarisation.polarised(stokes, angle) for angle in angles_deg])
-        weights = self.nodes.weights(scene.eta).astype(np.float32)
+        weights = self.nodes.weights(places(scene)).astype(np.float32)
         key = (angles_deg, float(albedo[0]))
         nodes = self._transmitted.get(key)
         if nodes is None:

@@ -6,11 +6,15 @@ that a polynomial through a few Chebyshev nodes gives the image at any η betwee
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from malus.scenes.measured import Measured
+from malus.scenes.scene import Scene
 
 Floats = NDArray[np.float64]
 
@@ -114,6 +118,25 @@ class Nodes:
         """How far the interval reaches beyond the outermost nodes."""
         assert self.held_out is not None
         return float(self.values[0] - self.held_out) * (1 + 1e-9) + 1e-12
+
+
+def places(scene: Scene) -> NDArray[np.inexact[Any]]:
+    """Where among the nodes of its family each band of a scene lies: at its index.
+
+    Nothing is interpolated for a measured material: its nodes are the bands themselves, in nm.
+    """
+    if isinstance(scene.surface, Measured):
+        return np.array(scene.wavelengths_nm)
+    return scene.eta
+
+
+def family_nodes(scenes: Iterable[Scene], count: int | None = None) -> Nodes:
+    """The nodes that scenes of one family are rendered at; `count` as for `Nodes.of`."""
+    scenes = list(scenes)
+    wanted = np.concatenate([places(scene) for scene in scenes])
+    if isinstance(scenes[0].surface, Measured):
+        return Nodes(np.unique(wanted))
+    return Nodes.of(wanted, count)
 
 
 def interpolation_weights(nodes: Floats, eta: Floats) -> Floats:

@@ -28,7 +28,7 @@ from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.errors import InputError
 from malus.scenes.scene import Sampling, Scene
-from malus.scenes.surface import Patterned
+from malus.scenes.surface import Conductor, Dielectric
 
 PIXELS_A_LAUNCH = 1 << 16
 
@@ -78,7 +78,7 @@ class Room:
     def __init__(self, mi: ModuleType, scene: Scene, sampling: Sampling) -> None:
         self.mi, self.scene, self.sampling = mi, scene, sampling
         surfaces = [placed.surface for placed in scene.objects]
-        self.paints = [Painted(mi, s) for s in surfaces if not isinstance(s, Patterned)]
+        self.paints = [Painted(mi, s) for s in surfaces if isinstance(s, Dielectric | Conductor)]
         self.shapes = [
             placed_object(mi, placed, paint.bsdf)
             for placed, paint in zip(scene.objects, self.paints, strict=True)

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.renderers.coverage import inside
+from malus.renderers.interpolated import FamilyKey
 from malus.renderers.lobes import Floats, Lobes, unit
+from malus.renderers.measured import measured_bsdfs
 from malus.renderers.translate import body_bsdf, emitter, interface_bsdf, sensor, shape_object
 from malus.renderers.variant import SCALAR, Variant, mitsuba
 from malus.scenes.camera import Camera
@@ -21,7 +23,6 @@ from malus.scenes.lights import Environment, Light, Sky
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes import Shape
 from malus.scenes.sky import parts
-from malus.scenes.surface import AnyBody
 
 BATCHES = 8
 """Independent renders that the standard error comes from: four a half, 7 degrees of freedom."""
@@ -31,32 +32,17 @@ WAVELENGTH_NM = 555.0
 
 
 def render_lobes(
-    variant: Variant,
-    shape: Shape,
-    camera: Camera,
-    light: Light,
-    etas: list[float | complex],
-    alpha: float,
-    body: AnyBody,
-    sampling: Sampling,
+    variant: Variant, key: FamilyKey, nodes: list[float | complex], sampling: Sampling
 ) -> Lobes:
-    """Lobes of one family; arguments and result as for the vectorised renderer."""
+    """Lobes of one family at its nodes."""
     mi = mitsuba(variant)
     batches = max(b for b in range(2, BATCHES + 1, 2) if sampling.samples % b == 0)
-    window = _window(mi, variant, shape, camera)
-    specular = _renders(
-        mi, window, light, [interface_bsdf(e, alpha) for e in etas], batches, sampling, stream=0
-    )
-    body_etas = etas if body == "polarised" else etas[:1]
-    scattered = _renders(
-        mi,
-        window,
-        light,
-        [body_bsdf(e, alpha, body) for e in body_etas],
-        batches,
-        sampling,
-        stream=1,
-    )
+    window = _window(mi, variant, key.shape, key.camera)
+    interface = _interface(variant, key, nodes)
+    body_nodes = nodes if key.body == "polarised" else nodes[:1]
+    body = [body_bsdf(node, key.alpha, key.body) for node in body_nodes]
+    specular = _renders(mi, window, key.light, interface, batches, sampling, stream=0)
+    scattered = _renders(mi, window, key.light, body, batches, sampling, stream=1)
     normals, touched, covered = _geometry(mi, window, sampling)
     pixels = np.flatnonzero(touched)
     mirrored, scattered = specular[:, :, pixels], scattered[:, :, pixels]
@@ -71,6 +57,12 @@ def render_lobes(
         normals=unit(normals[pixels]),
         covered=covered[pixels],
     )
+
+
+def _interface(variant: Variant, key: FamilyKey, nodes: list[float | complex]) -> list[Any]:
+    if key.measured is not None:
+        return measured_bsdfs(variant, key.measured, tuple(nodes))
+    return [interface_bsdf(node, key.alpha) for node in nodes]
 
 
 def _halves(batches: Floats) -> Floats:
@@ -96,8 +88,9 @@ def _window(mi: ModuleType, variant: Variant, shape: Shape, camera: Camera) -> d
     return {"type": "scene", "sensor": look, "shape": shape}
 
 
-def _load(mi: ModuleType, window: dict[str, Any], bsdf: dict[str, Any], **more: Any) -> Any:
-    shape = shape_object(mi, window["shape"], mi.load_dict(bsdf))
+def _load(mi: ModuleType, window: dict[str, Any], bsdf: Any, **more: Any) -> Any:
+    loaded = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
+    shape = shape_object(mi, window["shape"], loaded)
     return mi.load_dict(window | {"shape": shape} | more)
 
 
@@ -105,12 +98,15 @@ def _renders(
     mi: ModuleType,
     window: dict[str, Any],
     light: Light,
-    bsdfs: list[dict[str, Any]],
+    bsdfs: list[Any],
     batches: int,
     sampling: Sampling,
     stream: int,
 ) -> Floats:
-    """Stokes images of every batch and BSDF, shape (batches, len(bsdfs), pixels, 3)."""
+    """Stokes images of every batch and BSDF, shape (batches, len(bsdfs), pixels, 3).
+
+    BSDFs are dictionaries that differ in their index, or loaded already.
+    """
     integrator = {
         "type": "stokes",
         "direct": {"type": "path", "max_depth": 2, "hide_emitters": True},
@@ -120,7 +116,10 @@ def _renders(
         scene = _load(mi, window, bsdfs[0], light=emitter(mi, part), integrator=integrator)
         response = _response(mi, window, part)
         for node, bsdf in enumerate(bsdfs):
-            _set_index(mi, scene, bsdf)
+            if isinstance(bsdf, dict):
+                _set_index(mi, scene, bsdf)
+            else:
+                scene = _load(mi, window, bsdf, light=emitter(mi, part), integrator=integrator)
             for batch in range(batches):
                 # The same seed for every node: noise is a smooth function of the index.
                 seed = (sampling.seed * BATCHES + batch) * 2 + stream

@@ -64,6 +64,7 @@ def render_torrance_sparrow(
     n_h = np.clip(normals @ half, 0.0, 1.0)[..., None]
     lit = (n_l > 0) & (n_v > 0) & mask[..., None]
     perpendicular, parallel = fresnel(float(VIEWER @ half), scene.eta.real)
+    assert scene.surface.alpha is not None
     distribution = _beckmann(n_h, scene.surface.alpha)
     shape = distribution * masking(n_h, n_v, n_l, float(VIEWER @ half))
     # radiance = BRDF · E cos θ_L; the cosine cancels that of the BRDF's denominator

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -24,6 +25,7 @@ class Truth:
     specular, diffuse : (height, width, bands, 3)
         Linear Stokes images of the light mirrored by the interface and of the light that left the
         body, in W m⁻² sr⁻¹ nm⁻¹ under lights of the scene's radiance. Their sum is the image.
+        Unless `scene.lobes_known`, all of the light stands in `specular`.
     normals : (height, width, 3)
         Mean unit shading normals in the image frame; zero off the object.
     mask : (height, width) bool
@@ -69,13 +71,17 @@ class Truth:
 
     @property
     def eta(self) -> NDArray[np.inexact[Any]]:
-        """Relative refractive index, (bands,) or (height, width, bands); complex for metals."""
+        """Relative refractive index, (bands,) or (height, width, bands); complex for metals.
+
+        NaN where it is not known.
+        """
         return self.scene.eta if self.eta_map is None else self.eta_map
 
     @property
     def alpha(self) -> float | Image:
-        """Beckmann roughness, one number or (height, width)."""
-        return self.scene.surface.alpha if self.alpha_map is None else self.alpha_map
+        """Beckmann roughness, one number or (height, width); NaN where it is not known."""
+        alpha = self.scene.surface.alpha if self.alpha_map is None else self.alpha_map
+        return math.nan if alpha is None else alpha
 
     @property
     def stokes(self) -> Image:

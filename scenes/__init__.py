@@ -3,6 +3,7 @@
 from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Area, Distant, Environment, Light, Sky, Uniform
+from malus.scenes.measured import Measured
 from malus.scenes.patterns import Checker, ImageTexture, Spots, Stripes
 from malus.scenes.scene import Sampling, Scene
 from malus.scenes.shapes import Blob, MeshFile, Plane, Shape, Sphere, Superquadric, Torus
@@ -22,6 +23,7 @@ __all__ = [
     "ImageTexture",
     "InputError",
     "Light",
+    "Measured",
     "MeshFile",
     "Patterned",
     "Placed",

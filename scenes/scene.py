@@ -11,11 +11,14 @@ from pydantic import AfterValidator, Field, model_validator
 
 from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
-from malus.scenes.lights import Light, turned
+from malus.scenes.lights import Distant, Light, turned
 from malus.scenes.model import Model
 from malus.scenes.shapes import Shape
 from malus.scenes.surface import Surface
 from malus.scenes.surroundings import Placed, Surroundings
+
+LEAST_INCIDENCE = 0.01
+"""Degrees between viewer and distant light that a measured material asks for."""
 
 
 def _increasing(wavelengths_nm: tuple[float, ...]) -> tuple[float, ...]:
@@ -55,12 +58,22 @@ class Scene(Model):
     def _surfaces_fit(self) -> Self:
         for placed in self.objects:
             placed.surface.albedos(self.wavelengths_nm)
-            if self.surroundings and placed.surface.kind == "patterned":
-                raise ValueError("patterned surfaces only in scenes without surroundings")
+            kind = placed.surface.kind
+            if self.surroundings and kind in ("patterned", "measured"):
+                raise ValueError(f"{kind} surfaces only in scenes without surroundings")
         # Where there is more to see than the own shape, that may be small.
         if not (self.surroundings or self.camera.sees_the_object):
             hint = "use more resolution, or a camera that is nearer"
             raise InputError("camera", "an object that covers a pixel", "a smaller one", hint)
+        return self
+
+    @model_validator(mode="after")
+    def _light_beside_camera(self) -> Self:
+        straight = isinstance(self.light, Distant) and self.light.incidence_deg < LEAST_INCIDENCE
+        if self.surface.kind == "measured" and straight and self.camera.fov_deg is None:
+            # Mitsuba's plugin then gives NaN.
+            expected = f"an incidence_deg of {LEAST_INCIDENCE} or more"
+            raise ValueError(f"{expected}: a pBRDF has no frame for light from the viewer")
         return self
 
     @property
@@ -77,8 +90,16 @@ class Scene(Model):
 
     @property
     def eta(self) -> NDArray[np.inexact[Any]]:
-        """Relative refractive index of every band, shape (bands,); complex for a conductor."""
+        """Relative refractive index of every band, shape (bands,).
+
+        Complex for a conductor; NaN for a measured material whose index nobody told.
+        """
         return self.surface.indices(self.wavelengths_nm)
+
+    @property
+    def lobes_known(self) -> bool:
+        """Whether mirrored light can be told from light that came from inside."""
+        return self.surface.kind != "measured"
 
     @property
     def light_in_image(self) -> Light:

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from malus.scenes.albedo import Albedo
 from malus.scenes.materials import materials, surface, surfaces
+from malus.scenes.measured import Measured
 from malus.scenes.metals import metals
 from malus.scenes.model import Model
 from malus.scenes.named import lookup
@@ -46,6 +47,8 @@ def _substance(value: Any) -> str | None:
     match value:
         case str():
             return "name"
+        case Measured() | {"path": _}:
+            return "measured"
         case MetalIndex() | {"k": _}:
             return "metal"
         case Index() | dict():
@@ -53,9 +56,17 @@ def _substance(value: Any) -> str | None:
     return None
 
 
-Substance = Annotated[
+_INDICES = "a name, { eta = … } or { eta = …, k = … }"
+Modelled = Annotated[
     SubstanceName | Annotated[Index, Tag("index")] | Annotated[MetalIndex, Tag("metal")],
-    Discriminator(_substance, "choice", "a name, { eta = … } or { eta = …, k = … }"),
+    Discriminator(_substance, "choice", _INDICES),
+]
+Substance = Annotated[
+    SubstanceName
+    | Annotated[Index, Tag("index")]
+    | Annotated[MetalIndex, Tag("metal")]
+    | Annotated[Measured, Tag("measured")],
+    Discriminator(_substance, "choice", f"{_INDICES}, or {{ path = … }}"),
 ]
 
 
@@ -89,7 +100,7 @@ class Part(Model):
     """One surface of a pattern; without a material of its own it has the scene's."""
 
     surface: PlainFinish
-    material: Substance | None = None
+    material: Modelled | None = None
 
 
 class Patchwork(Model):
@@ -112,13 +123,15 @@ Finish = Annotated[
 
 
 def coated(substance: Substance, finish: Finish, body: Body) -> Surface:
-    """The surface of a scene; a metal has no body.
+    """The surface of a scene; a metal has no body, and no finish changes what was measured.
 
     Examples
     --------
     >>> coated("gold", "carbon", "polarised").kind
     'conductor'
     """
+    if isinstance(substance, Measured):
+        return substance
     if not isinstance(finish, Patchwork):
         return _plain(substance, finish, body)
     parts = [_part(part) for part in finish.parts]
@@ -130,7 +143,7 @@ def _part(part: Part | str | Roughness) -> Part:
     return part if isinstance(part, Part) else Part(surface=part)
 
 
-def _plain(substance: Substance, finish: str | Roughness, body: Body) -> Dielectric | Conductor:
+def _plain(substance: Modelled, finish: str | Roughness, body: Body) -> Dielectric | Conductor:
     rough = surface(finish) if isinstance(finish, str) else finish
     made_of = {"material": substance} if isinstance(substance, str) else substance.model_dump()
     name = finish if isinstance(finish, str) else None

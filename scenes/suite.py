@@ -17,6 +17,7 @@ from malus.scenes.content import digest_of
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Environment, Light
 from malus.scenes.materials import materials, surfaces
+from malus.scenes.measured import Measured, open_pbrdf
 from malus.scenes.model import Model
 from malus.scenes.patterns import ImageTexture
 from malus.scenes.problems import near
@@ -173,10 +174,10 @@ def load_suite(name_or_path: str | Path) -> Suite:
     shapes = tuple(_mesh_file(shape, folder) for shape in suite.shapes)
     lights = tuple(_map_file(light, folder) for light in suite.lights)
     finishes = tuple(_painted(finish, folder) for finish in suite.surfaces)
+    substances = tuple(_table_file(one, folder, suite.wavelengths_nm) for one in suite.materials)
     around = tuple(_files_around(surroundings, folder) for surroundings in suite.surroundings)
-    return suite.model_copy(
-        update={"shapes": shapes, "lights": lights, "surfaces": finishes, "surroundings": around}
-    )
+    files = {"shapes": shapes, "materials": substances, "lights": lights, "surfaces": finishes}
+    return suite.model_copy(update=files | {"surroundings": around})
 
 
 def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
@@ -225,6 +226,14 @@ def _painted(finish: Finish, folder: Path) -> Finish:
     path, digest = _known_by_content(folder / finish.pattern.path, "picture")
     pattern = finish.pattern.model_copy(update={"path": path, "digest": digest})
     return finish.model_copy(update={"pattern": pattern})
+
+
+def _table_file(substance: Substance, folder: Path, wavelengths_nm: Wavelengths) -> Substance:
+    if not isinstance(substance, Measured):
+        return substance
+    path, digest = _known_by_content(folder / substance.path, substance.what)
+    open_pbrdf(Path(path)).check_bands(wavelengths_nm)
+    return substance.model_copy(update={"path": path, "digest": digest})
 
 
 def _map_file(light: Light, folder: Path) -> Light:

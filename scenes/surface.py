@@ -10,6 +10,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from malus.scenes.albedo import Albedo, reflectance
 from malus.scenes.materials import material, surface
+from malus.scenes.measured import Measured
 from malus.scenes.metals import metal
 from malus.scenes.model import Model
 from malus.scenes.patterns import Pattern
@@ -221,6 +222,7 @@ class Patterned(Model):
 Surface = Annotated[
     Annotated[Dielectric, Tag("dielectric")]
     | Annotated[Conductor, Tag("conductor")]
+    | Annotated[Measured, Tag("measured")]
     | Annotated[Patterned, Tag("patterned")],
     Discriminator(_kind),
 ]

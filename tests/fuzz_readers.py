@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from made_up import BANDS, made_up_truth
+from made_up import BANDS, made_up_truth, tensor_file, tiny_pbrdf
 
 from malus.bench import read_results
 from malus.bench.exchange.predictions import find_predictions
@@ -39,6 +39,7 @@ from malus.reports.examples import read_example
 from malus.scenes import load_suite
 from malus.scenes.environment import radiance_map
 from malus.scenes.lights import Environment
+from malus.scenes.measured import open_pbrdf
 from malus.scenes.meshes import load_mesh
 from malus.scenes.patterns import ImageTexture
 
@@ -98,6 +99,12 @@ def mesh(kind: str) -> Callable[[], bytes]:
         return exported.encode() if isinstance(exported, str) else exported
 
     return content
+
+
+def measured_band(path: Path) -> object:
+    table = open_pbrdf(path)
+    table.check_bands([520.0])
+    return table.at(520.0)
 
 
 # --- pictures ---
@@ -285,6 +292,7 @@ READERS = {
         of_file("a.exr", lambda path: ImageTexture(path=str(path)).grey()),
         written("a.exr", colours),
     ),
+    "pbsdf": Reader(of_file("a.pbsdf", measured_band), lambda: tensor_file(**tiny_pbrdf())),
     "normals-npy": Reader(
         of_file("a.npy", lambda path: read_normals(path, (4, 4))), written("a.npy", npy)
     ),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 
 from malus.renderers import Truth
@@ -61,3 +63,27 @@ def made_up_truth(
         diffuse_noise=-stokes(1e-3),
         interpolation_error={"rms": 0.1 + seed, "worst": 1 / 3},
     )
+
+
+def tensor_file(**fields: np.ndarray) -> bytes:
+    """Arrays of 16-bit integers or 32-bit floats in the format of Mitsuba's tensor files."""
+    numbers = {"uint16": 3, "float32": 10, "float64": 11}
+    head = b"tensor_file\0\1\0" + struct.pack("<I", len(fields))
+    offset = len(head) + sum(13 + len(name) + 8 * a.ndim for name, a in fields.items())
+    for name, array in fields.items():
+        head += struct.pack("<H", len(name)) + name.encode()
+        head += struct.pack("<HBQ", array.ndim, numbers[array.dtype.name], offset)
+        head += struct.pack(f"<{array.ndim}Q", *array.shape)
+        offset += array.nbytes
+    return head + b"".join(array.tobytes() for array in fields.values())
+
+
+def tiny_pbrdf() -> dict[str, np.ndarray]:
+    """Fields of a table of polarised BRDFs, the smallest that there is."""
+    return {
+        "phi_d": np.float32([[-3.2, 0, 3.2]]),
+        "theta_d": np.float32([[0, 1.6]]),
+        "theta_h": np.float32([[0, 1.6]]),
+        "wvls": np.array([450, 500, 550, 600, 650], np.uint16),
+        "M": np.ones((3, 2, 2, 5, 4, 4), np.float32),
+    }

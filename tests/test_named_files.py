@@ -1,4 +1,4 @@
-"""Meshes and pictures that scenes name: a dataset keeps them, and opens no others.
+"""Meshes, pictures and measured materials: a dataset keeps those that scenes name, and no others.
 
 Radiance maps have the same tests in test_dataset.py.
 """
@@ -20,18 +20,23 @@ from malus.renderers.files.dataset_files import with_own_files
 from malus.renderers.translate import tessellated
 from malus.scenes import InputError
 from malus.scenes.content import digest_of
+from malus.scenes.measured import Measured
 from malus.scenes.patterns import ImageTexture
 from malus.scenes.scene import Scene
 from malus.scenes.shapes import MeshFile, Sphere
 from malus.scenes.surface import Dielectric, Patterned
 from malus.scenes.surroundings import Placed, Surroundings
 
+NAMES = {"picture": "a.png", "material": "a.pbsdf"}
+FOLDERS = {"picture": "pictures", "material": "materials"}
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
 def naming(kind: str, path: str, digest: str) -> Scene:
-    """A scene that names a file: its mesh, its pattern's picture, a mesh beside it."""
+    """A scene that names a file: its mesh, pattern's picture, material, a mesh beside it."""
     scene = made_up_truth().scene
+    if kind == "material":
+        return scene.model_copy(update={"surface": Measured(path=path, digest=digest)})
     mesh = MeshFile(path=path, digest=digest, shading="flat")
     if kind == "mesh":
         return scene.model_copy(update={"shape": mesh})
@@ -50,6 +55,8 @@ def naming(kind: str, path: str, digest: str) -> Scene:
 def opened(scene: Scene) -> object:
     """What rendering reads of the file that a scene names."""
     tessellated.cache_clear()
+    if isinstance(scene.surface, Measured):
+        return scene.surface.checked().read_bytes()
     if isinstance(scene.surface, Patterned):
         assert isinstance(scene.surface.pattern, ImageTexture)
         return scene.surface.pattern.grey()
@@ -59,7 +66,7 @@ def opened(scene: Scene) -> object:
 
 def holding(kind: str, folder: Path) -> tuple[Path, str]:
     """A file for `naming`, and its digest."""
-    path = folder / ("a.png" if kind == "picture" else "a.obj")
+    path = folder / NAMES.get(kind, "a.obj")
     if kind == "picture":
         Image.fromarray(np.eye(4, dtype=np.uint8)).save(path)
     else:
@@ -73,7 +80,7 @@ def stored_scene(folder: Path, scene: Scene) -> Dataset:
     return open_dataset(folder)
 
 
-@pytest.mark.parametrize("kind", ["mesh", "picture", "beside"])
+@pytest.mark.parametrize("kind", ["mesh", "picture", "material", "beside"])
 def test_a_dataset_keeps_its_meshes_and_pictures(tmp_path: Path, kind: str) -> None:
     path, digest = holding(kind, tmp_path)
     scene = naming(kind, str(path), digest)
@@ -92,7 +99,7 @@ def test_a_dataset_keeps_its_meshes_and_pictures(tmp_path: Path, kind: str) -> N
 
 @pytest.mark.parametrize("digest", [None, "", "../../a", "0123456789abcdef"])
 @pytest.mark.parametrize("name", ["../{name}", "{folder}/{name}", "link{suffix}", "pipe{suffix}"])
-@pytest.mark.parametrize("kind", ["mesh", "picture", "beside"])
+@pytest.mark.parametrize("kind", ["mesh", "picture", "material", "beside"])
 def test_a_foreign_scene_opens_no_mesh_or_picture_outside_its_dataset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, name: str, digest: str | None
 ) -> None:
@@ -107,9 +114,11 @@ def test_a_foreign_scene_opens_no_mesh_or_picture_outside_its_dataset(
     os.mkfifo(evil / f"pipe{path.suffix}")
     monkeypatch.chdir(evil)
     found = dataset.truth(scene.id).scene  # what reading, scoring and exporting begin with
-    with pytest.raises(InputError, match=r"evil/(meshes|pictures)/\w+\.(obj|png): expected a read"):
+    with pytest.raises(
+        InputError, match=r"evil/(meshes|pictures|materials)/\w+\.(obj|png|pbsdf): expected a read"
+    ):
         opened(found)
-    unknown = evil / ("pictures" if kind == "picture" else "meshes") / f"unknown{path.suffix}"
+    unknown = evil / FOLDERS.get(kind, "meshes") / f"unknown{path.suffix}"
     unknown.parent.mkdir()
     for other in (unknown, unknown.with_stem(right)):
         other.symlink_to(path)

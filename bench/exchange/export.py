@@ -46,7 +46,8 @@ FROM_VERTICAL_DEG = -90.0
 """What turns an angle from the horizontal into one of malus, from the vertical."""
 
 NUMPY_WORDS = CONVENTIONS | {
-    "truth.npz": "stokes, specular, diffuse, standard_error, specular_noise, diffuse_noise"
+    "truth.npz": "stokes, specular, diffuse (where the lobes are known),"
+    " standard_error, specular_noise, diffuse_noise"
     " (height, width, bands, 3); image (height, width, bands); normals (height, width, 3); mask"
     " (height, width); wavelengths_nm, eta (bands,); alpha; read with allow_pickle=False",
 }
@@ -115,13 +116,13 @@ def export(
 
 
 def write_numpy(folder: Path, truth: Truth) -> None:
-    """The arrays of a truth as `truth.npz`, without pickle."""
+    """The arrays of a truth as `truth.npz`, without pickle; lobes where they are known."""
+    lobes: dict[str, Any] = {"specular": truth.specular, "diffuse": truth.diffuse}
     np.savez(
         folder / "truth.npz",
         stokes=truth.stokes,
         image=truth.image,
-        specular=truth.specular,
-        diffuse=truth.diffuse,
+        **(lobes if truth.scene.lobes_known else {}),
         standard_error=truth.standard_error,
         specular_noise=truth.specular_noise,
         diffuse_noise=truth.diffuse_noise,

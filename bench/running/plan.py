@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from malus.renderers.family import FamilyKey
-from malus.renderers.nodes import Nodes
+from malus.renderers.nodes import family_nodes
 from malus.renderers.patterned import with_part
 from malus.scenes.model import content_id
 from malus.scenes.scene import Sampling, Scene
@@ -47,7 +45,9 @@ class FamilyPlan:
 
 
 def plan(suite: Suite) -> list[FamilyPlan]:
-    """Families of a suite, those of one roughness together: methods keep tables of a roughness.
+    """Families of a suite, in the order that keeps together what serves several of them.
+
+    Methods keep tables of a roughness, renderers the table of a measured material.
 
     Examples
     --------
@@ -59,8 +59,12 @@ def plan(suite: Suite) -> list[FamilyPlan]:
     groups: dict[FamilyKey, list[Scene]] = {}
     for scene in suite.scenes():
         groups.setdefault(FamilyKey.of(scene), []).append(scene)
-    ordered = sorted(groups.items(), key=lambda group: group[0].alpha)
+    ordered = sorted(groups.items(), key=lambda group: (group[0].alpha, _file(group[0])))
     return [_family(key, scenes, suite.sampling) for key, scenes in ordered]
+
+
+def _file(key: FamilyKey) -> str:
+    return "" if key.measured is None else key.measured.path
 
 
 def _family(key: FamilyKey, scenes: Sequence[Scene], sampling: Sampling) -> FamilyPlan:
@@ -74,7 +78,6 @@ def _family(key: FamilyKey, scenes: Sequence[Scene], sampling: Sampling) -> Fami
         ]
         counts = (sum(p.interface for p in parts), sum(p.body for p in parts))
         return FamilyPlan(tuple(scenes), sampling, *counts, traces=len(parts))
-    nodes = Nodes.of(np.concatenate([scene.eta for scene in scenes]))
-    interface = len(nodes.rendered)
+    interface = len(family_nodes(scenes).rendered)
     body = interface if key.body == "polarised" else 1
     return FamilyPlan(tuple(scenes), sampling, interface, body)

@@ -59,8 +59,8 @@ class Sight:
         known = Observation(
             image=specular + diffuse,
             mask=np.ones((2, len(pixels)), dtype=bool),
-            specular=specular,
-            diffuse=diffuse,
+            specular=specular if truth.scene.lobes_known else None,
+            diffuse=diffuse if truth.scene.lobes_known else None,
             **{
                 field.name: _twice(getattr(rest, field.name), pixels, truth.mask.shape)
                 for field in fields(Observation)

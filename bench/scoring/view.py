@@ -5,15 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from malus.reconstruct import Observation
 from malus.renderers.truth import Truth
 
+
+def _unless_nan(value: Any) -> Any:
+    return None if np.isnan(value).any() else value
+
+
 _KNOWN: dict[str, Callable[[Truth], Any]] = {
-    "specular": lambda truth: truth.specular[..., 0],
-    "diffuse": lambda truth: truth.diffuse[..., 0],
+    "specular": lambda truth: truth.specular[..., 0] if truth.scene.lobes_known else None,
+    "diffuse": lambda truth: truth.diffuse[..., 0] if truth.scene.lobes_known else None,
     "normals": lambda truth: truth.normals,
-    "eta": lambda truth: truth.eta,
-    "alpha": lambda truth: truth.alpha,
+    "eta": lambda truth: _unless_nan(truth.eta),
+    "alpha": lambda truth: _unless_nan(truth.alpha),
     "light": lambda truth: truth.scene.light_in_image,
 }
 
@@ -23,6 +30,8 @@ KNOWN = frozenset(_KNOWN)
 
 def observe(truth: Truth, needs: frozenset[str]) -> Observation:
     """The unpolarised picture of a truth with what `needs` names filled in, and nothing else.
+
+    What nobody knows stays None: lobes, and maybe index and roughness, of a measured material.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Files that a dataset's scenes name: copied into it, known by their content, read only there.
 
-A scene from elsewhere may name any file of this machine as its radiance map, mesh or picture. That
-name is never opened.
+A scene from elsewhere may name any file of this machine as its radiance map, mesh, picture or
+measured material. That name is never opened.
 """
 
 from __future__ import annotations
@@ -19,7 +19,12 @@ from malus.scenes.errors import InputError
 from malus.scenes.model import Model
 from malus.scenes.scene import Scene
 
-FOLDERS = {"radiance map": "maps", "mesh file": "meshes", "picture": "pictures"}
+FOLDERS = {
+    "radiance map": "maps",
+    "mesh file": "meshes",
+    "picture": "pictures",
+    "pBRDF file": "materials",
+}
 _DIGEST = re.compile(r"[0-9a-f]{16}")
 _SUFFIX = re.compile(r"\.[a-z0-9]{1,8}")
 

@@ -19,9 +19,10 @@ CONVENTIONS = {
     " I(angle) = (s0 - s1 cos 2 angle - s2 sin 2 angle) / 2",
     "radiance": "W m^-2 sr^-1 nm^-1 at the centre of each band, under lights of the scene's"
     " radiance; R, G, B are a preview in linear sRGB",
-    "files": "stokes = specular + diffuse; geometry: unit normals in the image frame, zero off"
-    " the object, and the mask of pixels that it covers entirely; error: standard error of stokes,"
-    " and one draw of the noise of specular and diffuse",
+    "files": "stokes = specular + diffuse, which are not there where nobody can tell them apart;"
+    " geometry: unit normals in the image frame, zero off the object, and the mask of pixels that"
+    " it covers entirely; error: standard error of stokes, and one draw of the noise of specular"
+    " and diffuse (all of it in the first where they are not there)",
 }
 """What the numbers mean, in the words that stand in every dataset."""
 

@@ -89,6 +89,13 @@ class SceneRecord(Model):
         return tuple(name for name in self.dtypes if is_double(self.dtypes[name]))
 
     @property
+    def images(self) -> tuple[FileName, ...]:
+        """The files that there must be: no lobes where they cannot be told apart."""
+        unknown = () if self.scene.lobes_known else ("diffuse.exr", "specular.exr")
+        images = (name for name in IMAGES if name not in unknown)
+        return (*images, *([EXACT] if self.doubles else []))
+
+    @property
     def geometry(self) -> tuple[FieldName, ...]:
         """Arrays in `geometry.exr`: normals, and what varies over the image."""
         return ("normals", *(name for name in MAPS if name in self.dtypes))
@@ -117,7 +124,7 @@ def read_scene(folder: Path) -> Truth:
         If a file is missing, cut, changed or not what `scene.json` says.
     """
     record, _ = read_record(folder)
-    for name in (*IMAGES, *([EXACT] if record.doubles else [])):
+    for name in record.images:
         stored = record.files.get(name)
         if stored is None:
             where = f"{folder / SCENE}, key files"
@@ -167,7 +174,8 @@ def is_whole(folder: Path, record: SceneRecord) -> bool:
 def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName, DType]) -> None:
     bands = truth.scene.wavelengths_nm
     write_spectral(folder / "stokes.exr", truth.stokes, bands)
-    for name in LOBES:
+    lobes = LOBES if truth.scene.lobes_known else ()
+    for name in lobes:
         write_spectral(folder / f"{name}.exr", getattr(truth, name), bands)
     write_exr(folder / "error.exr", _planes(truth, ERRORS))
     geometry = _planes(truth, [name for name in dtypes if name in ("normals", *MAPS)])
@@ -175,7 +183,6 @@ def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName
     exact = words(_planes(truth, [name for name in dtypes if is_double(dtypes[name])]))
     if exact:
         write_exr(folder / EXACT, exact)
-    names = (*IMAGES, *([EXACT] if exact else []))
     record = {
         "format": "malus scene 1",
         "scene": truth.scene.model_dump(mode="json"),
@@ -184,7 +191,7 @@ def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName
         "dtypes": dtypes,
         "interpolation_error": truth.interpolation_error,
         "samples": truth.samples,
-        "files": {name: _stored(folder / name) for name in names},
+        "files": {path.name: _stored(path) for path in sorted(folder.iterdir())},
     }
     text = json.dumps(record, indent=1, allow_nan=False)
     (folder / SCENE).write_text(text + "\n", encoding="utf-8")
@@ -207,9 +214,12 @@ def _planes(truth: Truth, names: Iterable[FieldName]) -> Channels:
 
 def _read_images(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
     shape, bands = record.shape, record.scene.wavelengths_nm
-    arrays: dict[str, NDArray[Any]] = {
-        name: read_spectral(folder / f"{name}.exr", shape, bands) for name in LOBES
-    }
+    arrays: dict[str, NDArray[Any]]
+    if record.scene.lobes_known:
+        arrays = {name: read_spectral(folder / f"{name}.exr", shape, bands) for name in LOBES}
+    else:
+        whole = read_spectral(folder / "stokes.exr", shape, bands)
+        arrays = {"specular": whole, "diffuse": np.zeros_like(whole)}
     errors = read_exr(folder / "error.exr", shape, _channels(record, ERRORS, bands))
     arrays |= _assembled(errors, record, ERRORS, bands)
     names = [*_channels(record, record.geometry, bands), MASK]
