@@ -150,5 +150,5 @@ def _seed(seed: int, number: int) -> int:
     """Seeds of passes: the first is that of the sampling."""
     if number == 0:
         return seed
-    # Small enough for the scalar variant, which makes 16 seeds of one.
+    # Within the range of `Sampling.seed`.
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0]) >> 5

@@ -94,19 +94,22 @@ def _area(mi: ModuleType, light: Area) -> Sampler:
     import drjit as dr
 
     frame = mi.Frame3f(_vector(mi, light.direction))
-    cos_edge = _constant(mi, math.cos(math.radians(light.half_angle_deg)))
+    # 1 − cos of the half angle, which for a small one would lose its digits in 32 bits.
+    span = _constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
     radiance = _constant(mi, light.radiance)
-    density = 1.0 / (2.0 * dr.pi * (1.0 - cos_edge))
+    density = 1.0 / (2.0 * dr.pi * span)
 
     def draw(hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
         uv = mi.Point2f(random.next_float32(), random.next_float32())
-        cosine = 1.0 - uv.x * (1.0 - cos_edge)
-        sine = dr.safe_sqrt(1.0 - cosine * cosine)
+        drop = uv.x * span
+        sine = dr.sqrt(drop * (2.0 - drop))
         sin_phi, cos_phi = dr.sincos(2.0 * dr.pi * uv.y)
-        first = hit.to_local(frame.to_world(mi.Vector3f(sine * cos_phi, sine * sin_phi, cosine)))
+        local = mi.Vector3f(sine * cos_phi, sine * sin_phi, 1.0 - drop)
+        first = hit.to_local(frame.to_world(local))
         other = bsdf.pdf(mi.BSDFContext(), hit, first, valid)
         second, drawn = _from_bsdf(mi, hit, bsdf, random, valid)
-        inside = (drawn > 0) & (frame.to_local(hit.to_world(second)).z >= cos_edge)
+        away = frame.to_local(hit.to_world(second)) - mi.Vector3f(0, 0, 1)
+        inside = (drawn > 0) & (0.5 * dr.squared_norm(away) <= span)
         return [
             (first, dr.select(valid, radiance / (density + other), 0.0)),
             (second, dr.select(inside, radiance / (density + drawn), 0.0)),

@@ -120,6 +120,7 @@ class Sampling(Model):
     """
 
     samples: int = Field(default=64, ge=2, le=1 << 20, multiple_of=2)
-    seed: int = Field(default=1, ge=0, lt=1 << 31)
+    # The scalar variant makes 16 seeds of 32 bits of one.
+    seed: int = Field(default=1, ge=0, lt=1 << 28)
     max_depth: int = Field(default=5, ge=2, le=64, exclude_if=lambda depth: depth == 5)
     target: float | None = Field(default=None, gt=0, lt=1, exclude_if=lambda error: error is None)
