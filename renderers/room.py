@@ -22,6 +22,7 @@ from malus.renderers.coverage import covering
 from malus.renderers.lighting import Sampler, sampler
 from malus.renderers.lobes import HALVES, Floats, unit
 from malus.renderers.placed import Painted, placed_object
+from malus.renderers.pooled import pooled
 from malus.renderers.rays import camera_ray, streams, to_camera_frame
 from malus.renderers.translate import emitters, sensor
 from malus.renderers.truth import Truth
@@ -108,19 +109,20 @@ class Room:
             np.moveaxis(sums[part], 0, -1).reshape(HALVES, side, side, -1, 3) / (samples // HALVES)
             for part in (_SPECULAR, _DIFFUSE, _SQUARES)
         )
-        variance = squares.mean(axis=0) - (specular + diffuse).mean(axis=0) ** 2
+        # Rounding can leave a tiny negative variance where all samples are equal.
+        variance = np.maximum(squares.mean(axis=0) - (specular + diffuse).mean(axis=0) ** 2, 0)
         axes = scene.camera.axes.astype(np.float32)
         normals = (sums[_NORMAL, :, :, 0].sum(axis=1).T @ axes.T).reshape(side, side, 3)
         covered = (self.owner >= 0) & (sums[_HITS, :, :, 0].sum(axis=0) == samples)
+        owner = np.where(covered, self.owner, -1).reshape(side, side)
         eta, alpha = self._maps()
         return Truth(
             scene=scene,
             specular=specular.mean(axis=0),
             diffuse=diffuse.mean(axis=0),
             normals=unit(normals),
-            mask=covered.reshape(side, side),
-            # Rounding can leave a tiny negative variance where all samples are equal.
-            standard_error=np.sqrt(np.maximum(variance, 0) / np.float32(samples - 1)),
+            mask=owner >= 0,
+            standard_error=np.sqrt(pooled(variance, owner) / np.float32(samples - 1)),
             specular_noise=0.5 * (specular[0] - specular[1]),
             diffuse_noise=0.5 * (diffuse[0] - diffuse[1]),
             interpolation_error={"rms": 0.0, "worst": 0.0},
