@@ -108,10 +108,11 @@ class Material:
 
 
 @dataclass(frozen=True)
-class Surface:
-    """A rough surface: Beckmann roughness `alpha` (rms slope m) and diffuse fraction `albedo`.
+class NamedSurface:
+    """A rough surface that a name stands for.
 
-    `status` is "recalled_unverified" for a stand-in nobody compared with the printed source.
+    `alpha` is the Beckmann roughness (rms slope m), `albedo` the diffuse fraction; `status`
+    is "recalled_unverified" for a stand-in nobody compared with the printed source.
     """
 
     id: str
@@ -159,7 +160,7 @@ def material(name: str) -> Material:
     return lookup(name, materials(), "material")
 
 
-def surfaces() -> dict[str, Surface]:
+def surfaces() -> dict[str, NamedSurface]:
     """All surfaces by id, in the order of the data file.
 
     Examples
@@ -170,7 +171,7 @@ def surfaces() -> dict[str, Surface]:
     return {item.id: item for item in _load_surfaces()}
 
 
-def surface(name: str) -> Surface:
+def surface(name: str) -> NamedSurface:
     """The surface of that id.
 
     Raises
@@ -212,10 +213,10 @@ def _material(entry: dict[str, Any]) -> Material:
 
 
 @cache
-def _load_surfaces() -> tuple[Surface, ...]:
+def _load_surfaces() -> tuple[NamedSurface, ...]:
     data = table("surfaces.toml")
     return tuple(
-        Surface(
+        NamedSurface(
             id=entry["id"],
             alpha=entry["rms_slope_m"],
             albedo=entry["diffuse_fraction"],

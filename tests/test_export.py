@@ -13,7 +13,8 @@ import pytest
 from made_up import BANDS, made_up_truth
 from PIL import Image
 
-from malus.bench.exchange.export import aolp_16bit, export
+from malus.bench.exchange.export import export
+from malus.bench.exchange.png16 import aolp_16bit
 from malus.bench.scoring.view import observe
 from malus.renderers import Truth
 from malus.renderers.files.dataset import Dataset, DatasetWriter, open_dataset

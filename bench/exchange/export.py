@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as Picture
 from rich.console import Console
 
+from malus.bench.exchange.png16 import aolp_16bit, save_16bit, to_16bit
 from malus.bench.running.folders import prepare_folder
 from malus.bench.running.progress import Progress, silent, with_progress
 from malus.renderers.files.dataset import Dataset, open_dataset
@@ -35,9 +35,6 @@ from malus.scenes import polarisation
 
 Image = NDArray[np.floating[Any]]
 Write = Callable[[Path, Truth], None]
-
-WHITE = 65535
-"""Largest value of a 16-bit image."""
 
 ANGLES_FROM_HORIZONTAL_DEG = (0.0, 45.0, 90.0, 135.0)
 """Polariser angles of a polarisation camera, as polanalyser counts them."""
@@ -163,35 +160,6 @@ def write_polanalyser(folder: Path, truth: Truth, pixels: str = "exr") -> None:
                 "full_scale": full_scale,
             }
             path.with_suffix(".json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
-
-
-def to_16bit(values: Image) -> NDArray[np.uint16]:
-    """Values in [0, 1] as 16 bits; what lies outside is clipped.
-
-    Examples
-    --------
-    >>> to_16bit(np.array([0.0, 0.5, 1.0, 1.5])).tolist()
-    [0, 32768, 65535, 65535]
-    """
-    scaled = np.rint(np.clip(values, 0.0, 1.0).astype(np.float64) * WHITE)
-    return scaled.astype(np.uint16)
-
-
-def aolp_16bit(stokes: Image) -> NDArray[np.uint16]:
-    """Angle of linear polarisation of Stokes vectors (..., 3) on a circle of 65536 steps.
-
-    Examples
-    --------
-    >>> int(aolp_16bit(np.array([1.0, 0.0, 1.0])))  # +45°
-    16384
-    """
-    turns = polarisation.aolp(stokes).astype(np.float64) / np.pi
-    return (np.rint(turns * (WHITE + 1)) % (WHITE + 1)).astype(np.uint16)
-
-
-def save_16bit(path: Path, values: NDArray[np.uint16]) -> None:
-    """Write one grey 16-bit image."""
-    Picture.fromarray(np.ascontiguousarray(values)).save(path)
 
 
 def _write(write: Write, truth: Truth, folder: Path) -> None:

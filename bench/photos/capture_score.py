@@ -103,22 +103,16 @@ def write_fit(out: Path, fit: Fit, results: dict[str, Any]) -> None:
     """
     import json
 
-    import PIL.Image
-
+    from malus.bench.exchange.png16 import aolp_16bit, save_16bit, to_16bit
     from malus.bench.photos.filter import all_or_nothing
     from malus.bench.photos.picture_files import write_picture
     from malus.bench.photos.pictures import Picture
 
     i_max, i_min = polarisation.extremes(fit.stokes)
     summed = fit.stokes.sum(axis=2)
-    maps = {
-        "dolp": np.clip(polarisation.dolp(summed), 0, 1),
-        "aolp": polarisation.aolp(summed) / np.pi,
-    }
     with all_or_nothing(out) as folder:
         for name, light in (("i_max", i_max), ("i_min", i_min), ("residual", fit.residual)):
             write_picture(folder / f"{name}.exr", Picture(light.astype(np.float32), "EXR", None))
-        for name, values in maps.items():
-            codes = (values * 65535 + 0.5).astype(np.uint16)
-            PIL.Image.fromarray(codes).save(folder / f"{name}.png")
+        save_16bit(folder / "dolp.png", to_16bit(polarisation.dolp(summed)))
+        save_16bit(folder / "aolp.png", aolp_16bit(summed))
         (folder / "capture.json").write_text(json.dumps(results, indent=1), encoding="utf-8")

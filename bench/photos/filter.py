@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.bench.exchange.png16 import aolp_16bit, save_16bit, to_16bit
 from malus.bench.photos.contact_sheet import SHEET_SIDE, reduced, sheet, thumbnail
 from malus.bench.photos.knowledge import Estimate, Knowledge, estimate
 from malus.bench.photos.picture_files import write_picture
@@ -67,7 +68,7 @@ def filter_picture(
     """Estimate the polarisation of a picture and write it through a virtual polariser.
 
     Writes STEM_angle000 …, STEM_imax and STEM_imin in the picture's own form; STEM_dolp.png (0
-    to 1) and STEM_aolp.png (0 to 180°, from +x) with 16 bits; STEM_sheet.png, STEM_sweep.gif.
+    to 1) and STEM_aolp.png (180° are 65536, from +x) with 16 bits; STEM_sheet.png, STEM_sweep.gif.
 
     Parameters
     ----------
@@ -161,16 +162,15 @@ def _name(angle_deg: float) -> str:
 
 def _maps(folder: Path, stem: str, found: Components) -> list[tuple[str, NDArray[np.uint8]]]:
     """DoLP and AoLP of the sum over the bands, as 16-bit grey and as thumbnails."""
-    import PIL.Image
     from matplotlib import colormaps
 
     stokes = np.stack([a.sum(axis=-1) for a in (found.image, found.s1, found.s2)], axis=-1)
     dolp = np.clip(polarisation.dolp(stokes), 0, 1)
     aolp = polarisation.aolp(stokes) / np.pi
+    save_16bit(folder / f"{stem}_dolp.png", to_16bit(dolp))
+    save_16bit(folder / f"{stem}_aolp.png", aolp_16bit(stokes))
     shown = []
     for name, values, colours in (("dolp", dolp, "viridis"), ("aolp", aolp, "twilight")):
-        codes = (values * 65535 + 0.5).astype(np.uint16)
-        PIL.Image.fromarray(codes).save(folder / f"{stem}_{name}.png")
         small = reduced(values[..., None], SHEET_SIDE)[..., 0]
         picture = (colormaps[colours](small)[..., :3] * 255).astype(np.uint8)
         if name == "aolp":

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from skimage.util import view_as_blocks
 
 from malus.reconstruct.observation import Image, Inapplicable
+from malus.scenes.materials import FRAUNHOFER_C_NM, FRAUNHOFER_D_NM, FRAUNHOFER_F_NM
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -151,8 +152,8 @@ def mirrored_tint(
     [1.024, 0.976]
     """
     inverse = 1.0 / np.square(np.asarray(wavelengths_nm, dtype=np.float64))
-    lines = 1.0 / 486.1**2 - 1.0 / 656.3**2
-    index = eta + (eta - 1.0) / abbe * (inverse - 1.0 / 587.6**2) / lines
+    lines = FRAUNHOFER_F_NM**-2 - FRAUNHOFER_C_NM**-2
+    index = eta + (eta - 1.0) / abbe * (inverse - FRAUNHOFER_D_NM**-2) / lines
     reflectance = np.square((index - 1.0) / (index + 1.0))
     return np.asarray(reflectance / reflectance.mean(), dtype=np.float64)
 
