@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from malus.bench.scoring.judge import Judge, score
-from malus.bench.scoring.metrics import Error, Residuals, nmse_by, skill
+from malus.bench.scoring.metrics import Error, Residuals, cos_zenith, nmse_by, skill
 from malus.bench.scoring.pixel_kernels import MOST_BANDS, difference_sums
 from malus.bench.scoring.sight import Sight
 from malus.bench.scoring.view import observe
@@ -131,6 +131,19 @@ def test_skill_is_corrected_for_noise() -> None:
     uncertainty = np.std(skills) / math.sqrt(len(skills))
     assert np.mean(skills) == pytest.approx(clean.skill, abs=4 * uncertainty)
     assert uncertainty < 0.01
+
+
+def test_what_faces_a_camera_nearby_is_what_is_turned_towards_it() -> None:
+    """A ball's rim is where rays touch it, not where its normal lies in the image plane."""
+    camera = Camera(resolution=SIDE, projection="perspective", fov_deg=60, distance=2.2)
+    truth = replace(made_up_truth(), scene=SCENE.model_copy(update={"camera": camera}))
+    truth.normals[:] = [0.6, 0.0, 0.8]
+    y, x = np.nonzero(truth.mask)
+    across = np.tan(np.radians(30)) * ((2 * np.arange(SIDE) + 1) / SIDE - 1)
+    rays = np.stack([across[x], -across[y], -np.ones(len(x))], axis=-1)
+    expected = -rays @ [0.6, 0.0, 0.8] / np.linalg.norm(rays, axis=-1)
+    np.testing.assert_allclose(cos_zenith(truth), expected, atol=1e-12)
+    assert Judge(truth).facing == pytest.approx(expected**4, abs=1e-12)
 
 
 def test_pure_noise_has_no_skill_to_report() -> None:

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from malus.bench import score
+from malus.bench.commands import command_plan
 from malus.bench.running.plan import plan
 from malus.bench.running.results import RUN
 from malus.bench.running.runner import run
 from malus.renderers import Truth, wavefront
 from malus.renderers.family import render_family
+from malus.renderers.variant import choose
 from malus.scenes import Scene, Suite, load_suite
 
 SUITE = Suite.model_validate(
@@ -91,6 +93,15 @@ def test_convex_shapes_need_no_shadow_rays(shadow_rays: None) -> None:
         patch.setattr(wavefront, "CONVEX", frozenset({"sphere"}))
         left_out = render_family([scene], SUITE.sampling).truth(scene)
     np.testing.assert_array_equal(asked.stokes, left_out.stokes)
+
+
+def test_the_formulas_cost_is_that_of_the_formulas(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is asked of Mitsuba where a suite asks nothing of it."""
+    monkeypatch.setattr(command_plan, "render_family", None)
+    families = plan(SUITE.model_copy(update={"bodies": ("unpolarised",)}))[1:]
+    assert families[0].scenes[0].light.kind == "distant"
+    first = command_plan.predicted_seconds(families, choose(), "torrance-sparrow")
+    assert 0 < first < 10  # four scenes of 12² pixels take milliseconds
 
 
 def test_a_run_records_what_it_left_out(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.savings import plan_record, savings
 from malus.renderers.adaptive import Renders, first_samples, relative_error
 from malus.renderers.family import render_family
+from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.variant import Variant, choose
 from malus.scenes.scene import Sampling
 from malus.scenes.suite import Suite, load_suite
@@ -22,9 +23,16 @@ IMAGES_A_TRUTH = 5
 """Stokes images that a stored scene holds: both lobes, both noises, the standard error."""
 
 
-def predicted_seconds(families: Sequence[FamilyPlan], variant: Variant) -> float:
-    """Seconds of rendering, from rendering one family in miniature on this machine."""
+def predicted_seconds(
+    families: Sequence[FamilyPlan], variant: Variant, renderer: str = "mitsuba"
+) -> float:
+    """Seconds of rendering, from rendering one family on this machine, in miniature by Mitsuba."""
     sample = max(families, key=lambda family: family.interface)
+    if renderer == "torrance-sparrow":
+        started = time.perf_counter()
+        for scene in sample.scenes:
+            render_torrance_sparrow(scene)
+        return len(families) * (time.perf_counter() - started)
     few = Sampling(samples=max(2, sample.sampling.samples // 16 // 2 * 2), seed=1)
     seconds = []
     for _ in range(2):  # the first one compiles kernels
@@ -72,7 +80,7 @@ def plan_command(name: str, backend: str) -> None:
     for saving in savings(suite, families):
         table.add_row(saving.what, str(saving.done), str(saving.instead_of), saving.why)
     console.print(table)
-    seconds = predicted_seconds(families, variant)
+    seconds = predicted_seconds(families, variant, suite.renderer)
     gigabytes = dataset_bytes(suite, families) / 1e9
     record = plan_record(suite, families, seconds)
     console.print(

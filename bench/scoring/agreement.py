@@ -84,9 +84,9 @@ class Agreement:
     def facing_skill(self) -> tuple[float, float]:
         """Skill of what faces the viewer, and its standard error; 1 is perfect.
 
-        Pixels weigh by the fourth power of their normal's z: those of the rim come and go with
-        the samples, and where the error sits there, the plain skill jumps by 13 times the noise
-        that the halves can show (measured: distant light, roughness 0.4).
+        Pixels weigh by the fourth power of the zenith angle's cosine: those of the rim come and go
+        with the samples, and where the error sits there, the plain skill jumps by 13 times the
+        noise that the halves can show (measured: distant light, roughness 0.4).
         """
         part, error = self._ratio(ERROR, TRIVIAL)
         return 1.0 - part, error

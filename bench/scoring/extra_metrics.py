@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from malus.bench.scoring.colour_error import delta_e
 from malus.bench.scoring.image_error import PolarisationError, psnr, scaled, squared_error, ssim
 from malus.bench.scoring.judge import Metric, Value
-from malus.bench.scoring.metrics import Error, Residuals, skill
+from malus.bench.scoring.metrics import Error, Residuals, cos_zenith, skill
 from malus.bench.scoring.sums import PixelSums
 from malus.reconstruct import Components
 from malus.renderers.truth import Truth
@@ -109,10 +109,7 @@ def zenith_values(estimate: Components, truth: Truth) -> Iterator[Value]:
     order. Bins without a pixel have no values.
     """
     estimated, noisy, true = _fields(estimate, truth)
-    cosine = truth.normals[truth.mask][:, 2].astype(np.float64)
-    if truth.view is not None:
-        cosine = np.einsum("pi,pi->p", truth.normals[truth.mask], truth.view[truth.mask])
-    place = np.digitize(np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0))), ZENITHS_DEG[1:-1])
+    place = np.digitize(np.degrees(np.arccos(cos_zenith(truth))), ZENITHS_DEG[1:-1])
     polarised = np.array([0.0, 1.0, 1.0])
     differences = estimated - true, true * polarised, (noisy - true) * polarised
     for k, (low, high) in enumerate(itertools.pairwise(ZENITHS_DEG)):

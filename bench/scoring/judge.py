@@ -8,7 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from malus.bench.scoring.agreement import ALONG, ERROR, Agreement
-from malus.bench.scoring.metrics import Error, Floats, Residuals, nmse_by, peak, skill, skills
+from malus.bench.scoring.metrics import (
+    Error,
+    Floats,
+    Residuals,
+    cos_zenith,
+    nmse_by,
+    peak,
+    skill,
+    skills,
+)
 from malus.bench.scoring.pixel_kernels import (
     Planes,
     count_violations,
@@ -134,9 +143,8 @@ class Judge:
         self.truth = truth
         self.sight = Sight.of(truth)
         self.peak = peak(truth)
-        normals = truth.normals.reshape(-1, 3)[self.sight.pixels]
         # The fourth power: see Agreement.facing_skill.
-        self.facing = np.clip(normals[:, 2].astype(np.float64), 0.0, 1.0) ** 4
+        self.facing = cos_zenith(truth) ** 4
         self.form = tuple(angle_weights()[np.triu_indices(3)].tolist())
         nothing = np.zeros_like(self.sight.true)
         moments, (along, _, error), draws = self._sums((self.sight.known.image, nothing, nothing))

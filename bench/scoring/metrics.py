@@ -134,6 +134,16 @@ def skills(
     return 1.0 - share
 
 
+def cos_zenith(truth: Truth) -> Floats:
+    """Cosine of the angle between normal and direction to the camera, (pixels of the mask,)."""
+    normals = truth.normals[truth.mask].astype(np.float64)
+    if truth.view is None:
+        cosine = normals[:, 2]
+    else:
+        cosine = np.einsum("pi,pi->p", normals, truth.view[truth.mask])
+    return np.clip(cosine, 0.0, 1.0)
+
+
 def peak(truth: Truth) -> float:
     """Largest value of the unpolarised image over mask and bands; 1 where all is dark."""
     lit = truth.image[truth.mask]
