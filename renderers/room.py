@@ -88,7 +88,9 @@ class Room:
         look = sensor(mi, scene.camera, 2 * _reach(scene))
         # Rays of the camera and shadow rays must not meet a lamp, paths of light have to.
         self.dark = mi.load_dict({"type": "scene", "sensor": look} | parts)
-        self.lit = mi.load_dict({"type": "scene"} | emitters(mi, scene.light) | parts)
+        self.lit = mi.load_dict(
+            {"type": "scene"} | emitters(mi, scene.light, _reach(scene)) | parts
+        )
         self.sensor = self.dark.sensors()[0]
         self.owner = covering(mi, self.dark, self.shapes, scene.camera.resolution)
         self.path = _path(mi, sampling.max_depth)

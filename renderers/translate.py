@@ -23,6 +23,7 @@ CONVEX = frozenset({"sphere"})
 
 ORTHOGRAPHIC_DISTANCE = 3.0
 LAMP_DISTANCE = 1000.0
+"""Of a lamp, over the reach of the objects: seen from them it moves by 0.06° at most."""
 
 
 def sensor(
@@ -96,13 +97,16 @@ def mesh_object(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
     return result
 
 
-def emitters(mi: ModuleType, light: Light) -> dict[str, Any]:
-    """The parts of a light as emitters of a scene, by name."""
-    return {f"light{k}": emitter(mi, part) for k, part in enumerate(parts(light))}
+def emitters(mi: ModuleType, light: Light, reach: float = 1.0) -> dict[str, Any]:
+    """The parts of a light as emitters of a scene, by name; arguments as those of `emitter`."""
+    return {f"light{k}": emitter(mi, part, reach) for k, part in enumerate(parts(light))}
 
 
-def emitter(mi: ModuleType, light: Light) -> dict[str, Any]:
-    """A light of one part as an emitter with a flat spectrum."""
+def emitter(mi: ModuleType, light: Light, reach: float = 1.0) -> dict[str, Any]:
+    """A light of one part as an emitter with a flat spectrum.
+
+    No object is farther from the origin than `reach`.
+    """
     if isinstance(light, Uniform):
         return {"type": "constant", "radiance": _flat(light.radiance)}
     if isinstance(light, Distant):
@@ -112,14 +116,14 @@ def emitter(mi: ModuleType, light: Light) -> dict[str, Any]:
             "irradiance": _flat(light.irradiance),
         }
     if isinstance(light, Area):
-        return _lamp(mi, light)
+        return _lamp(mi, light, LAMP_DISTANCE * reach)
     return environment_emitter(mi, light)
 
 
-def _lamp(mi: ModuleType, light: Area) -> dict[str, Any]:
-    """A disk so far away that it looks the same from all over the object."""
-    away = [LAMP_DISTANCE * c for c in light.direction]
-    radius = LAMP_DISTANCE * math.tan(math.radians(light.half_angle_deg))
+def _lamp(mi: ModuleType, light: Area, distance: float) -> dict[str, Any]:
+    """A disk so far away that it looks the same from all over the objects."""
+    away = [distance * c for c in light.direction]
+    radius = distance * math.tan(math.radians(light.half_angle_deg))
     look = mi.ScalarTransform4f().look_at(origin=away, target=[0, 0, 0], up=_upward(light))
     return {
         "type": "disk",

@@ -138,6 +138,19 @@ def test_both_lobes_together_are_what_mitsuba_renders(light: Light, body: str) -
     assert 0.7 < (difference**2).sum() / variance.sum() < 1.4
 
 
+@pytest.mark.parametrize("reach", [1.0, 40.0, 3000.0])
+def test_a_lamp_stands_in_one_direction_from_all_objects(reach: float) -> None:
+    """Light between objects starts at a disk of Mitsuba's; direct light is that of a direction."""
+    light = Area(incidence_deg=60, azimuth_deg=200)
+    place = emitters(mitsuba(choose()), light, reach)["light0"]["to_world"]
+    lamp = np.asarray(place.matrix)[:3, 3].astype(float)
+    for corner in np.eye(3) * reach:
+        seen = lamp - corner
+        seen /= np.linalg.norm(seen)
+        # At most a thousandth in radians, and float32.
+        assert np.linalg.norm(seen - light.direction) < 1.1e-3
+
+
 def test_the_scalar_variant_refuses_in_one_line() -> None:
     scene = table(Uniform())
     with pytest.raises(InputError, match=r"expected LLVM or CUDA .* found scalar.*; install LLVM"):

@@ -106,7 +106,8 @@ def work(task: Task, variant: Variant, threads: int = 1) -> Made:
         with made.stage("score"):
             made.table = table_of(records)
         made.table.attrs["interpolation_rms"] = max(share.interpolation_rms for share in shares)
-        made.table.attrs["samples"] = shares[0].samples or task.family.sampling.samples
+        told = (share.samples for share in shares if share.samples)
+        made.table.attrs["samples"] = next(told, task.family.sampling.samples)
         made.table.attrs["render_seconds"] = sum(made.seconds[name] for name in RENDERING)
     return made
 
