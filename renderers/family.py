@@ -15,7 +15,7 @@ from malus.renderers.bsdfs import bsdfs
 from malus.renderers.interpolated import Family, FamilyKey, interpolate
 from malus.renderers.lobes import Floats, Lobes
 from malus.renderers.nodes import Nodes, family_nodes
-from malus.renderers.patterned import PatternedFamily, chosen, shares, with_part
+from malus.renderers.patterned import PatternedFamily, check_coordinates, chosen, shares, with_part
 from malus.renderers.room import Rendered, render_room
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes.errors import InputError
@@ -98,6 +98,7 @@ def _patterned(
         where, expected = f"scene {scenes[0].id}", "LLVM or CUDA for several surfaces on one object"
         raise InputError(where, expected, variant.name, hint)
     assert key.pattern is not None
+    check_coordinates(key.pattern, key.shape)
     mi, count = mitsuba(variant), len(key.parts)
     families = []
     for index in range(count):

@@ -17,13 +17,16 @@ from numpy.typing import NDArray
 
 from malus.renderers.interpolated import Family, FamilyKey
 from malus.renderers.lobes import Floats
+from malus.renderers.translate import tessellated
 from malus.renderers.truth import Truth
+from malus.scenes.errors import InputError
 from malus.scenes.patterns import Checker, ImageTexture, Pattern, Spots, Stripes
 from malus.scenes.scene import Scene
+from malus.scenes.shapes import MeshFile, Shape
 from malus.scenes.surface import Patterned
 
 Place = Callable[[Any], Any]
-"""From points to a number in 0..count − 1: the surface there, or between two a mixture of them."""
+"""From hits to a number in 0..count − 1: the surface there, or between two a mixture of them."""
 
 
 def place(mi: ModuleType, pattern: Pattern, count: int) -> Place:
@@ -35,12 +38,12 @@ def place(mi: ModuleType, pattern: Pattern, count: int) -> Place:
 
     match pattern:
         case Checker():
-            return lambda p: turn(sum(dr.floor(p[axis] / pattern.size) for axis in range(3)))
+            return lambda hit: turn(sum(dr.floor(hit.p[axis] / pattern.size) for axis in range(3)))
         case Stripes():
             across = "xyz".index(pattern.axis)
-            return lambda p: turn(dr.floor(p[across] / pattern.width))
+            return lambda hit: turn(dr.floor(hit.p[across] / pattern.width))
         case Spots():
-            return lambda p: _spots(mi, pattern, count, p)
+            return lambda hit: _spots(mi, pattern, count, hit.p)
     return _image(mi, pattern, count)
 
 
@@ -59,18 +62,38 @@ def _image(mi: ModuleType, pattern: ImageTexture, count: int) -> Place:
     import drjit as dr
 
     values = mi.TensorXf(np.ascontiguousarray(pattern.grey()[..., None]) * (count - 1))
-    texture = mi.Texture2f(values, wrap_mode=dr.WrapMode.Clamp)
+    own = pattern.projection == "uv"
+    texture = mi.Texture2f(values, wrap_mode=dr.WrapMode.Repeat if own else dr.WrapMode.Clamp)
 
-    def planar(p: Any) -> Any:
-        return mi.Point2f(0.5 + 0.5 * p.x, 0.5 - 0.5 * p.y)
+    def uv(hit: Any) -> Any:
+        return mi.Point2f(hit.uv.x, 1.0 - hit.uv.y)
 
-    def spherical(p: Any) -> Any:
+    def planar(hit: Any) -> Any:
+        return mi.Point2f(0.5 + 0.5 * hit.p.x, 0.5 - 0.5 * hit.p.y)
+
+    def spherical(hit: Any) -> Any:
+        p = hit.p
         turn = dr.atan2(-p.x, -p.z) / (2 * math.pi)
         polar = dr.safe_acos(p.y * dr.rcp(dr.maximum(dr.norm(p), 1e-9))) / math.pi
         return mi.Point2f(turn - dr.floor(turn), polar)
 
-    project = planar if pattern.projection == "planar" else spherical
-    return lambda p: texture.eval(project(p))[0]
+    project = {"planar": planar, "spherical": spherical, "uv": uv}[pattern.projection]
+    return lambda hit: texture.eval(project(hit))[0]
+
+
+def check_coordinates(pattern: Pattern, shape: Shape) -> None:
+    """Check that a mesh has the texture coordinates that a pattern asks for.
+
+    Raises
+    ------
+    InputError
+        If it has none.
+    """
+    if isinstance(pattern, ImageTexture) and pattern.projection == "uv":
+        assert isinstance(shape, MeshFile)  # a scene allows no other
+        if tessellated(shape).uv is None:
+            hint = "export the mesh with them, or choose another projection"
+            raise InputError(f"mesh {shape.file}", "texture coordinates for uv", "none", hint)
 
 
 def chosen(mi: ModuleType, pattern: Pattern, count: int, index: int) -> Callable[[Any, Any], Any]:
@@ -83,7 +106,7 @@ def chosen(mi: ModuleType, pattern: Pattern, count: int, index: int) -> Callable
     at, mixed = place(mi, pattern, count), isinstance(pattern, ImageTexture)
 
     def belongs(hit: Any, random: Any) -> Any:
-        number = at(hit.p)
+        number = at(hit)
         if mixed:
             number = dr.minimum(dr.floor(number + random.next_float32()), count - 1.0)
         return number == float(index)
@@ -107,7 +130,7 @@ def shares(mi: ModuleType, scene: Any, resolution: int, pattern: Pattern, count:
         on_film = (corner + offset) / resolution
         ray, _ = scene.sensors()[0].sample_ray(0.0, 0.0, on_film, mi.Point2f(0.5))
         hit = scene.ray_intersect(ray)
-        number = at(hit.p)
+        number = at(hit)
         for index in range(count):
             near = dr.maximum(1.0 - dr.abs(number - index), 0.0)
             found[:, index] += np.asarray(dr.select(hit.is_valid(), near, 0.0))

@@ -84,15 +84,21 @@ def mesh_object(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
     """The mesh as a Mitsuba object that carries `bsdf`."""
     properties = mi.Properties()
     properties["mesh_bsdf"] = bsdf
-    smooth = mesh.normals is not None
     result = mi.Mesh(
-        "shape", len(mesh.vertices), len(mesh.faces), props=properties, has_vertex_normals=smooth
+        "shape",
+        len(mesh.vertices),
+        len(mesh.faces),
+        props=properties,
+        has_vertex_normals=mesh.normals is not None,
+        has_vertex_texcoords=mesh.uv is not None,
     )
     parameters = mi.traverse(result)
     parameters["vertex_positions"] = np.ravel(mesh.vertices)
     parameters["faces"] = np.ravel(mesh.faces)
     if mesh.normals is not None:
         parameters["vertex_normals"] = np.ravel(mesh.normals)
+    if mesh.uv is not None:
+        parameters["vertex_texcoords"] = np.ravel(mesh.uv)
     parameters.update()
     return result
 

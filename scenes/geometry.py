@@ -27,7 +27,8 @@ class TriangleMesh:
     """Triangles in the world's frame, wound anticlockwise as seen from outside.
 
     `vertices` (n, 3) float32, `faces` (m, 3) uint32, `normals` (n, 3) float32 of unit length, or
-    None for flat shading. The arrays are made read-only.
+    None for flat shading; `uv` (n, 2) float32, texture coordinates, or None. The arrays are made
+    read-only.
 
     Raises
     ------
@@ -44,6 +45,7 @@ class TriangleMesh:
     vertices: NDArray[np.float32]
     faces: NDArray[np.uint32]
     normals: NDArray[np.float32] | None = None
+    uv: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         """Check the arrays and freeze them."""
@@ -53,6 +55,8 @@ class TriangleMesh:
             _check_array(self.normals, "normals", np.float32)
             if self.normals.shape != self.vertices.shape:
                 raise ValueError(f"expected one normal a vertex, found {self.normals.shape}")
+        if self.uv is not None and len(self.uv) != len(self.vertices):
+            raise ValueError(f"expected texture coordinates a vertex, found {self.uv.shape}")
         if self.faces.size and self.faces.max() >= len(self.vertices):
             raise ValueError(f"faces: index {self.faces.max()} of {len(self.vertices)} vertices")
 

@@ -17,8 +17,8 @@ from malus.scenes.tessellation import fitted
 from malus.scenes.topology import (
     angle_weighted_normals,
     defects_of_edges,
-    face_normals,
     merged_indices,
+    outward_normals,
     signed_volume,
     thin,
 )
@@ -38,11 +38,12 @@ _THINNEST = 1e-7
 
 @dataclass(frozen=True)
 class _Raw:
-    """A file's corners (n, 3), triangles (m, 3) and, if it has them, normals (n, 3)."""
+    """A file's corners (n, 3), triangles (m, 3), and its normals (n, 3) and uv (n, 2), if any."""
 
     vertices: FloatArray
     faces: Indices
     normals: FloatArray | None
+    uv: FloatArray | None
 
 
 def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMesh, list[str]]:
@@ -121,10 +122,11 @@ def _parts(scene: Any) -> Iterator[_Raw]:
         if len(getattr(mesh, "faces", ())):
             # Asking for vertex_normals would compute some; the cache tells the file's own.
             own = mesh.vertex_normals if "vertex_normals" in mesh._cache else None
-            yield _placed(np.asarray(placement), mesh.vertices, mesh.faces, own)
+            uv = getattr(mesh.visual, "uv", None)
+            yield _placed(np.asarray(placement), mesh.vertices, mesh.faces, own, uv)
 
 
-def _placed(placement: FloatArray, vertices: Any, faces: Any, normals: Any) -> _Raw:
+def _placed(placement: FloatArray, vertices: Any, faces: Any, normals: Any, uv: Any) -> _Raw:
     linear, shift = placement[:3, :3], placement[:3, 3]
     mirrored = np.linalg.det(linear) < 0
     faces = np.asarray(faces, dtype=np.int64)
@@ -133,16 +135,19 @@ def _placed(placement: FloatArray, vertices: Any, faces: Any, normals: Any) -> _
         faces[:, ::-1] if mirrored else faces,
         # A normal is a covector: it goes with the inverse transpose.
         None if normals is None else np.asarray(normals, dtype=np.float64) @ np.linalg.inv(linear),
+        uv if np.shape(uv) == (len(vertices), 2) and np.isfinite(uv).all() else None,
     )
 
 
 def _joined(parts: list[_Raw]) -> _Raw:
     starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
     normals = [part.normals for part in parts if part.normals is not None]
+    uv = [part.uv for part in parts if part.uv is not None]
     return _Raw(
         np.concatenate([part.vertices for part in parts]),
         np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
         np.concatenate(normals) if len(normals) == len(parts) else None,
+        np.concatenate(uv) if len(uv) == len(parts) else None,
     )
 
 
@@ -180,12 +185,14 @@ def _centred(raw: _Raw, file: Path) -> _Raw:
         hint = "give a mesh that is larger than a point"
         raise InputError(where, "a positive finite extent", found, hint) from None
     normals = None if raw.normals is None else raw.normals[used]
-    return _Raw(vertices, faces.reshape(-1, 3), normals)
+    uv = None if raw.uv is None else raw.uv[used]
+    return _Raw(vertices, faces.reshape(-1, 3), normals, uv)
 
 
 def _cleaned(raw: _Raw, shading: Shading, file: Path) -> tuple[TriangleMesh, list[str]]:
     defects: list[str] = []
-    merged = merged_indices(raw.vertices, _MERGE_DISTANCE)[raw.faces]
+    same = merged_indices(raw.vertices, _MERGE_DISTANCE)
+    merged = same[raw.faces]
     sound = ~thin(raw.vertices, merged, _THINNEST)
     if not sound.all():
         defects.append(f"degenerate: {(~sound).sum()} faces without area dropped")
@@ -203,10 +210,14 @@ def _cleaned(raw: _Raw, shading: Shading, file: Path) -> tuple[TriangleMesh, lis
         defects.append(f"huge: {len(merged)} faces")
     if shading == "file":
         assert raw.normals is not None  # load_mesh refused it
-        chosen = _outward(_unit_normals(raw.normals, own, file), raw.vertices, own, defects)
-        return _compact(raw.vertices, own, chosen), defects
+        chosen = outward_normals(_unit_normals(raw.normals, own, file), raw.vertices, own, defects)
+        return _compact(raw.vertices, own, chosen, raw.uv), defects
     normals = angle_weighted_normals(raw.vertices, merged) if shading == "smooth" else None
-    return _compact(raw.vertices, merged, normals), defects
+    if raw.uv is None:
+        return _compact(raw.vertices, merged, normals), defects
+    # At a seam of the texture one place has several coordinates: there its corners stay apart.
+    normals = None if normals is None else normals[same]
+    return _compact(raw.vertices[same], own, normals, raw.uv), defects
 
 
 def _unit_normals(normals: FloatArray, faces: Indices, file: Path) -> FloatArray:
@@ -218,25 +229,16 @@ def _unit_normals(normals: FloatArray, faces: Indices, file: Path) -> FloatArray
     return np.asarray(normals / np.where(length > 0, length, 1.0))
 
 
-def _outward(
-    normals: FloatArray, vertices: FloatArray, faces: Indices, defects: list[str]
-) -> FloatArray:
-    """The file's normals on the outer side of its faces; those still behind are reported."""
-    of_faces = face_normals(vertices, faces)
-    agreement = np.einsum("ijk,ik->ij", normals[faces], of_faces)
-    if agreement.mean() < 0:
-        defects.append("inverted normals: they pointed against the faces and were turned")
-        normals, agreement = -normals, -agreement
-    behind = (agreement < 0).any(axis=1)
-    if behind.any():
-        defects.append(f"normals: {behind.sum()} faces have one that points behind them")
-    return normals
-
-
-def _compact(vertices: FloatArray, faces: Indices, normals: FloatArray | None) -> TriangleMesh:
+def _compact(
+    vertices: FloatArray,
+    faces: Indices,
+    normals: FloatArray | None,
+    uv: FloatArray | None = None,
+) -> TriangleMesh:
     used, renumbered = np.unique(faces, return_inverse=True)
     return TriangleMesh(
         vertices[used].astype(np.float32),
         renumbered.reshape(-1, 3).astype(np.uint32),
         None if normals is None else normals[used].astype(np.float32),
+        None if uv is None else uv[used].astype(np.float32),
     )

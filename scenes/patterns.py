@@ -2,6 +2,7 @@
 
 A pattern is a function of the place in space (x right, y up, z towards the viewer; shapes fit the
 unit sphere), as if the object were carved out of it: no seams, and no texture coordinates needed.
+Only a picture may follow those of a mesh.
 """
 
 from __future__ import annotations
@@ -68,13 +69,14 @@ class ImageTexture(NamedFile):
 
     A grey between is a fine mixture of both neighbours. It is projected along z (`planar`: the
     square −1..1 of x and y), or from the centre (`spherical`: columns by atan2(−x, −z) from 0 to
-    2π, rows from +y, upright as seen from outside). `digest` is the file's hash, which a suite
-    fills in.
+    2π, rows from +y, upright as seen from outside); or it lies where a mesh file's own texture
+    coordinates put it (`uv`: from the lower left corner, repeated beyond 0..1). `digest` is the
+    file's hash, which a suite fills in.
     """
 
     kind: Literal["image"] = "image"
     path: str = Field(min_length=1, max_length=4096)
-    projection: Literal["planar", "spherical"] = "planar"
+    projection: Literal["planar", "spherical", "uv"] = "planar"
     what: ClassVar[str] = "picture"
 
     @property

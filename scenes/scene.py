@@ -13,8 +13,9 @@ from malus.scenes.camera import Camera
 from malus.scenes.errors import InputError
 from malus.scenes.lights import Distant, Light, turned
 from malus.scenes.model import Model
+from malus.scenes.patterns import ImageTexture
 from malus.scenes.shapes import Shape
-from malus.scenes.surface import Surface
+from malus.scenes.surface import Patterned, Surface
 from malus.scenes.surroundings import Placed, Surroundings
 
 LEAST_INCIDENCE = 0.01
@@ -65,6 +66,14 @@ class Scene(Model):
         if not (self.surroundings or self.camera.sees_the_object):
             hint = "use more resolution, or a camera that is nearer"
             raise InputError("camera", "an object that covers a pixel", "a smaller one", hint)
+        return self
+
+    @model_validator(mode="after")
+    def _coordinates_of_the_shape(self) -> Self:
+        pattern = self.surface.pattern if isinstance(self.surface, Patterned) else None
+        own = isinstance(pattern, ImageTexture) and pattern.projection == "uv"
+        if own and self.shape.kind != "mesh":
+            raise ValueError('projection = "uv" only on mesh files')
         return self
 
     @model_validator(mode="after")

@@ -127,3 +127,18 @@ def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+def outward_normals(
+    normals: FloatArray, vertices: FloatArray, faces: Indices, defects: list[str]
+) -> FloatArray:
+    """The file's normals on the outer side of its faces; those still behind are reported."""
+    of_faces = face_normals(vertices, faces)
+    agreement = np.einsum("ijk,ik->ij", normals[faces], of_faces)
+    if agreement.mean() < 0:
+        defects.append("inverted normals: they pointed against the faces and were turned")
+        normals, agreement = -normals, -agreement
+    behind = (agreement < 0).any(axis=1)
+    if behind.any():
+        defects.append(f"normals: {behind.sum()} faces have one that points behind them")
+    return normals

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from malus.bench import observe, run, score
 from malus.renderers import Truth
 from malus.renderers.family import render_family
 from malus.renderers.files.dataset import DatasetWriter, open_dataset
+from malus.renderers.translate import tessellated
 from malus.renderers.variant import choose
 from malus.scenes import (
     Area,
@@ -22,6 +24,7 @@ from malus.scenes import (
     Distant,
     ImageTexture,
     InputError,
+    MeshFile,
     Patterned,
     Sampling,
     Scene,
@@ -127,6 +130,94 @@ def test_image_textures_are_upright(tmp_path: Path, projection: str) -> None:
     found = {name: float(part.mean()) for name, part in quarters.items()}
     assert found.pop("upper right") == 1
     assert not any(found.values()), found
+
+
+def ball_with_coordinates(folder: Path, kind: str, scale: float = 1.0) -> MeshFile:
+    """A ball whose texture coordinates are those of the planar projection, times `scale`."""
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    uv = scale * (0.5 + 0.5 * np.asarray(ball.vertices)[:, :2])
+    ball.visual = trimesh.visual.TextureVisuals(uv=uv)
+    exported = ball.export(file_type=kind)
+    path = folder / f"ball.{kind}"
+    path.write_bytes(exported if isinstance(exported, bytes) else exported.encode())
+    return MeshFile(path=str(path))
+
+
+def corner(folder: Path) -> Path:
+    """A picture whose upper right quarter is white."""
+    values = np.zeros((40, 40), np.uint8)
+    values[:20, 20:] = 255
+    Image.fromarray(values).save(folder / "corner.png")
+    return folder / "corner.png"
+
+
+@pytest.mark.parametrize("kind", ["obj", "glb"])
+def test_coordinates_of_a_mesh_that_are_a_projection_do_what_it_does(
+    tmp_path: Path, kind: str
+) -> None:
+    """From its lower left corner up, whatever the file counts from."""
+    mesh, path = ball_with_coordinates(tmp_path, kind), str(corner(tmp_path))
+    seen = {}
+    for projection in ("planar", "uv"):
+        texture = ImageTexture(path=path, projection=projection)
+        surface = Patterned(pattern=texture, surfaces=(MATT, GOLD))
+        seen[projection] = render_family([scene(surface, mesh)], FEW)
+    shares = [family.shares[..., 1] for family in seen.values()]
+    # Rounding of the coordinates, within which a ray at an edge in the picture may change sides.
+    # At the rim the picture's own edges meet, because it repeats.
+    np.testing.assert_allclose(*(found[1:-1, 1:-1] for found in shares), atol=0.01)
+    assert 0.2 < shares[1][4:20, 4:20].mean() < 0.3
+
+
+def test_coordinates_beyond_the_picture_repeat_it(tmp_path: Path) -> None:
+    """The picture at double coordinates is four of it side by side."""
+    path = corner(tmp_path)
+    four = tmp_path / "four.png"
+    Image.fromarray(np.tile(np.asarray(Image.open(path)), (2, 2))).save(four)
+    shares = []
+    for picture, scale in ((path, 2.0), (four, 1.0)):
+        texture = ImageTexture(path=str(picture), projection="uv")
+        surface = Patterned(pattern=texture, surfaces=(MATT, GOLD))
+        folder = tmp_path / str(scale)
+        folder.mkdir()
+        mesh = ball_with_coordinates(folder, "obj", scale)
+        shares.append(render_family([scene(surface, mesh)], FEW).shares[..., 1])
+    np.testing.assert_allclose(*shares, atol=0.01)
+    assert 0.2 < shares[1][4:20, 4:20].mean() < 0.3
+
+
+def test_seams_of_a_texture_are_smooth(tmp_path: Path) -> None:
+    """Where the coordinates jump, positions and normals do not: the mesh renders as without."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    faces, corners = np.asarray(ball.faces), np.asarray(ball.vertices)
+    lines = [f"v {x} {y} {z}" for x, y, z in corners]
+    plain = lines + [f"f {a} {b} {c}" for a, b, c in faces + 1]
+    # Coordinates of its own for every corner of every face.
+    uv = np.random.default_rng(0).random((3 * len(faces), 2))
+    lines += [f"vt {u} {v}" for u, v in uv]
+    lines += [f"f {a}/{3 * k + 1} {b}/{3 * k + 2} {c}/{3 * k + 3}"
+              for k, (a, b, c) in enumerate(faces + 1)]  # fmt: skip
+    truths = []
+    for name, text in (("plain", plain), ("seams", lines)):
+        path = tmp_path / f"{name}.obj"
+        path.write_text("\n".join(text))
+        truths.append(truth_of(scene(MATT, MeshFile(path=str(path)))))
+    assert tessellated(MeshFile(path=str(path))).uv is not None
+    np.testing.assert_allclose(truths[1].normals, truths[0].normals, atol=1e-6)
+    # Rounding, in another order of the vertices.
+    peak = truths[0].image.max()
+    np.testing.assert_allclose(truths[1].stokes, truths[0].stokes, atol=1e-5 * peak)
+
+
+def test_coordinates_that_are_not_there_are_told(tmp_path: Path) -> None:
+    texture = ImageTexture(path=str(corner(tmp_path)), projection="uv")
+    surface = Patterned(pattern=texture, surfaces=(MATT, GOLD))
+    path = tmp_path / "bare.obj"
+    path.write_text(trimesh.creation.icosphere(subdivisions=1).export(file_type="obj"))
+    with pytest.raises(InputError, match=r"bare\.obj: expected texture coordinates for uv"):
+        render_family([scene(surface, MeshFile(path=str(path)))], FEW)
+    with pytest.raises(ValueError, match='projection = "uv" only on mesh files'):
+        scene(surface)
 
 
 def test_grey_is_a_mixture_and_its_errors_are_honest(tmp_path: Path) -> None:
