@@ -181,6 +181,19 @@ def test_lights_of_a_uniform_light_are_the_shadowed_facets() -> None:
     assert np.max(np.abs(expected.s1)) > 0.1
 
 
+def test_lights_are_as_exact_as_they_say_up_to_the_rim() -> None:
+    """The figures that `NODES_A_LOBE` tells; a smoother surface than that of the test above."""
+    observation = replace(seen(3, alpha=0.15, height=40, width=40, steepest=0.02), light=Uniform())
+    none = np.zeros_like(observation.specular)
+    observation = replace(observation, image=none + 1, specular=none + 1, diffuse=none)
+    found, expected = (reconstruct(observation, n) for n in ("lights", "shadowed"))
+    error = np.hypot(found.s1 - expected.s1, found.s2 - expected.s2).max(axis=-1)
+    zenith = np.degrees(np.arccos(observation.normals[..., 2]))
+    for low, high, told in ((0, 30, 2e-4), (30, 60, 2e-3), (60, 75, 7e-3), (75, 89, 9e-2)):
+        # To one digit, of 1600 random normals.
+        assert error[(zenith >= low) & (zenith < high)].max() < 1.25 * told
+
+
 @pytest.mark.parametrize("alpha", [0.3, 0.14, 0.1])
 @pytest.mark.parametrize("shape", [(128, 256), (101, 199), (37, 64), (8, 1000)])
 def test_directions_of_a_map_keep_a_sun_where_it_is(shape: tuple[int, int], alpha: float) -> None:
