@@ -485,7 +485,7 @@ def test_a_foreign_scene_opens_no_file_outside_its_dataset(
 def test_a_digest_leads_out_of_no_dataset(tmp_path: Path, digest: str) -> None:
     light = Environment(name="/etc/passwd", digest=digest)
     scene = made_up_truth().scene.model_copy(update={"light": light})
-    found = with_own_files(scene, tmp_path).light
+    found = with_own_files(scene, tmp_path, set()).light
     assert isinstance(found, Environment)
     assert found.file == tmp_path / "maps" / "unknown"
 

@@ -15,10 +15,11 @@ from made_up import made_up_truth
 from PIL import Image
 
 from malus.renderers.files import dataset as dataset_module
+from malus.renderers.files import dataset_files
 from malus.renderers.files.dataset import Dataset, DatasetWriter, open_dataset
 from malus.renderers.files.dataset_files import with_own_files
 from malus.renderers.translate import tessellated
-from malus.scenes import InputError
+from malus.scenes import Distant, InputError
 from malus.scenes.content import digest_of
 from malus.scenes.measured import Measured
 from malus.scenes.patterns import ImageTexture
@@ -134,7 +135,7 @@ def test_a_foreign_scene_opens_no_mesh_or_picture_outside_its_dataset(
 
 def test_a_suffix_leads_out_of_no_dataset(tmp_path: Path) -> None:
     for name in ("a.\0", "a.obj/../../b", "a. ", "a.\n", "a.\u0601"):
-        scene = with_own_files(naming("mesh", name, "0" * 16), tmp_path)
+        scene = with_own_files(naming("mesh", name, "0" * 16), tmp_path, set())
         assert isinstance(scene.shape, MeshFile)
         assert scene.shape.file == tmp_path / "meshes" / ("0" * 16)
 
@@ -144,3 +145,24 @@ def test_a_picture_that_changed_since_is_refused(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((4, 4), np.uint8)).save(path)
     with pytest.raises(InputError, match=f"a picture with digest {digest}"):
         opened(naming("picture", str(path), digest))
+
+
+def test_an_open_dataset_reads_a_file_of_many_scenes_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, digest = holding("material", tmp_path)
+    scenes = [naming("material", str(path), digest)]
+    scenes.append(scenes[0].model_copy(update={"light": Distant(incidence_deg=30)}))
+    with DatasetWriter(tmp_path / "data") as writer:
+        for scene in scenes:
+            writer.add(dataclasses.replace(made_up_truth(), scene=scene))
+    read: list[Path] = []
+    hashed = dataset_files.digest
+    monkeypatch.setattr(dataset_files, "digest", lambda p: read.append(p) or hashed(p))
+    found = list(open_dataset(tmp_path / "data"))
+    assert len(found) == 2
+    assert len(read) == 1
+    # Whoever opens the file still sees that it is another.
+    read[0].write_bytes(b"another")
+    with pytest.raises(InputError, match=f"a pBRDF file with digest {digest}"):
+        opened(found[1].scene)

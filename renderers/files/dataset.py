@@ -91,6 +91,10 @@ class Dataset:
     def _digests(self) -> dict[str, str]:
         return {entry.scene: entry.sha256 for entry in self.record.scenes}
 
+    @functools.cached_property
+    def _checked(self) -> set[Path]:
+        return set()
+
     def truth(self, scene_id: str) -> Truth:
         """The truth of a scene, as it was written, to the bit.
 
@@ -101,7 +105,7 @@ class Dataset:
         """
         self.scene(scene_id)
         truth = read_scene(self.path / scene_id)
-        return replace(truth, scene=with_own_files(truth.scene, self.path))
+        return replace(truth, scene=with_own_files(truth.scene, self.path, self._checked))
 
 
 def open_dataset(path: Path | str) -> Dataset:
