@@ -171,8 +171,7 @@ def test_lights_of_a_distant_light_are_the_half_vector(
 def test_lights_of_a_uniform_light_are_the_shadowed_facets() -> None:
     """Half vectors of a sphere of directions against slopes: two quadratures of one integral.
 
-    The environment has three nodes a lobe, good for 1e-4 where facets are cut off smoothly. The
-    horizon of L, where a row of the map is half below, costs its share of the lobe, 1e-3 here.
+    The quadrature of the light has the error that `NODES_A_LOBE` tells, times I_s/I ≤ 1.
     """
     observation = replace(seen(3, steepest=0.2), light=Uniform())
     found, expected = (reconstruct(observation, n) for n in ("lights", "shadowed"))
