@@ -17,6 +17,7 @@ from malus.renderers.lobes import Floats, Lobes
 from malus.renderers.nodes import Nodes, family_nodes
 from malus.renderers.patterned import PatternedFamily, check_coordinates, chosen, shares, with_part
 from malus.renderers.room import Rendered, render_room
+from malus.renderers.shading import Shading
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes.errors import InputError
 from malus.scenes.scene import Sampling, Scene
@@ -121,7 +122,8 @@ def _render(
     if not variant.vectorised:
         return stock.render_lobes(variant, key, nodes, sampling)
     interface, body = bsdfs(variant, nodes, key.alpha, key.body, key.measured)
-    shading = wavefront.Shading(interface, body, options.errors, options.where)
+    replay = options.where is None and key.measured is None
+    shading = Shading(interface, body, options.errors, options.where, replay)
     return wavefront.stage(variant, key.shape, key.camera).render(key.light, shading, sampling)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -22,28 +22,35 @@ from malus.scenes.lights import Area, Distant, Environment, Light, Sky, Uniform
 from malus.scenes.sky import parts
 
 Draws = list[tuple[Any, Any]]
-Sampler = Callable[[Any, Any, Any, Any], Draws]
-"""(hit, bsdf, random, valid) -> pairs of (local direction, weight)."""
+"""Pairs of (local direction, weight)."""
+
+
+@dataclass
+class Sampler:
+    """The parts of a light; all parameters are fields, where a frozen function can see them."""
+
+    parts: list[Any]
+
+    def __call__(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+        """Directions to shade a hit from, some of them drawn from the BSDF."""
+        return [pair for part in self.parts for pair in part.draws(hit, bsdf, random, valid)]
 
 
 def sampler(mi: ModuleType, light: Light) -> Sampler:
     """The sampler of a light; parameters are opaque, so that no light needs a new kernel."""
-    samplers = [_sampler(mi, part) for part in parts(light)]
-
-    def draw(hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
-        return [pair for one in samplers for pair in one(hit, bsdf, random, valid)]
-
-    return draw
+    return Sampler([_part(mi, part) for part in parts(light)])
 
 
-def _sampler(mi: ModuleType, light: Light) -> Sampler:
+def _part(mi: ModuleType, light: Light) -> Any:
     if isinstance(light, Distant):
-        return _distant(mi, light)
+        return _Distant(_vector(mi, light.direction), _constant(mi, light.irradiance))
     if isinstance(light, Uniform):
-        return _uniform(mi, light)
+        return _Uniform(_constant(mi, light.radiance))
     if isinstance(light, Area):
-        return _area(mi, light)
-    return _environment(mi, light)
+        # 1 − cos of the half angle, which for a small one would lose its digits in 32 bits.
+        span = _constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
+        return _Area(_vector(mi, light.direction), span, _constant(mi, light.radiance))
+    return _Environment(_environment_scene(mi.variant(), light).emitters()[0])
 
 
 def _constant(mi: ModuleType, value: float) -> Any:
@@ -56,9 +63,10 @@ def _vector(mi: ModuleType, values: Any) -> Any:
     return mi.Vector3f(*(_constant(mi, float(value)) for value in values))
 
 
-def _from_bsdf(mi: ModuleType, hit: Any, bsdf: Any, random: Any, valid: Any) -> tuple[Any, Any]:
+def _from_bsdf(hit: Any, bsdf: Any, random: Any, valid: Any) -> tuple[Any, Any]:
     """A local direction drawn from the BSDF and its density, zero where there is none."""
     import drjit as dr
+    import mitsuba as mi
 
     u = random.next_float32()
     uv = mi.Point2f(random.next_float32(), random.next_float32())
@@ -66,86 +74,89 @@ def _from_bsdf(mi: ModuleType, hit: Any, bsdf: Any, random: Any, valid: Any) -> 
     return drawn.wo, dr.select(valid, drawn.pdf, 0.0)
 
 
-def _distant(mi: ModuleType, light: Distant) -> Sampler:
-    import drjit as dr
+@dataclass
+class _Distant:
+    direction: Any
+    irradiance: Any
 
-    direction = _vector(mi, light.direction)
-    irradiance = _constant(mi, light.irradiance)
+    def draws(self, hit: Any, _bsdf: Any, _random: Any, valid: Any) -> Draws:
+        import drjit as dr
 
-    def draw(hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
-        return [(hit.to_local(direction), dr.select(valid, irradiance, 0.0))]
-
-    return draw
-
-
-def _uniform(mi: ModuleType, light: Uniform) -> Sampler:
-    import drjit as dr
-
-    radiance = _constant(mi, light.radiance)
-
-    def draw(hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
-        direction, density = _from_bsdf(mi, hit, bsdf, random, valid)
-        return [(direction, dr.select(density > 0, radiance / density, 0.0))]
-
-    return draw
+        return [(hit.to_local(self.direction), dr.select(valid, self.irradiance, 0.0))]
 
 
-def _area(mi: ModuleType, light: Area) -> Sampler:
-    import drjit as dr
+@dataclass
+class _Uniform:
+    radiance: Any
 
-    frame = mi.Frame3f(_vector(mi, light.direction))
-    # 1 − cos of the half angle, which for a small one would lose its digits in 32 bits.
-    span = _constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
-    radiance = _constant(mi, light.radiance)
-    density = 1.0 / (2.0 * dr.pi * span)
+    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+        import drjit as dr
 
-    def draw(hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+        direction, density = _from_bsdf(hit, bsdf, random, valid)
+        return [(direction, dr.select(density > 0, self.radiance / density, 0.0))]
+
+
+@dataclass
+class _Area:
+    direction: Any
+    span: Any
+    radiance: Any
+
+    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+        import drjit as dr
+        import mitsuba as mi
+
+        frame = mi.Frame3f(self.direction)
+        density = 1.0 / (2.0 * dr.pi * self.span)
         uv = mi.Point2f(random.next_float32(), random.next_float32())
-        drop = uv.x * span
+        drop = uv.x * self.span
         sine = dr.sqrt(drop * (2.0 - drop))
         sin_phi, cos_phi = dr.sincos(2.0 * dr.pi * uv.y)
         local = mi.Vector3f(sine * cos_phi, sine * sin_phi, 1.0 - drop)
         first = hit.to_local(frame.to_world(local))
         other = bsdf.pdf(mi.BSDFContext(), hit, first, valid)
-        second, drawn = _from_bsdf(mi, hit, bsdf, random, valid)
+        second, drawn = _from_bsdf(hit, bsdf, random, valid)
         away = frame.to_local(hit.to_world(second)) - mi.Vector3f(0, 0, 1)
-        inside = (drawn > 0) & (0.5 * dr.squared_norm(away) <= span)
+        inside = (drawn > 0) & (0.5 * dr.squared_norm(away) <= self.span)
         return [
-            (first, dr.select(valid, radiance / (density + other), 0.0)),
-            (second, dr.select(inside, radiance / (density + drawn), 0.0)),
+            (first, dr.select(valid, self.radiance / (density + other), 0.0)),
+            (second, dr.select(inside, self.radiance / (density + drawn), 0.0)),
         ]
 
-    return draw
 
+@dataclass
+class _Environment:
+    emitter: Any
 
-def _environment(mi: ModuleType, light: Environment | Sky) -> Sampler:
-    import drjit as dr
+    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+        import drjit as dr
+        import mitsuba as mi
 
-    scene = _environment_scene(mi.variant(), light)
-    emitter = scene.emitters()[0]
-
-    def radiance(direction: Any, active: Any) -> Any:
-        seen = dr.zeros(mi.SurfaceInteraction3f)
-        seen.wi = -direction
-        return emitter.eval(seen, active)[0, 0][0]
-
-    def draw(hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
         uv = mi.Point2f(random.next_float32(), random.next_float32())
-        sample, _ = emitter.sample_direction(hit, uv, valid)
+        sample, _ = self.emitter.sample_direction(hit, uv, valid)
         first = hit.to_local(sample.d)
         other = bsdf.pdf(mi.BSDFContext(), hit, first, valid)
         usable = valid & (sample.pdf > 0)
-        second, drawn = _from_bsdf(mi, hit, bsdf, random, valid)
+        second, drawn = _from_bsdf(hit, bsdf, random, valid)
         back = dr.zeros(mi.DirectionSample3f)
         back.d = hit.to_world(second)
-        density = emitter.pdf_direction(hit, back, valid)
+        density = self.emitter.pdf_direction(hit, back, valid)
         total = dr.select(drawn > 0, density + drawn, 1.0)
         return [
-            (first, dr.select(usable, radiance(sample.d, usable) / (sample.pdf + other), 0.0)),
-            (second, dr.select(drawn > 0, radiance(back.d, drawn > 0) / total, 0.0)),
+            (
+                first,
+                dr.select(usable, self._radiance(sample.d, usable) / (sample.pdf + other), 0.0),
+            ),
+            (second, dr.select(drawn > 0, self._radiance(back.d, drawn > 0) / total, 0.0)),
         ]
 
-    return draw
+    def _radiance(self, direction: Any, active: Any) -> Any:
+        import drjit as dr
+        import mitsuba as mi
+
+        seen = dr.zeros(mi.SurfaceInteraction3f)
+        seen.wi = -direction
+        return self.emitter.eval(seen, active)[0, 0][0]
 
 
 @functools.lru_cache(maxsize=2)

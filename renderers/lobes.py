@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,13 +62,26 @@ class Layout:
         return [1, self.interface, self.body, *products]
 
     @property
+    def places(self) -> list[tuple[int, int, int]]:
+        """Of every triple: how many come in parts before its own, its part's count, its number."""
+        starts = np.cumsum([0, *self.counts]).tolist()
+        parts = zip(starts, self.counts, strict=False)
+        return [(before, count, node) for before, count in parts for node in range(count)]
+
+    @property
     def channels(self) -> int:
         """All channels."""
         return 3 * sum(self.counts)
 
+    def split(self, sums: Floats) -> list[Floats]:
+        """The parts (2, count, pixels, 3) of sums that lie one after the other, as views."""
+        ends = HALVES * 3 * np.cumsum(self.counts) * (sums.size // (HALVES * self.channels))
+        parts = zip(np.split(sums, ends[:-1]), self.counts, strict=True)
+        return [part.reshape(HALVES, count, -1, 3) for part, count in parts]
+
 
 def lobes_from_sums(
-    sums: Floats,
+    blocks: Sequence[Floats],
     layout: Layout,
     samples: int,
     pixels: NDArray[np.int64],
@@ -77,18 +91,19 @@ def lobes_from_sums(
 
     Parameters
     ----------
-    sums : (channels, 2, P)
-        Normal, Stokes vectors of the interface's and the body's nodes, and where the layout has
-        them their squares and the products of both lobes.
+    blocks : flat arrays
+        Of some pixels each, part after part (normal, Stokes vectors of the interface's and of the
+        body's nodes, and where the layout has them their squares and the products of both lobes),
+        each part (2, count, pixels, 3). They are divided in place.
     samples : int
         Samples of a half.
     """
-    parts = np.split(sums, 3 * np.cumsum(layout.counts)[:-1])
-    # (count * 3, halves, pixels) -> (halves, count, pixels, 3), means over the half's samples
+    split = [layout.split(block) for block in blocks]
+    for block in blocks:
+        block /= np.float32(samples)
     normal, mirrored, scattered, *products = (
-        np.ascontiguousarray(part.reshape(count, 3, HALVES, -1).transpose(2, 0, 3, 1))
-        / np.float32(samples)
-        for part, count in zip(parts, layout.counts, strict=True)
+        parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
+        for parts in zip(*split, strict=True)
     )
     lobes = Lobes(
         specular=mirrored,

@@ -2,32 +2,64 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import ModuleType
-from typing import Any
+from typing import Any, Self
 
 from malus.renderers.lobes import HALVES
 
+_PURPOSES = 2
 
-def streams(mi: ModuleType, pixel: Any, half: Any, seed: int) -> tuple[Any, Any]:
-    """Independent streams of a pixel and half: one for the rays, one for the shading."""
-    import drjit as dr
 
+def streams(mi: ModuleType, number: Any, seed: Any) -> tuple[Any, Any]:
+    """Independent streams of random numbers: one for the rays, one for the shading.
+
+    `number` tells the pixel and the half of its samples: pixel * HALVES + half.
+    """
     found = []
-    for purpose in range(2):
-        index = (pixel * HALVES + half) * 2 + purpose
-        state, sequence = mi.sample_tea_32(index, dr.opaque(mi.UInt32, seed))
+    for purpose in range(_PURPOSES):
+        state, sequence = mi.sample_tea_32(number * _PURPOSES + purpose, seed)
         stream = mi.PCG32()
         stream.seed(mi.UInt64(state), mi.UInt64(sequence))
         found.append(stream)
     return found[0], found[1]
 
 
-def camera_ray(mi: ModuleType, sensor: Any, resolution: int, pixel: Any, random: Any) -> Any:
-    """A ray through a random point of every pixel; pixels count row by row from the top."""
-    offset = mi.Point2f(random.next_float32(), random.next_float32())
-    corner = mi.Point2f(pixel % resolution, pixel // resolution)
-    ray, _ = sensor.sample_ray(0.0, 0.0, (corner + offset) / resolution, mi.Point2f(0.5))
-    return ray
+def stream_number(pixel: Any, half: Any) -> Any:
+    """Number of the streams of a pixel and a half of its samples."""
+    return pixel * HALVES + half
+
+
+@dataclass
+class Film:
+    """A square sensor and its resolution.
+
+    Mitsuba 3.9's orthographic camera hides the transform from its film from functions that Dr.Jit
+    freezes; `to_camera` is a copy of it, None for other cameras.
+    """
+
+    sensor: Any
+    resolution: int
+    to_camera: Any | None = None
+
+    @classmethod
+    def of(cls, sensor: Any, resolution: int) -> Self:
+        """The film of a Mitsuba sensor."""
+        orthographic = sensor.class_name() == "OrthographicCamera"
+        return cls(
+            sensor, resolution, sensor.projection_transform().inverse() if orthographic else None
+        )
+
+    def ray(self, mi: ModuleType, pixel: Any, random: Any) -> Any:
+        """A ray through a random point of every pixel; pixels count row by row from the top."""
+        offset = mi.Point2f(random.next_float32(), random.next_float32())
+        corner = mi.Point2f(pixel % self.resolution, pixel // self.resolution)
+        at = (corner + offset) / self.resolution
+        ray, _ = self.sensor.sample_ray(0.0, 0.0, at, mi.Point2f(0.5))
+        if self.to_camera is not None:
+            near = self.to_camera @ mi.Point3f(at.x, at.y, 0.0)
+            ray.o = self.sensor.world_transform() @ near
+        return ray
 
 
 def to_camera_frame(mi: ModuleType, sensor: Any, ray: Any) -> Any:

@@ -23,7 +23,7 @@ from malus.renderers.lighting import Sampler, sampler
 from malus.renderers.lobes import HALVES, Floats, unit
 from malus.renderers.placed import Painted, placed_object
 from malus.renderers.pooled import pooled
-from malus.renderers.rays import camera_ray, streams, to_camera_frame
+from malus.renderers.rays import Film, stream_number, streams, to_camera_frame
 from malus.renderers.translate import emitters, sensor
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, mitsuba
@@ -91,7 +91,7 @@ class Room:
         self.lit = mi.load_dict(
             {"type": "scene"} | emitters(mi, scene.light, _reach(scene)) | parts
         )
-        self.sensor = self.dark.sensors()[0]
+        self.film = Film.of(self.dark.sensors()[0], scene.camera.resolution)
         self.owner = covering(mi, self.dark, self.shapes, scene.camera.resolution)
         self.path = _path(mi, sampling.max_depth)
         everything, flags = mi.TransportMode.Radiance, mi.BSDFFlags
@@ -162,12 +162,13 @@ class Room:
         half, local = thread // len(pixels), thread % len(pixels)
         pixel = dr.gather(mi.UInt32, mi.UInt32(pixels), local)
         owner = dr.gather(mi.Int32, mi.Int32(self.owner[pixels]), local)
-        rays, draws = streams(mi, pixel, half, self.sampling.seed)
+        seed = dr.opaque(mi.UInt32, self.sampling.seed)
+        rays, draws = streams(mi, stream_number(pixel, half), seed)
         further = mi.load_dict({"type": "independent"})
         further.seed(self.sampling.seed + int(pixels[0]), count)
 
         def step(i: Any, sums: list[Any], rays: Any, draws: Any, further: Any) -> tuple[Any, ...]:
-            ray = camera_ray(mi, self.sensor, self.scene.camera.resolution, pixel, rays)
+            ray = self.film.ray(mi, pixel, rays)
             values = self._sample(ray, owner, light, draws, further)
             sums = [s + v for s, v in zip(sums, values, strict=True)]
             return i + 1, sums, rays, draws, further
@@ -188,7 +189,7 @@ class Room:
         hit = self.dark.ray_intersect(ray)
         valid = hit.is_valid()
         shaded = [mi.Float(0.0) for _ in range(3 * len(self.lobes))]
-        to_camera = to_camera_frame(mi, self.sensor, ray)
+        to_camera = to_camera_frame(mi, self.film.sensor, ray)
         for direction, weight, stokes in self._incoming(hit, light, draws, further):
             for k, lobe in enumerate(self.lobes):
                 mueller = hit.bsdf().eval(lobe, hit, direction, valid)

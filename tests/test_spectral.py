@@ -16,8 +16,9 @@ import pytest
 
 from malus.renderers.family import render_family
 from malus.renderers.lobes import Layout
+from malus.renderers.shading import Shading
 from malus.renderers.variant import Variant, choose, mitsuba
-from malus.renderers.wavefront import Shading, Stage
+from malus.renderers.wavefront import Stage
 from malus.scenes import Area, Camera, Dielectric, Distant, Sampling, Scene, Sphere
 from malus.scenes.lights import Light
 
@@ -32,19 +33,16 @@ class FourBands(Shading):
     def layout(self) -> Layout:
         return Layout(len(BANDS) * len(self.interface), len(BANDS) * len(self.body), self.errors)
 
-
-class SpectralStage(Stage):
-    """The stage of a spectral variant, every ray at the same four wavelengths."""
-
-    def _lobe(
-        self, hit: Any, valid: Any, light: Any, bsdfs: Any, to_camera: Any, random: Any
+    def lobe(
+        self, mi: Any, hit: Any, incoming: Any, bsdfs: Any, to_camera: Any, valid: Any
     ) -> list[Any]:
-        mi, dr = self.mi, self.dr
+        import drjit as dr
+
         hit.wavelengths = type(hit.wavelengths)(*BANDS)
         values = [mi.Float(0.0) for _ in range(3 * len(BANDS) * len(bsdfs))]
-        for direction, weight in light(hit, bsdfs[0], random, valid):
+        for direction, weight in incoming:
             for k, bsdf in enumerate(bsdfs):
-                mueller = bsdf.eval(self.context, hit, direction, valid)
+                mueller = bsdf.eval(mi.BSDFContext(), hit, direction, valid)
                 mueller = to_camera @ hit.to_world_mueller(mueller, -direction, hit.wi)
                 for band in range(len(BANDS)):
                     for row in range(3):
@@ -90,7 +88,7 @@ def test_one_spectral_pass_is_a_render_a_band_is_interpolation(spectral: Any, li
     camera = Camera(resolution=16)
     body = spectral.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}})
     shading = FourBands([mirror(spectral, surface)], [body], errors=False)
-    lobes = SpectralStage(spectral, Sphere(), camera).render(light, shading, SAMPLING)
+    lobes = Stage(spectral, Sphere(), camera).render(light, shading, SAMPLING)
     one_pass = lobes.specular.mean(axis=0).transpose(1, 0, 2)  # (pixels, bands, 3)
     scene = Scene(shape=Sphere(), surface=surface, light=light, camera=camera, wavelengths_nm=BANDS)
     others = [
