@@ -43,7 +43,7 @@ def made_up_truth(seed: int = 0, noise: float = 0.0) -> Truth:
         mask=rng.random((SIDE, SIDE)) < 0.7,
         standard_error=np.full(shape, noise),
         specular_noise=noise * rng.normal(size=shape),
-        diffuse_noise=np.zeros(shape),
+        diffuse_noise=0.5 * noise * rng.normal(size=shape),
     )
 
 
@@ -251,8 +251,9 @@ def test_sums_equal_brute_force(pixels: int, bands: int) -> None:
     true, draw = np.stack([first, *field]), np.stack([second - first, *noise])
     missed = estimate[:, 0] - true
     change = estimate[:, 1] - (true + draw) - missed
-    moments, totals, draws = difference_sums(
-        tuple(estimate), tuple(known), facing, tuple(form[np.triu_indices(3)])
+    draws = np.empty((3, pixels))
+    moments, totals = difference_sums(
+        tuple(estimate), tuple(known), facing, tuple(form[np.triu_indices(3)]), draws
     )
     i, j = np.triu_indices(3)
     for found, each in zip(moments, (missed, change), strict=True):

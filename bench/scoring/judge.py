@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from malus.bench.scoring.agreement import ALONG, ERROR, Agreement
+from malus.bench.scoring.agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreement
 from malus.bench.scoring.metrics import (
     Error,
     Floats,
     Residuals,
+    brightest,
     cos_zenith,
     nmse_by,
-    peak,
     skill,
     skills,
 )
 from malus.bench.scoring.pixel_kernels import (
+    Form,
     Planes,
     count_violations,
     difference_sums,
@@ -31,8 +34,7 @@ from malus.scenes.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 
 
-@dataclass(frozen=True)
-class Value:
+class Value(NamedTuple):
     """One number of a results table; band and angle are None where it is over all of them."""
 
     metric: str
@@ -142,15 +144,16 @@ class Judge:
             raise InputError(truth.scene.label, "an object that covers a pixel", "none", hint)
         self.truth = truth
         self.sight = Sight.of(truth)
-        self.peak = peak(truth)
-        # The fourth power: see Agreement.facing_skill.
-        self.facing = cos_zenith(truth) ** 4
-        self.form = tuple(angle_weights()[np.triu_indices(3)].tolist())
+        known = self.sight.known
+        self.peak = brightest(known.image[0])
+        self.facing = np.square(np.square(cos_zenith(truth)))  # see Agreement.facing_skill
+        self.draws = np.empty((5, len(self.sight.pixels)))
         nothing = np.zeros_like(self.sight.true)
-        moments, (along, _, error), draws = self._sums((self.sight.known.image, nothing, nothing))
+        moments, (along, _, error) = self._sums((known.image, nothing, nothing))
         self.guess = self._residuals(moments)
         # The guess lacks the whole field: its product with that is minus the field's energy.
-        self.totals, self.draws = (-along, error), (-draws[ALONG], draws[ERROR])
+        self.totals = -along, error
+        self.draws[ENERGY], self.draws[TRIVIAL] = -self.draws[ALONG], self.draws[ERROR]
 
     def score(self, method: Method, metrics: Sequence[Metric] = ()) -> Score:
         """The score of one method; raises Inapplicable where it cannot work on this truth.
@@ -161,8 +164,7 @@ class Judge:
 
     def score_estimate(self, estimate: Components, metrics: Sequence[Metric] = ()) -> Score:
         """The score of what a method made of this truth's sight."""
-        moments, totals, draws = self._sums((estimate.image, estimate.s1, estimate.s2))
-        covariance = products(np.vstack([draws, *self.draws]))
+        moments, totals = self._sums((estimate.image, estimate.s1, estimate.s2))
         scale = self.peak**2
         residuals, noise = self._residuals(moments)
         picture = self.sight.picture(estimate) if metrics else estimate
@@ -175,17 +177,18 @@ class Judge:
             self.truth.scene.wavelengths_nm,
             Agreement(
                 np.array([*totals, *self.totals]) / scale,
-                covariance / scale**2,
+                products(self.draws) / scale**2,
                 self.sight.true[0].size,
             ),
             tuple(value for metric in metrics for value in metric(picture, self.truth)),
             estimate.converged,
         )
 
-    def _sums(self, estimate: Planes) -> tuple[Floats, Floats, Floats]:
+    def _sums(self, estimate: Planes) -> tuple[Floats, Floats]:
+        """Moments and totals; the draws of these totals are written."""
         known = self.sight.known.image, self.sight.true, self.sight.draw
         image, s1, s2 = (np.ascontiguousarray(plane) for plane in estimate)
-        return difference_sums((image, s1, s2), known, self.facing, self.form)
+        return difference_sums((image, s1, s2), known, self.facing, _form(), self.draws)
 
     def _residuals(self, moments: Floats) -> tuple[Residuals, Residuals]:
         """Of an estimate, and of what one draw of the noise changes in it."""
@@ -198,6 +201,12 @@ class Judge:
         # A few rounding errors of the dtype are allowed.
         slack = 1.0 + 8.0 * float(np.finfo(planes[0].dtype).eps)
         return count_violations(*planes, self.sight.known.image[0], slack)
+
+
+@functools.cache
+def _form() -> Form:
+    a, b, c, d, e, f = angle_weights()[np.triu_indices(3)].tolist()
+    return a, b, c, d, e, f
 
 
 def score(truth: Truth, method: Method | str) -> Score:

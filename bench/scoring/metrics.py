@@ -146,6 +146,10 @@ def cos_zenith(truth: Truth) -> Floats:
 
 def peak(truth: Truth) -> float:
     """Largest value of the unpolarised image over mask and bands; 1 where all is dark."""
-    lit = truth.image[truth.mask]
+    return brightest(truth.image[truth.mask])
+
+
+def brightest(lit: Image) -> float:
+    """Largest value of what lies in the mask; 1 where all is dark."""
     largest = float(lit.max()) if lit.size else 0.0
     return largest if largest > 0 else 1.0

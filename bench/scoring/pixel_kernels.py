@@ -22,34 +22,40 @@ from malus.reconstruct.kernels import compiled
 Floats = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 FourRows = tuple[Image, Image, Image, Image]
+Lobe = tuple[Image, Image]
 Planes = tuple[Image, Image, Image]
 Form = tuple[float, float, float, float, float, float]
 
 
 @compiled
 def gather(
-    pixels: NDArray[np.intp], lobe: Image, noise: Image, seen: Image, true: Image, draw: Image
+    pixels: NDArray[np.intp], specular: Lobe, diffuse: Lobe, seen: Planes, field: Lobe
 ) -> None:
-    """Take one lobe's Stokes vectors at `pixels`, and one draw of their noise.
+    """Take the Stokes vectors of both lobes at `pixels`, and one draw of their noise.
 
     Parameters
     ----------
     pixels : (pixels,)
         Flat indices.
-    lobe, noise : (all pixels, bands, 3)
-    seen : (2, pixels, bands)
-        Written: the intensity as rendered, and with the draw added.
-    true, draw : (2, pixels, bands)
-        Added to: s1 and s2.
+    specular, diffuse : two of (all pixels, bands, 3)
+        A lobe and its noise.
+    seen : three of (2, pixels, bands)
+        Written: intensities of both lobes and their sum, as rendered and with the draw added.
+    field : two of (2, pixels, bands)
+        Written: s1 and s2 of the sum, and of its draw.
     """
+    (light, light_noise), (body, body_noise) = specular, diffuse
+    (mirrored, left, image), (true, draw) = seen, field
     for p in range(len(pixels)):
         at = pixels[p]
-        for b in range(lobe.shape[1]):
-            seen[0, p, b] = lobe[at, b, 0]
-            seen[1, p, b] = lobe[at, b, 0] + noise[at, b, 0]
+        for b in range(light.shape[1]):
+            one, two = light[at, b, 0], body[at, b, 0]
+            mirrored[0, p, b], left[0, p, b], image[0, p, b] = one, two, one + two
+            one, two = one + light_noise[at, b, 0], two + body_noise[at, b, 0]
+            mirrored[1, p, b], left[1, p, b], image[1, p, b] = one, two, one + two
             for k in range(2):
-                true[k, p, b] += lobe[at, b, k + 1]
-                draw[k, p, b] += noise[at, b, k + 1]
+                true[k, p, b] = light[at, b, k + 1] + body[at, b, k + 1]
+                draw[k, p, b] = light_noise[at, b, k + 1] + body_noise[at, b, k + 1]
 
 
 MOST_BANDS = 512
@@ -118,7 +124,7 @@ def compare_fields(estimate: FourRows, field: FourRows, form: Form, rows: Floats
 
 @compiled
 def add_bands(rows: Floats, bands: int, facing: Floats, draws: Floats) -> float:
-    """Write the draws of every pixel, (3, pixels), and return the weighted squared error."""
+    """Write the draws of every pixel, and return the weighted squared error."""
     along, across, error, change = rows[_ALONG:], rows[_ACROSS:], rows[_ERROR:], rows[_CHANGE:]
     total = 0.0
     for p in range(len(facing)):
@@ -135,8 +141,8 @@ def add_bands(rows: Floats, bands: int, facing: Floats, draws: Floats) -> float:
 
 @compiled
 def difference_sums(
-    estimate: Planes, known: Planes, facing: Floats, form: Form
-) -> tuple[Floats, Floats, Floats]:
+    estimate: Planes, known: Planes, facing: Floats, form: Form, draws: Floats
+) -> tuple[Floats, Floats]:
     """Second moments of an estimate's differences, and its products with the true field.
 
     With independent halves t ± n the mean of the products of both is tᵀWt − nᵀWn; to first
@@ -153,6 +159,8 @@ def difference_sums(
     form : 6 floats
         Elements 00, 01, 02, 11, 12, 22 of the quadratic form W of a squared error over polariser
         angles.
+    draws : (3 or more, pixels)
+        Written: what the draw of a pixel's noise, in all bands at once, adds to the totals.
 
     Returns
     -------
@@ -161,13 +169,11 @@ def difference_sums(
         draw changes in it.
     totals : (3,)
         Σ d·s and Σ s × d over the polarised parts, Σ of the weighted squared error; without noise.
-    draws : (3, pixels)
-        What the draw of a pixel's noise, in all bands at once, adds to the totals.
     """
     pixels, bands = known[0].shape[1:]
     (image, s1, s2), (seen, true, draw) = flat(estimate), flat(known)
     at_once = MOST_BANDS // bands
-    rows, draws, error = np.zeros(_SUMS + 14 * _ROW), np.empty((3, pixels)), 0.0
+    rows, error = np.zeros(_SUMS + 14 * _ROW), 0.0
     for p in range(0, pixels, at_once):
         q = min(p + at_once, pixels)
         i, j = p * bands, q * bands
@@ -183,7 +189,7 @@ def difference_sums(
             for b in range(bands):
                 sums[row, b] += part[first + b]
     totals = np.array([sums[12].sum(), sums[13].sum(), error])
-    return sums[:12].copy().reshape(2, 6, bands), totals, draws
+    return sums[:12].copy().reshape(2, 6, bands), totals
 
 
 @compiled

@@ -7,14 +7,14 @@ makes of both says how much of its error is noise.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from malus.bench.scoring.pixel_kernels import gather
-from malus.bench.scoring.view import KNOWN, observe
+from malus.bench.scoring.view import KNOWN, observe, told
 from malus.reconstruct import Components, Method, Observation
 from malus.renderers.truth import Truth
 
@@ -48,24 +48,23 @@ class Sight:
         pixels = np.flatnonzero(truth.mask)
         bands = truth.specular.shape[2]
         dtype = truth.specular.dtype
-        true, draw = (np.zeros((2, len(pixels), bands), dtype) for _ in range(2))
-        specular, diffuse = (np.empty((2, len(pixels), bands), dtype) for _ in range(2))
-        for lobe, noise, seen in (
-            (truth.specular, truth.specular_noise, specular),
-            (truth.diffuse, truth.diffuse_noise, diffuse),
-        ):
-            gather(pixels, _flat(lobe), _flat(noise), seen, true, draw)
-        rest = observe(truth, KNOWN - {"specular", "diffuse"})
+        specular, diffuse, image, true, draw = (
+            np.empty((2, len(pixels), bands), dtype) for _ in range(5)
+        )
+        gather(
+            pixels,
+            (_flat(truth.specular), _flat(truth.specular_noise)),
+            (_flat(truth.diffuse), _flat(truth.diffuse_noise)),
+            (specular, diffuse, image),
+            (true, draw),
+        )
+        rest = told(truth, KNOWN - {"specular", "diffuse"})
         known = Observation(
-            image=specular + diffuse,
+            image=image,
             mask=np.ones((2, len(pixels)), dtype=bool),
             specular=specular if truth.scene.lobes_known else None,
             diffuse=diffuse if truth.scene.lobes_known else None,
-            **{
-                field.name: _twice(getattr(rest, field.name), pixels, truth.mask.shape)
-                for field in fields(Observation)
-                if field.name not in {"image", "mask", "specular", "diffuse"}
-            },
+            **{name: _twice(value, pixels, truth.mask.shape) for name, value in rest.items()},
         )
         return cls(truth, pixels, known, true, draw)
 
@@ -96,7 +95,7 @@ class Sight:
         image, s1, s2 = planes
         return Components(image, s1, s2)
 
-    @property
+    @functools.cached_property
     def as_rendered(self) -> NDArray[np.bool_]:
         """The first row of `known`, as a mask (2, pixels)."""
         return self.known.mask & np.array([[True], [False]])
@@ -121,5 +120,5 @@ def _twice(value: Any, pixels: NDArray[np.intp], shape: tuple[int, ...]) -> Any:
     """What is known a pixel, at `pixels` and in two rows; what is known as a whole, as it is."""
     if np.shape(value)[:2] != shape:
         return value
-    chosen = value.reshape(-1, *value.shape[2:])[pixels]
+    chosen = value.reshape(-1, *value.shape[2:]).take(pixels, axis=0)
     return np.stack([chosen, chosen])

@@ -55,13 +55,16 @@ def observe(truth: Truth, needs: frozenset[str]) -> Observation:
     >>> observe(truth, frozenset({"alpha"})).alpha
     0.3
     """
+    return Observation(image=truth.image, mask=truth.mask, **told(truth, needs))
+
+
+def told(truth: Truth, needs: frozenset[str]) -> dict[str, Any]:
+    """What `observe` fills in besides the picture, by the names of Observation's attributes."""
     unknown = needs - _KNOWN.keys()
     if unknown:
         raise ValueError(f"needs: expected some of {sorted(_KNOWN)}, found {sorted(unknown)}")
-    return Observation(
-        image=truth.image,
-        mask=truth.mask,
-        wavelengths_nm=truth.scene.wavelengths_nm,
-        view=truth.view if needs & {"normals", "light"} else None,
+    return {
+        "wavelengths_nm": truth.scene.wavelengths_nm,
+        "view": truth.view if needs & {"normals", "light"} else None,
         **{name: _KNOWN[name](truth) for name in needs},
-    )
+    }
