@@ -15,7 +15,14 @@ from malus.renderers.bsdfs import bsdfs
 from malus.renderers.interpolated import Family, FamilyKey, interpolate
 from malus.renderers.lobes import Floats, Lobes
 from malus.renderers.nodes import Nodes, family_nodes
-from malus.renderers.patterned import PatternedFamily, check_coordinates, chosen, shares, with_part
+from malus.renderers.patterned import (
+    PatternedFamily,
+    check_coordinates,
+    chosen,
+    place,
+    shares,
+    with_part,
+)
 from malus.renderers.room import Rendered, render_room
 from malus.renderers.shading import Shading
 from malus.renderers.variant import Variant, choose, mitsuba
@@ -108,7 +115,8 @@ def _patterned(
         families.append(_plain(FamilyKey.of(parts[0]), parts, sampling, variant, only_here))
     stage = wavefront.stage(variant, key.shape, key.camera)
     side = key.camera.resolution
-    seen = shares(mi, stage.scene, side, key.pattern, count).reshape(side, side, count)
+    at = place(mi, key.pattern, count)
+    seen = shares(mi, stage.scene, side, at, count).reshape(side, side, count)
     return PatternedFamily(key, tuple(families), seen, sampling.samples)
 
 

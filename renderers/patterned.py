@@ -22,7 +22,7 @@ from malus.renderers.truth import Truth
 from malus.scenes.errors import InputError
 from malus.scenes.patterns import Checker, ImageTexture, Pattern, Spots, Stripes
 from malus.scenes.scene import Scene
-from malus.scenes.shapes import MeshFile, Shape
+from malus.scenes.shapes import MeshFile, ShapeOrPlane
 from malus.scenes.surface import Patterned
 
 Place = Callable[[Any], Any]
@@ -81,7 +81,7 @@ def _image(mi: ModuleType, pattern: ImageTexture, count: int) -> Place:
     return lambda hit: texture.eval(project(hit))[0]
 
 
-def check_coordinates(pattern: Pattern, shape: Shape) -> None:
+def check_coordinates(pattern: Pattern, shape: ShapeOrPlane) -> None:
     """Check that a mesh has the texture coordinates that a pattern asks for.
 
     Raises
@@ -114,14 +114,13 @@ def chosen(mi: ModuleType, pattern: Pattern, count: int, index: int) -> Callable
     return belongs
 
 
-def shares(mi: ModuleType, scene: Any, resolution: int, pattern: Pattern, count: int) -> Floats:
+def shares(mi: ModuleType, scene: Any, resolution: int, at: Place, count: int) -> Floats:
     """Share (pixels, count) of each surface in what a pixel sees, from 4 × 4 rays a pixel.
 
     They do not depend on samples or seed. Off the object the first surface has all.
     """
     import drjit as dr
 
-    at = place(mi, pattern, count)
     pixel = dr.arange(mi.UInt32, resolution**2)
     corner = mi.Point2f(pixel % resolution, pixel // resolution)
     found = np.zeros((resolution**2, count), dtype=np.float64)

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from malus.renderers.coverage import covering
 from malus.renderers.lighting import Sampler, sampler
 from malus.renderers.lobes import HALVES, Floats, unit
-from malus.renderers.placed import Painted, placed_object
+from malus.renderers.patterned import shares
+from malus.renderers.placed import painted, parts_of, pattern_on, placed_object
 from malus.renderers.pooled import pooled
 from malus.renderers.rays import Film, stream_number, streams, to_camera_frame
 from malus.renderers.translate import emitters, sensor
@@ -29,7 +30,7 @@ from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.errors import InputError
 from malus.scenes.scene import Sampling, Scene
-from malus.scenes.surface import Conductor, Dielectric
+from malus.scenes.surface import Patterned
 
 PIXELS_A_LAUNCH = 1 << 16
 
@@ -78,11 +79,11 @@ class Room:
 
     def __init__(self, mi: ModuleType, scene: Scene, sampling: Sampling) -> None:
         self.mi, self.scene, self.sampling = mi, scene, sampling
-        surfaces = [placed.surface for placed in scene.objects]
-        self.paints = [Painted(mi, s) for s in surfaces if isinstance(s, Dielectric | Conductor)]
+        coats = [painted(mi, placed) for placed in scene.objects]
+        self.paints = [paint for _, paints in coats for paint in paints]
         self.shapes = [
-            placed_object(mi, placed, paint.bsdf)
-            for placed, paint in zip(scene.objects, self.paints, strict=True)
+            placed_object(mi, placed, bsdf)
+            for placed, (bsdf, _) in zip(scene.objects, coats, strict=True)
         ]
         parts = {f"object{i}": shape for i, shape in enumerate(self.shapes)}
         look = sensor(mi, scene.camera, 2 * _reach(scene))
@@ -134,11 +135,20 @@ class Room:
 
     def _maps(self) -> tuple[NDArray[np.inexact[Any]], NDArray[np.float64]]:
         """η (height, width, bands) and α (height, width); off the objects those of the first."""
-        side = self.scene.camera.resolution
-        surfaces = [placed.surface for placed in self.scene.objects]
-        owner = np.maximum(self.owner, 0).reshape(side, side)
-        eta = np.stack([surface.indices(self.scene.wavelengths_nm) for surface in surfaces])
-        return eta[owner], np.array([surface.alpha for surface in surfaces])[owner]
+        side, bands = self.scene.camera.resolution, self.scene.wavelengths_nm
+        owner = np.maximum(self.owner, 0)
+        parts = [parts_of(placed.surface) for placed in self.scene.objects]
+        indices = [np.stack([part.indices(bands) for part in own]) for own in parts]
+        eta = np.empty((side**2, len(bands)), dtype=np.result_type(*indices))
+        alpha = np.empty(side**2)
+        for number, placed in enumerate(self.scene.objects):
+            here, seen = owner == number, np.ones((side**2, 1), dtype=np.float32)
+            if isinstance(placed.surface, Patterned):
+                at = pattern_on(self.mi, placed)
+                seen = shares(self.mi, self.dark, side, at, len(parts[number]))
+            eta[here] = seen[here] @ indices[number]
+            alpha[here] = seen[here] @ [part.alpha for part in parts[number]]
+        return eta.reshape(side, side, -1), alpha.reshape(side, side)
 
     def _band(self, band: int) -> Floats:
         """Sums over the samples of every half and pixel, (channels, halves, pixels)."""

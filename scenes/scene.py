@@ -59,9 +59,8 @@ class Scene(Model):
     def _surfaces_fit(self) -> Self:
         for placed in self.objects:
             placed.surface.albedos(self.wavelengths_nm)
-            kind = placed.surface.kind
-            if self.surroundings and kind in ("patterned", "measured"):
-                raise ValueError(f"{kind} surfaces only in scenes without surroundings")
+            if self.surroundings and placed.surface.kind == "measured":
+                raise ValueError("measured surfaces only in scenes without surroundings")
         # Where there is more to see than the own shape, that may be small.
         if not (self.surroundings or self.camera.sees_the_object):
             hint = "use more resolution, or a camera that is nearer"
@@ -70,10 +69,11 @@ class Scene(Model):
 
     @model_validator(mode="after")
     def _coordinates_of_the_shape(self) -> Self:
-        pattern = self.surface.pattern if isinstance(self.surface, Patterned) else None
-        own = isinstance(pattern, ImageTexture) and pattern.projection == "uv"
-        if own and self.shape.kind != "mesh":
-            raise ValueError('projection = "uv" only on mesh files')
+        for placed in self.objects:
+            pattern = placed.surface.pattern if isinstance(placed.surface, Patterned) else None
+            own = isinstance(pattern, ImageTexture) and pattern.projection == "uv"
+            if own and placed.shape.kind != "mesh":
+                raise ValueError('projection = "uv" only on mesh files')
         return self
 
     @model_validator(mode="after")

@@ -23,9 +23,9 @@ from malus.scenes.patterns import ImageTexture
 from malus.scenes.problems import near
 from malus.scenes.scene import Sampling, Scene, Wavelengths
 from malus.scenes.shapes import MeshFile, Shape
-from malus.scenes.substances import Finish, Index, Patchwork, Substance, coated
+from malus.scenes.substances import Finish, Index, Substance, coated
 from malus.scenes.surface import Body, Surface
-from malus.scenes.surroundings import Surroundings
+from malus.scenes.surroundings import Placed, Surroundings
 
 AnyShape = TypeVar("AnyShape", bound=Model)
 Renderer = Literal["mitsuba", "torrance-sparrow"]
@@ -206,10 +206,11 @@ def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
 
 
 def _files_around(surroundings: Surroundings, folder: Path) -> Surroundings:
-    objects = tuple(
-        placed.model_copy(update={"shape": _mesh_file(placed.shape, folder)})
-        for placed in surroundings.objects
-    )
+    def known(placed: Placed) -> Placed:
+        files = {"shape": _mesh_file(placed.shape, folder)}
+        return placed.model_copy(update=files | {"surface": _painted(placed.surface, folder)})
+
+    objects = tuple(known(placed) for placed in surroundings.objects)
     return surroundings.model_copy(update={"objects": objects})
 
 
@@ -220,12 +221,13 @@ def _mesh_file(shape: AnyShape, folder: Path) -> AnyShape:
     return shape.model_copy(update={"path": path, "digest": digest})
 
 
-def _painted(finish: Finish, folder: Path) -> Finish:
-    if not isinstance(finish, Patchwork) or not isinstance(finish.pattern, ImageTexture):
-        return finish
-    path, digest = _known_by_content(folder / finish.pattern.path, "picture")
-    pattern = finish.pattern.model_copy(update={"path": path, "digest": digest})
-    return finish.model_copy(update={"pattern": pattern})
+def _painted(paint: Any, folder: Path) -> Any:
+    pattern = getattr(paint, "pattern", None)
+    if not isinstance(pattern, ImageTexture):
+        return paint
+    path, digest = _known_by_content(folder / pattern.path, pattern.what)
+    known = pattern.model_copy(update={"path": path, "digest": digest})
+    return paint.model_copy(update={"pattern": known})
 
 
 def _table_file(substance: Substance, folder: Path, wavelengths_nm: Wavelengths) -> Substance:

@@ -238,13 +238,6 @@ MISTAKES = [
         "a number in 0..1 or a swatch",
         "'bleu'; did you mean blue",
     ),
-    (
-        '"carbon"]',
-        f"{PATTERN}]\n{ROOM}",
-        "(top level)",
-        "patterned surfaces only in scenes without surroundings",
-        "{",
-    ),
 ]
 """In the good suite: what stands there, what stands there instead; where, expected and found."""
 
