@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,11 @@ import pytest
 from click.testing import CliRunner
 
 from malus.bench.commands.cli_bench import bench_command
-from malus.bench.timing import speed_ratio, speed_reconstruct
+from malus.bench.timing import speed_ratio, speed_reconstruct, speed_render
 from malus.bench.timing.reference import reference_dolp
 from malus.reconstruct import get_method, specular_dolp
+from malus.renderers.variant import choose
+from malus.scenes import Camera, Distant, Sampling
 
 
 def test_ratio_figures() -> None:
@@ -73,6 +76,18 @@ def test_memory_stays_within_twice_inputs_and_outputs() -> None:
         speed_reconstruct._read(observation),
     )
     assert 1.0 <= ratio <= 2.0
+
+
+def test_all_seconds_of_rendering_belong_to_a_part() -> None:
+    variant, light, sampling = choose(), Distant(incidence_deg=60), Sampling(samples=2)
+    suite = speed_render.matrix(light, Camera(resolution=4), sampling)
+    suite = suite.model_copy(update={"materials": suite.materials[:2], "surfaces": ("carbon",)})
+    started = time.perf_counter()
+    parts = speed_render._whole_matrix(variant, suite)
+    seconds = time.perf_counter() - started
+    assert set(parts) == {"interpolation", "kernels", "compilation", "python"}
+    assert min(parts.values()) >= 0.0
+    assert 0.98 * seconds <= sum(parts.values()) <= seconds  # but for the call itself
 
 
 def test_the_photograph_is_one_that_methods_accept() -> None:

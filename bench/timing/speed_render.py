@@ -14,7 +14,7 @@ import numpy as np
 from malus.bench.running.plan import plan
 from malus.renderers.by_hand import StokesByHand, plate_image
 from malus.renderers.family import render_family
-from malus.renderers.profile import Profile, profiled
+from malus.renderers.profile import profiled
 from malus.renderers.variant import Variant
 from malus.scenes.camera import Camera
 from malus.scenes.lights import Distant, Light, Uniform
@@ -59,8 +59,8 @@ def compare(
 ) -> dict[str, Speed]:
     """Time all three ways on one light in turns, so that a busy machine slows all of them.
 
-    The whole matrix is rendered our way; the others are timed on `repeats` images of it each,
-    after one that warms up their kernels, and are the same for every image.
+    The whole matrix is rendered our way every turn; the others are timed on an image of it each,
+    and are the same for every image. A first turn warms up all kernels. Parts are of all turns.
     """
     suite = matrix(light, camera, sampling)
     scenes = list(suite.scenes())
@@ -68,13 +68,10 @@ def compare(
     stokes = StokesByHand(variant, scenes[0])
     picks = list(itertools.islice(itertools.cycle(scenes[:: len(scenes) // repeats]), repeats + 1))
     plates, hands, ours = [], [], []
-    profile, parts = Profile(), dict[str, float]()
-    for turn, scene in enumerate(picks):
+    for scene in picks:
         plates.append(_timed(partial(plate_image, variant, scene, 3, 30.0, sampling)))
         hands.append(_timed(partial(stokes.images, scene, 3, ANGLES, sampling)))
-        if turn < 3:  # the first one warms up
-            profile, parts, seconds = _whole_matrix(variant, suite)
-            ours.append(seconds)
+        ours.append(_whole_matrix(variant, suite))
     count = len(scenes) * len(suite.wavelengths_nm) * len(ANGLES)
     first = scenes[0]
     plate = plate_image(variant, first, 0, 30.0, sampling)
@@ -84,7 +81,10 @@ def compare(
         "plate": Speed(_median(plates), _error(plate, reference), repeats),
         "stokes": Speed(_median(hands) / len(ANGLES), _error(hand, reference), repeats * 5),
         "malus": Speed(
-            _median(ours) / count, _error(own, reference), count, parts | _where(profile)
+            _median([sum(parts.values()) for parts in ours]) / count,
+            _error(own, reference),
+            count,
+            {part: sum(parts[part] for parts in ours[1:]) for part in ours[0]},
         ),
     }
 
@@ -99,28 +99,23 @@ def _median(seconds: list[float]) -> float:
     return float(np.median(seconds[1:]))
 
 
-def _whole_matrix(variant: Variant, suite: Suite) -> tuple[Profile, dict[str, float], float]:
-    """Every polariser image of the suite; returns where the time went."""
+def _whole_matrix(variant: Variant, suite: Suite) -> dict[str, float]:
+    """Every polariser image of the suite; where the seconds went, all of them.
+
+    What is neither interpolation nor a kernel nor its compilation is Python's: planning too.
+    """
     started = time.perf_counter()
-    total, interpolation = Profile(), 0.0
+    parts = {"interpolation": 0.0, "kernels": 0.0, "compilation": 0.0}
     for family in plan(suite):
         with profiled(variant) as profile:
             rendered = render_family(family.scenes, family.sampling, variant, errors=False)
-        for name in ("wall", "kernels", "compilation", "launches", "compiled"):
-            setattr(total, name, getattr(total, name) + getattr(profile, name))
+        parts["kernels"] += profile.kernels
+        parts["compilation"] += profile.compilation
         before = time.perf_counter()
         for scene in family.scenes:
             rendered.polarised(scene, ANGLES)
-        interpolation += time.perf_counter() - before
-    return total, {"interpolation": interpolation}, time.perf_counter() - started
-
-
-def _where(profile: Profile) -> dict[str, float]:
-    return {
-        "kernels": profile.kernels,
-        "compilation": profile.compilation,
-        "python": profile.python,
-    }
+        parts["interpolation"] += time.perf_counter() - before
+    return parts | {"python": time.perf_counter() - started - sum(parts.values())}
 
 
 def _reference(variant: Variant, scene: Scene, sampling: Sampling) -> np.ndarray[Any, Any]:
