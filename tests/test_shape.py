@@ -223,7 +223,8 @@ def candidate(body: BodyKind, cost: float) -> shape._Candidate:
     [
         (1.0, 1.28, "polarised", True),
         (1.0, 1.02, "unpolarised", False),  # the most on those that do not, and passed for such
-        (1.01, 1.0, "unpolarised", True),
+        (1.02, 1.0, "unpolarised", False),  # as little the other way round
+        (1.04, 1.0, "unpolarised", True),
     ],
 )
 def test_a_body_that_hardly_explains_more_is_not_taken_for_polarised(

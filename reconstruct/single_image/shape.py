@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct.observation import Image, Inapplicable
-from malus.reconstruct.single_image.convergence import Convergence
+from malus.reconstruct.single_image.convergence import UNDECIDED, Convergence
 from malus.reconstruct.single_image.outline import Outline, outline_of
 from malus.reconstruct.single_image.parameters import TYPICAL_ETA, Parameters, fit_parameters
 from malus.reconstruct.single_image.reduced import Reduction, reduce
@@ -38,9 +38,6 @@ FAILED = 0.1
 """Error above which a shape is no shape then: blobs leave 0.04, noise leaves 0.28."""
 SAME_COST, SAME_ALPHA = 1.02, 0.1
 """Two starts ended at one minimum where costs differ by 2 % and alphas by a tenth at most."""
-UNDECIDED = 1.03
-"""Cost of an unpolarised body over a polarised one's below which it is the safer answer: grey blobs
-that do not polarise and passed for such had 1.003 to 1.016."""
 _STARTING_ALPHAS = (0.12, 0.4)
 _STEPS = 30
 _SAMPLE = 8_000
