@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from malus.bench.running.share import Exam, Share
+from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.ladder import EVERYTHING, RUNGS, rungs
 from malus.bench.scoring.sight import Sight
 from malus.bench.scoring.view import KNOWN, observe
-from malus.reconstruct import Inapplicable, Observation, get_method
+from malus.reconstruct import Inapplicable, Method, Observation, get_method, methods
 from malus.renderers import Truth, render
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
 
@@ -66,22 +67,25 @@ def test_a_chain_that_is_right_costs_nothing(truth: Truth, monkeypatch: pytest.M
         assert {name for name in KNOWN if getattr(seen, name) is None} == untold
 
 
+def misled(truth: Truth) -> Observation:
+    """All of it wrong, and of every thing another value."""
+    known = observe(truth, KNOWN)
+    return Observation(
+        image=known.image,
+        mask=known.mask,
+        specular=0.25 * known.image,
+        diffuse=0.75 * known.image,
+        normals=known.require("normals")[..., [1, 0, 2]],
+        eta=np.array([1.7, 1.8]),
+        alpha=0.1,
+        light=Distant(incidence_deg=10),
+    )
+
+
 def test_a_rung_changes_only_what_it_does_not_tell(
     truth: Truth, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sight = Sight.of(truth)
-    lamp = Distant(incidence_deg=10)
-    wrong = observe(truth, KNOWN)
-    wrong = Observation(
-        image=wrong.image,
-        mask=wrong.mask,
-        specular=0.25 * wrong.image,
-        diffuse=0.75 * wrong.image,
-        normals=wrong.normals[..., [1, 0, 2]],
-        eta=np.array([1.7, 1.7]),
-        alpha=0.1,
-        light=lamp,
-    )
+    sight, wrong = Sight.of(truth), misled(truth)
     monkeypatch.setattr(
         "malus.bench.scoring.ladder.run_chain", lambda seen: SimpleNamespace(observation=wrong)
     )
@@ -93,8 +97,29 @@ def test_a_rung_changes_only_what_it_does_not_tell(
     np.testing.assert_array_equal(first.normals, sight.known.normals)
     np.testing.assert_array_equal(second.normals, sight.known.normals[..., [1, 0, 2]])
     assert (second.alpha, third.alpha, last.alpha) == (0.3, 0.1, 0.1)
+    np.testing.assert_array_equal(second.eta, sight.known.eta)
+    np.testing.assert_array_equal(third.eta, [1.7, 1.8])
     assert third.light == SCENE.light
-    assert last.light == lamp
+    assert last.light == wrong.light
+
+
+def test_methods_are_given_what_a_rung_tells(truth: Truth, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that work a pixel at a time: the others have knowledge of their own."""
+    monkeypatch.setattr(
+        "malus.bench.scoring.ladder.run_chain",
+        lambda seen: SimpleNamespace(observation=misled(truth)),
+    )
+    whole = Method("whole", frozenset(), get_method("unpolarised").reconstruct, "needs a picture")
+    monkeypatch.setitem(methods(), "whole", whole)
+    found = scored(truth, ("eq8", "half_vector", "whole"))
+    assert [rung for method, rung in found if method == "whole"] == [EVERYTHING]
+    judge = Judge(truth)
+    for method in ("eq8", "half_vector"):
+        for rung, known in rungs(judge.sight):
+            assert isinstance(known, Observation)
+            estimate = judge.sight.estimate(get_method(method), known)
+            assert found[method, rung]["nmse"] == judge.score_estimate(estimate).nmse
+            assert found[method, rung]["nmse"] > 1.1 * found[method, EVERYTHING]["nmse"]
 
 
 def test_a_chain_that_finds_nothing_is_told(truth: Truth, monkeypatch: pytest.MonkeyPatch) -> None:
