@@ -6,15 +6,14 @@ In a mono variant the plugin serves one wavelength, but keeps the whole table: 1
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import io
 import tempfile
 from pathlib import Path
 from typing import Any
 
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.measured import PBRDF, Measured, open_pbrdf
+from malus.scenes.quiet import quiet
 
 ALPHA_SAMPLE = 0.1
 """Roughness for which directions are drawn where none is known: the plugin's own."""
@@ -43,7 +42,7 @@ def _bsdf(variant: Variant, table: PBRDF, wavelength_nm: float, alpha: float) ->
     mi = mitsuba(variant)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "band.pbsdf"
-        with contextlib.redirect_stdout(io.StringIO()):  # it tells what it writes
+        with quiet():  # it tells what it writes
             mi.tensor_io.write(
                 str(file),
                 # The plugin reads five wavelengths, whatever their number: others follow this one.

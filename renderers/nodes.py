@@ -79,7 +79,7 @@ class Nodes:
     def of(cls, eta: NDArray[np.inexact[Any]], count: int | None = None) -> Self:
         """Nodes for indices (N,); `count` asks for so many Chebyshev nodes."""
         wanted = np.unique(eta)
-        if np.iscomplexobj(wanted):
+        if np.iscomplexobj(wanted) or len(wanted) == 1:
             return cls(wanted)
         low, high = float(wanted[0]), float(wanted[-1])
         if count is None:

@@ -13,6 +13,7 @@ import tifffile
 from click.testing import CliRunner
 
 from malus.bench.commands.cli_capture import capture_command
+from malus.bench.photos import capture
 from malus.bench.photos.capture import conventional, read_capture
 from malus.bench.photos.capture_fit import convention, fit_sinusoid
 from malus.bench.photos.capture_score import colour_differences, score_capture
@@ -212,6 +213,18 @@ def test_bad_folders_end_in_one_line(tmp_path: Path) -> None:
         assert isinstance(result.exception, InputError), (path, result.exception)
         assert word in str(result.exception)
         assert "\n" not in str(result.exception)
+
+
+def test_more_pictures_than_memory_holds_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stokes, _ = dome_stokes(16)
+    write_capture(tmp_path, stokes, NAMED)
+    monkeypatch.setattr(capture, "MAX_CAPTURE_PIXELS", len(NAMED) * 16**2)
+    assert len(read_capture(tmp_path).pictures) == len(NAMED)
+    monkeypatch.setattr(capture, "MAX_CAPTURE_PIXELS", len(NAMED) * 16**2 - 1)
+    with pytest.raises(InputError, match=f"{len(NAMED)} pictures of 16 x 16"):
+        read_capture(tmp_path)
 
 
 def test_a_real_capture(shared: Path) -> None:

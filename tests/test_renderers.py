@@ -10,6 +10,7 @@ from scipy import stats
 
 from malus.renderers import render
 from malus.renderers.family import Family, render_family
+from malus.renderers.nodes import Nodes
 from malus.renderers.torrance_sparrow import sphere_normals
 from malus.renderers.translate import body_bsdf, emitter, interface_bsdf, sensor, shape_object
 from malus.renderers.variant import choose, mitsuba
@@ -75,6 +76,12 @@ def test_interpolated_truth_equals_direct_renders(light: Light, surface: str) ->
             worst = max(worst, float(np.abs(difference).max() / peak))
             assert np.sqrt(np.mean(difference.astype(float) ** 2)) <= 1e-5 * peak
     print(f"{light.label}, {surface}: worst pixel {worst:.1e} of the peak")  # noqa: T201
+
+
+def test_one_index_needs_no_nodes_to_interpolate_between() -> None:
+    nodes = Nodes.of(np.array([1.5, 1.5]), count=4)
+    assert nodes.rendered == (1.5,)
+    assert nodes.weights(np.array([1.5])).tolist() == [[1.0]]
 
 
 def test_measured_interpolation_error_sees_too_few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,9 +15,9 @@ from typing import Any
 from rich.console import Console
 
 from malus.bench.commands.command_run import overridden
-from malus.bench.commands.memory import peak_memory
 from malus.bench.running.child import ATTEMPTS, TIMEOUT_SECONDS, Child, Died
 from malus.bench.running.folders import prepare_folder
+from malus.bench.running.memory import peak_memory
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.progress import Progress, silent, with_progress

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.bench.photos.pictures import SUFFIXES, Image, read_picture
+from malus.bench.photos.pictures import MAX_PIXELS, SUFFIXES, Image, read_picture
 from malus.scenes.errors import InputError
 
 Mask = NDArray[np.bool_]
@@ -19,6 +19,8 @@ Sense = Literal["anticlockwise", "clockwise"]
 
 _ANGLES_FILE = "angles.json"
 _MAX_PICTURES = 72
+MAX_CAPTURE_PIXELS = 4 * MAX_PIXELS
+"""Of all pictures together: 6 GB for those of three channels, while they are put into one array."""
 
 
 class Capture(NamedTuple):
@@ -73,6 +75,8 @@ def read_capture(
     assumption = ""
     for name in found:
         picture = read_picture(folder / name, linear)
+        if not planes:
+            _check_total(folder, len(found), picture.linear.shape)
         if planes and picture.linear.shape != planes[0].shape:
             expected = f"{planes[0].shape[1]} x {planes[0].shape[0]}, as the first"
             size = f"{picture.linear.shape[1]} x {picture.linear.shape[0]}"
@@ -83,6 +87,24 @@ def read_capture(
         planes.append(picture.linear)
         assumption = picture.assumption
     assert clipped is not None
+    _check_light(folder, planes, clipped)
+    return Capture(np.stack(planes), angles, clipped, tuple(found), assumption)
+
+
+def _check_total(folder: Path, count: int, shape: tuple[int, ...]) -> None:
+    """Refuse more pictures than memory holds, before all are decoded."""
+    height, width = shape[:2]
+    total = count * height * width
+    if total > MAX_CAPTURE_PIXELS:
+        raise InputError(
+            str(folder),
+            f"at most {MAX_CAPTURE_PIXELS / 1e6:g} megapixels together",
+            f"{count} pictures of {width} x {height} = {total / 1e6:.0f} megapixels",
+            "make them smaller, or take fewer angles",
+        )
+
+
+def _check_light(folder: Path, planes: list[Image], clipped: Mask) -> None:
     if clipped.all() or not max(float(plane[~clipped].max()) for plane in planes) > 0:
         raise InputError(
             str(folder),
@@ -90,7 +112,6 @@ def read_capture(
             "black or clipped ones",
             "expose them again",
         )
-    return Capture(np.stack(planes), angles, clipped, tuple(found), assumption)
 
 
 def conventional(angle_deg: float, zero: Zero, sense: Sense) -> float:

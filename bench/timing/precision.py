@@ -7,6 +7,7 @@ of the same kind. A setting is on the Pareto front when none is both faster and 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -155,7 +156,10 @@ def _method_rows(variant: Variant, repeats: int) -> Iterator[dict[str, Any]]:
                 return method.reconstruct(known)
 
             megapixels = truth.mask.size / 1e6
-            error = max(score.residuals.nmse() - score.noise.nmse(), 1e-12)
+            noise = score.noise.nmse()
+            # The least that can be told: the difference is uncertain by about that much.
+            least = noise / math.sqrt(score.residuals.pixels)
+            error = max(score.residuals.nmse() - noise, least)
             timing = _timed(reconstruct, repeats, megapixels)
             yield _row(f"methods, {light.label}", name, "", "a megapixel", timing, error)
 

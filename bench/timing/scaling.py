@@ -7,7 +7,6 @@ scored, with the names of the scenes changed. Everything else is what `malus run
 from __future__ import annotations
 
 import pickle
-import resource
 import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,6 +16,7 @@ from typing import Any
 
 from malus.bench.running.child import Child
 from malus.bench.running.cluster import local_cluster
+from malus.bench.running.memory import peak_memory
 from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
 from malus.bench.running.task import Made, Task
@@ -135,7 +135,7 @@ def _drawn_on(one: Scale, other: Scale, scenes: int) -> Scale:
 def _measured(scenes: int) -> Iterator[Scale]:
     suite = made_up_suite(scenes)
     template = work(_task(suite), _NOBODY)
-    start = _peak_mb()
+    start = peak_memory() / _MEGABYTE
     started = time.process_time()
     families = plan(suite)
     planned = time.process_time() - started
@@ -146,7 +146,7 @@ def _measured(scenes: int) -> Iterator[Scale]:
         run(suite, folder, _NOBODY, engine=lambda tasks: _made_up(tasks, template))
         seconds = time.process_time() - started - planned
         size = sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file())
-    yield Scale(count, planned, seconds, size / _MEGABYTE, start, _peak_mb())
+    yield Scale(count, planned, seconds, size / _MEGABYTE, start, peak_memory() / _MEGABYTE)
 
 
 def _task(suite: Suite) -> Task:
@@ -166,8 +166,3 @@ def _made_up(tasks: Iterable[Task], template: Made) -> Iterator[tuple[Task, Made
 
 def _answer(task: Task, made: Made, _: int) -> Any:
     return made
-
-
-def _peak_mb() -> float:
-    # Linux counts kilobytes here.
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
