@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from malus.bench import read_results
+from malus.bench import read_results, run
 from malus.bench.running.results import (
     HEADLINES,
     TABLE,
@@ -20,6 +20,35 @@ from malus.bench.running.results import (
     write_tables,
 )
 from malus.reports import sample
+from malus.scenes import Suite
+
+
+def test_truths_of_two_renderers_can_be_told_apart(tmp_path: Path) -> None:
+    """Their scenes have the same ids, so that joined tables need a column that says it."""
+    common = {
+        "name": "tiny",
+        "description": "one sphere",
+        "shapes": [{"kind": "sphere"}],
+        "materials": ["pmma"],
+        "surfaces": ["rubber"],
+        "bodies": ["unpolarised"],
+        "lights": [{"kind": "distant", "incidence_deg": 60}],
+        "wavelengths_nm": [550],
+        "methods": ["eq8"],
+        "camera": {"resolution": 12},
+        "sampling": {"samples": 4, "seed": 1},
+    }
+    tables = [
+        run(Suite.parse(common | {"renderer": name}, name), tmp_path / name).table
+        for name in ("mitsuba", "torrance-sparrow")
+    ]
+    joined = pd.concat(tables)
+    assert joined.scene.nunique() == 1
+    assert joined.groupby("renderer").size().to_dict() == {
+        "mitsuba": len(tables[0]),
+        "torrance-sparrow": len(tables[1]),
+    }
+    assert "renderer" in pd.read_csv(tmp_path / "mitsuba" / HEADLINES).columns
 
 
 def test_pieces_come_back_as_one_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

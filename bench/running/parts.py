@@ -27,7 +27,7 @@ from malus.scenes.model import content_id
 from malus.scenes.suite import Suite
 
 PLAN = "plan.json"
-SCHEMA = 4
+SCHEMA = 5
 """Counts up when a part's rows or attributes change: older parts are then made again."""
 
 METHODS = "methods"

@@ -105,6 +105,7 @@ def work(task: Task, variant: Variant, threads: int = 1) -> Made:
     if records:
         with made.stage("score"):
             made.table = table_of(records)
+            made.table.insert(made.table.columns.get_loc("method"), "renderer", task.renderer)
         made.table.attrs["interpolation_rms"] = max(share.interpolation_rms for share in shares)
         told = (share.samples for share in shares if share.samples)
         made.table.attrs["samples"] = next(told, task.family.sampling.samples)
