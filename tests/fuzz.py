@@ -18,8 +18,10 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from malus.bench.running.child import Child, Died
+if TYPE_CHECKING:
+    from malus.bench.running.child import Child
 
 SEEDS = Path(__file__).parent / "reference" / "fuzz"
 MEMORY_BYTES = 3 << 30
@@ -83,6 +85,8 @@ def search(
     from hypothesis import seed as seeded
     from hypothesis import strategies as st
 
+    from malus.bench.running.child import Died
+
     kinds = ("flip", "byte", "cut", "drop", "repeat", "number", "token")
     change = st.tuples(st.sampled_from(kinds), st.floats(0, 1), st.integers(0, 1 << 16))
     count, found, worst = 0, "", b""
@@ -119,6 +123,8 @@ def fuzz(minutes: float, names: list[str], seed: int) -> int:
     """Rounds over all readers until the time is over; the number of findings."""
     from fuzz_readers import READERS
 
+    from malus.bench.running.child import Child
+
     executions = dict.fromkeys(names, 0)
     known: dict[str, set[str]] = {name: set() for name in names}
     ends = time.monotonic() + 60 * minutes
@@ -143,7 +149,11 @@ def fuzz(minutes: float, names: list[str], seed: int) -> int:
 
 
 def guided(name: str, minutes: float) -> None:
-    """Let atheris mutate towards new branches of malus and the pure Python parsers."""
+    """Let atheris mutate towards new branches of malus and the pure Python parsers.
+
+    Only modules that are imported here are instrumented: no other function of this file that was
+    called before may import malus, and none is imported at the top.
+    """
     import atheris
 
     with atheris.instrument_imports(include=["malus", "tomllib", "trimesh", "json"]):
@@ -154,8 +164,8 @@ def guided(name: str, minutes: float) -> None:
         if wrong:
             raise AssertionError(wrong)
 
-    SEEDS.joinpath("..", "..", "..", "build", "fuzz", name).mkdir(parents=True, exist_ok=True)
-    corpus = (SEEDS / ".." / ".." / ".." / "build" / "fuzz" / name).resolve()
+    corpus = Path(__file__).resolve().parents[1] / "build" / "fuzz" / name
+    corpus.mkdir(parents=True, exist_ok=True)
     (corpus / "valid").write_bytes(READERS[name].valid())
     options = [f"-max_total_time={int(60 * minutes)}", "-rss_limit_mb=4096", "-timeout=60"]
     atheris.Setup([sys.argv[0], *options, f"-artifact_prefix={SEEDS}/{name}.", str(corpus)], one)
