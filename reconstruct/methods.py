@@ -19,6 +19,7 @@ from malus.reconstruct.lobes import LobeModel
 from malus.reconstruct.observation import Components, Observation
 from malus.reconstruct.single_image.blind import BLIND
 from malus.scenes.errors import InputError
+from malus.scenes.problems import near
 
 LOBES = frozenset({"specular", "diffuse"})
 ENTRY_POINTS = "malus.methods"
@@ -143,7 +144,7 @@ def get_method(name: str) -> Method:
         return _loaded(f"method {name}", name)
     known = methods()
     if name not in known:
-        hint = "`malus list methods` shows them; your own is package.module:object"
+        hint = near(name, known) or "`malus list methods` shows them; your own is module:object"
         raise InputError("method", f"one of {', '.join(known)}", name, hint)
     return known[name]
 

@@ -43,7 +43,7 @@ class Camera(Model):
     """
 
     resolution: int = Field(default=128, ge=1, le=8192)
-    half_width: float = Field(default=HALF_WIDTH, gt=0)
+    half_width: float = Field(default=HALF_WIDTH, ge=1e-3)
     projection: Literal["orthographic", "perspective"] = Field(
         default="orthographic", exclude_if=_is("orthographic")
     )

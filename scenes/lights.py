@@ -12,12 +12,15 @@ from pydantic import Field
 from malus.scenes.content import NamedFile
 from malus.scenes.model import Model
 
+Strength = Annotated[float, Field(ge=1e-9, le=1e9)]
+"""Of a light: its square and its inverse must fit into single precision."""
+
 
 class Uniform(Model):
     """Unpolarised light of equal radiance from every direction."""
 
     kind: Literal["uniform"] = "uniform"
-    radiance: float = Field(default=1.0, gt=0)
+    radiance: Strength = 1.0
 
     @property
     def label(self) -> str:
@@ -36,7 +39,7 @@ class Distant(Model):
     kind: Literal["distant"] = "distant"
     incidence_deg: float = Field(ge=0, lt=180)
     azimuth_deg: float = Field(default=35.0, ge=-360, le=360)
-    irradiance: float = Field(default=math.pi, gt=0)
+    irradiance: Strength = math.pi
 
     @property
     def label(self) -> str:
@@ -85,7 +88,7 @@ class Area(Model):
     incidence_deg: float = Field(ge=0, lt=180)
     azimuth_deg: float = Field(default=35.0, ge=-360, le=360)
     half_angle_deg: float = Field(default=20.0, gt=0, le=80)
-    radiance: float = Field(default=8.0, gt=0)
+    radiance: Strength = 8.0
 
     @property
     def label(self) -> str:

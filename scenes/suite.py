@@ -78,6 +78,14 @@ class Suite(Model):
     sampling: Sampling = Sampling()
     scalar: Smaller | None = None
 
+    @field_validator("name")
+    @classmethod
+    def _no_path(cls, name: str) -> str:
+        # A folder is named after it.
+        if name.startswith(".") or set(name) & {"/", "\\"}:
+            raise ValueError("a name without slashes that does not begin with a dot")
+        return name
+
     @field_validator("materials", mode="before")
     @classmethod
     def _all_materials(cls, value: Any) -> Any:

@@ -99,6 +99,7 @@ def bad_mesh(folder: Path, content: str) -> str:
         (["run", "quick", "--samples", "3"], "multiple of 2"),
         (["run", "quick", "--samples", "many"], "not a valid integer"),
         (["run", "quick", "--method", "magic"], "eq8"),
+        (["run", "quick", "--method", "eq88"], "did you mean eq8"),
         (["run", "quick", "--backend", "vulkan"], "llvm"),
         (["run", "quick", "--out", "/proc/nowhere"], "output folder"),
         (["list", "sandwiches"], "materials"),

@@ -208,6 +208,27 @@ MISTAKES = [
     ("[500, 600]", "500", "wavelengths_nm", "a list", "500"),
     ('"water"', "", "materials", "at least 1 item(s)", "[]"),
     ("# more", "camera = { resolution = 64.5 }", "camera.resolution", "a whole number", "64.5"),
+    (
+        "# more",
+        "camera = { half_width = 1e-30 }",
+        "half_width",
+        "greater than or equal to 0.001",
+        "",
+    ),
+    (
+        'kind = "uniform"',
+        'kind = "uniform", radiance = 1e300',
+        "radiance",
+        "less than or equal to 1000000000",
+        "",
+    ),
+    (
+        '"mine"',
+        '"../mine"',
+        "name",
+        "a name without slashes that does not begin with a dot",
+        "'../",
+    ),
     ("# more", 'camera = { resolution = "64" }', "camera.resolution", "a whole number", "'64'"),
     (
         "# more",

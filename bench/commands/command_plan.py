@@ -11,6 +11,8 @@ from rich.table import Table
 
 from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.savings import plan_record, savings
+from malus.bench.scoring.extra_metrics import get_metrics
+from malus.reconstruct import get_method
 from malus.renderers.adaptive import Renders, first_samples, relative_error
 from malus.renderers.family import render_family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
@@ -63,6 +65,9 @@ def dataset_bytes(suite: Suite, families: Sequence[FamilyPlan]) -> int:
 def plan_command(name: str, backend: str) -> None:
     """Print the plan of a suite."""
     suite = load_suite(name)
+    for reference in suite.methods:
+        get_method(reference)
+    get_metrics(suite.metrics)
     variant = choose(backend)
     families = plan(suite)
     scenes = sum(len(family.scenes) for family in families)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import BinaryIO
 
 import pandas as pd
 
@@ -33,6 +34,23 @@ def stream(tables: Iterable[pd.DataFrame], parquet: Path, csv: Path) -> None:
             writer.write_table(group.cast(writer.schema))
             rows = headlines(table).drop(columns=["band_nm", "angle_deg"])
             rows.to_csv(lines, index=False, header=lines.tell() == 0)
+
+
+def read_compact(parquet: BinaryIO) -> pd.DataFrame:
+    """A table whose text is categories: few names, many times; a fifth of the memory.
+
+    Columns are read one after the other, so that one at most is held twice.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    fields = pq.read_schema(parquet)
+    texts = [
+        f.name for f in fields if pa.types.is_string(f.type) or pa.types.is_large_string(f.type)
+    ]
+    with pq.ParquetFile(parquet, read_dictionary=texts) as file:
+        columns = {name: file.read([name]).column(0).to_pandas() for name in fields.names}
+    return pd.DataFrame(columns, copy=False)
 
 
 def _groups(tables: Iterable[pd.DataFrame]) -> Iterator[pd.DataFrame]:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from malus.bench.running.pieces import headlines, stream
+from malus.bench.running.pieces import headlines, read_compact, stream
 from malus.bench.scoring.judge import Value
 from malus.renderers.files.storage import open_regular, replace_file
 from malus.scenes.errors import InputError
@@ -35,7 +35,8 @@ class Results:
     ----------
     table : DataFrame
         One row a scene × method × knowledge × metric; `band_nm` and `angle_deg` are missing where
-        the value is over all bands and angles.
+        the value is over all bands and angles. Text columns of a table that was read are
+        categories.
     run : dict
         Suite, versions, seeds, machine, seconds of every stage.
     """
@@ -180,7 +181,7 @@ def read_results(folder: Path) -> Results:
     """
     try:
         with open_regular(folder / TABLE) as file:
-            table = pd.read_parquet(file)
+            table = read_compact(file)
         run = json.loads((folder / RUN).read_text("utf-8"))
     except Exception as error:  # a foreign parser raises anything on a broken file
         raise InputError(

@@ -29,6 +29,7 @@ from malus.bench.running.results import (
 from malus.bench.running.savings import plan_record
 from malus.bench.running.task import Made, Task
 from malus.bench.running.work import Engine, here
+from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
 from malus.renderers.files.storage import owned
 from malus.renderers.files.stores import place
@@ -70,13 +71,14 @@ def run(
     Raises
     ------
     InputError
-        Unknown method, folder that cannot be written or that a run of another suite is writing,
-        not a single family that can be rendered.
+        Unknown method or metric, folder that cannot be written or that a run of another suite is
+        writing, not a single family that can be rendered.
     """
     started = time.perf_counter()
     chosen_variant = variant or choose()
     families = plan(suite)
     methods = {get_method(reference).name: reference for reference in suite.methods}
+    get_metrics(suite.metrics)  # whose names are checked before anything is rendered
     folder = prepare_folder(place(out), "a run")
     job = Job(suite, families, methods, folder, chosen_variant, progress, retry_failed)
     with owned(folder, suite.id):

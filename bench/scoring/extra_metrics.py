@@ -24,6 +24,7 @@ from malus.reconstruct import Components
 from malus.renderers.truth import Truth
 from malus.scenes.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
+from malus.scenes.problems import near
 
 Image = NDArray[np.floating[Any]]
 
@@ -149,5 +150,6 @@ def get_metrics(names: tuple[str, ...]) -> tuple[Metric, ...]:
     """
     for name in names:
         if name not in METRICS:
-            raise InputError("metric", f"one of {', '.join(METRICS)}", name, "correct the name")
+            hint = near(name, METRICS) or "correct the name"
+            raise InputError("metric", f"one of {', '.join(METRICS)}", name, hint)
     return tuple(METRICS[name] for name in names)
