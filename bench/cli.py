@@ -205,14 +205,19 @@ def main() -> None:
         _stop(str(mistake), BAD_INPUT)
     except KeyboardInterrupt:
         _stop(STOPPED, INTERRUPTED)
-    except OSError as error:
-        where = f" {error.filename}" if error.filename else ""
-        _stop(f"{error.strerror or error}{where}", BAD_INPUT)
+    except (OSError, MemoryError) as error:
+        _stop(_told(error), BAD_INPUT)
 
 
 def _terminate(number: int, frame: object) -> None:
     """Leave as after Ctrl-C: what is half written is removed on the way out."""
     sys.exit(TERMINATED)
+
+
+def _told(error: OSError | MemoryError) -> str:
+    if isinstance(error, MemoryError):
+        return f"expected enough memory, found too little; ask for less at once ({error})"
+    return f"{error.strerror or error}{f' {error.filename}' if error.filename else ''}"
 
 
 def _path(mistake: click.ClickException) -> str:

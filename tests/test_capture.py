@@ -250,3 +250,9 @@ def test_a_real_capture(shared: Path) -> None:
     )
     # 0.42 with the same normals; the wood is not one colour, and the light is a tent.
     assert score["skill"] > 0.3
+
+
+@pytest.mark.parametrize("offset", [np.nan, np.inf])
+def test_an_offset_that_is_no_angle_is_refused(tmp_path: Path, offset: float) -> None:
+    with pytest.raises(InputError, match="--offset: expected finite degrees, found"):
+        read_capture(tmp_path, offset_deg=offset)

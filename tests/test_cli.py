@@ -14,6 +14,7 @@ import pytest
 from made_up import made_up_truth
 
 from malus.bench import read_results
+from malus.bench.cli import main
 from malus.bench.running.folders import FOLDERS, prepare_folder
 from malus.bench.running.results import HEADLINES, PARTS, RUN, TABLE
 from malus.renderers.files.dataset import DatasetWriter
@@ -102,6 +103,9 @@ def bad_mesh(folder: Path, content: str) -> str:
         (["run", "quick", "--method", "eq88"], "did you mean eq8"),
         (["run", "quick", "--backend", "vulkan"], "llvm"),
         (["run", "quick", "--out", "/proc/nowhere"], "output folder"),
+        (["run", "quick", "--out", ""], "expected a path, found an empty text"),
+        (["bench", "reconstruct", "--megapixels", "nan"], "a number in 1e-5..1000, found nan"),
+        (["bench", "render", "--samples", "3"], "key samples: expected a multiple of 2, found 3"),
         (["list", "sandwiches"], "materials"),
         (["frobnicate"], "frobnicate"),
         (["run", "quick", "--frobnicate"], "--frobnicate"),
@@ -164,6 +168,22 @@ def test_a_folder_takes_what_one_command_writes(tmp_path: Path, mark: str, what:
         with pytest.raises(InputError, match=f"{what}, found {FOLDERS[mark]}"):
             prepare_folder(tmp_path, what)
     assert contents(tmp_path) == before
+
+
+def test_too_little_memory_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def needs_much(**_: object) -> None:
+        raise MemoryError("Unable to allocate 10.7 PiB")
+
+    monkeypatch.setattr("malus.bench.cli.cli.main", needs_much)
+    monkeypatch.setattr("malus.bench.cli.signal.signal", lambda *_: None)
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert left.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith("malus: expected enough memory, found too little; ask for less at once")
+    assert said.count("\n") == 1
 
 
 def test_lists_name_everything() -> None:

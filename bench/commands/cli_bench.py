@@ -22,7 +22,7 @@ def bench_command() -> None:
 
 
 @bench_command.command("ratio")
-@click.option("--points", type=click.IntRange(min=1), default=1_000_000, show_default=True)
+@click.option("--points", type=click.IntRange(1, 10**8), default=1_000_000, show_default=True)
 @_OUT
 def ratio(points: int, out: Path | None) -> None:
     """Tables of one surface, and R of scattered points, beside dblquad a point.
@@ -40,7 +40,7 @@ def ratio(points: int, out: Path | None) -> None:
 
 
 @bench_command.command("reconstruct")
-@click.option("--megapixels", type=click.FloatRange(min=1e-5), default=10.0, show_default=True)
+@click.option("--megapixels", type=float, default=10.0, show_default=True)
 @click.option("--repeats", type=click.IntRange(min=1), default=5, show_default=True)
 @_OUT
 def reconstruct(megapixels: float, repeats: int, out: Path | None) -> None:
@@ -53,7 +53,11 @@ def reconstruct(megapixels: float, repeats: int, out: Path | None) -> None:
     from dataclasses import asdict
 
     from malus.bench.timing.speed_reconstruct import measure, report_lines
+    from malus.scenes.errors import InputError
 
+    if not 1e-5 <= megapixels <= 1000:  # nor NaN, which a click range lets through
+        hint = "choose another size"
+        raise InputError("--megapixels", "a number in 1e-5..1000", f"{megapixels:g}", hint)
     speeds = measure(megapixels, repeats)
     figures = [
         asdict(speed) | {"pixels_a_second": speed.pixels_a_second, "times_copy": speed.times_copy}
@@ -81,17 +85,20 @@ def render(resolution: int, samples: int, backend: str, out: Path | None) -> Non
     from malus.scenes.camera import Camera
     from malus.scenes.scene import Sampling
 
+    where = "malus bench render"
+    camera = Camera.parse({"resolution": resolution}, where)
+    sampling = Sampling.parse({"samples": samples}, where)
     variant = choose(backend)
     lines, figures = [], []
     for light in LIGHTS:
-        speeds = compare(variant, Camera(resolution=resolution), Sampling(samples=samples), light)
+        speeds = compare(variant, camera, sampling, light)
         lines += report_lines(speeds, light)
         figures += [{"light": light.label, "way": way} | asdict(s) for way, s in speeds.items()]
     _tell(lines, out, "render", figures)
 
 
 @bench_command.command("scaling")
-@click.option("--most", type=click.IntRange(min=48), default=10_000, show_default=True)
+@click.option("--most", type=click.IntRange(48, 10**6), default=10_000, show_default=True)
 @_OUT
 def scaling(most: int, out: Path | None) -> None:
     """What many scenes cost besides rendering: planning, tables, files, memory, the scheduler.

@@ -16,6 +16,8 @@ class Place(click.ParamType[Path]):
     def convert(self, value: Any, param: object, ctx: object) -> Path:
         """The path of a text; a URL needs fsspec, which is imported only then."""
         del param, ctx  # click's; nothing here depends on them
+        if not str(value):  # an unset variable of a shell, which would be the current folder
+            self.fail("expected a path, found an empty text; is a variable unset?")
         if isinstance(value, Path) or "://" not in str(value):
             return Path(value)
         from malus.renderers.files.stores import place

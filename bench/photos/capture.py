@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -57,9 +58,12 @@ def read_capture(
     Raises
     ------
     InputError
-        Fewer than three different angles modulo 180°, a name without an angle, pictures of
+        An offset that is not finite, fewer than three different angles modulo 180°, a name
+        without an angle, pictures of
         different sizes, an unreadable one, or no light that is not clipped.
     """
+    if not math.isfinite(offset_deg):
+        raise InputError("--offset", "finite degrees", f"{offset_deg}", "correct this value")
     found = _angles(folder)
     angles = tuple(conventional(angle, zero, sense) + offset_deg for angle in found.values())
     if len({round(angle % 180.0, 3) % 180.0 for angle in angles}) < 3:
