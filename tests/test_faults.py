@@ -92,7 +92,9 @@ def test_a_crash_or_a_hang_costs_its_own_family(
         chosen = start(timeout, stack)
         results = run(with_method(method), tmp_path / "bad", NOBODY, engine=chosen)
     found = results.table[results.table.method == "eq8"].reset_index(drop=True)
-    pd.testing.assert_frame_equal(found, smooth, check_exact=True)
+    # Names are categories, of which a table of two families has more than it shows here.
+    names = dict.fromkeys(smooth.select_dtypes("category"), "str")
+    pd.testing.assert_frame_equal(found.astype(names), smooth.astype(names), check_exact=True)
     assert (results.run["families"], results.run["families_failed"]) == (2, 1)
     assert pd.Series(results.run["failures"]).str.contains(says).all()
     (reason,) = (why.reason for _, why in status(tmp_path / "bad").failed)
