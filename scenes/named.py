@@ -5,12 +5,24 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator
 
 from malus.scenes.errors import InputError
 from malus.scenes.problems import near
 
 Item = TypeVar("Item")
+
+
+def _no_path(name: str) -> str:
+    if name.startswith(".") or set(name) & {"/", "\\"}:
+        raise ValueError("a name without slashes that does not begin with a dot")
+    return name
+
+
+FolderName = Annotated[str, AfterValidator(_no_path)]
+"""A name that a folder may have."""
 
 
 def table(name: str) -> dict[str, Any]:

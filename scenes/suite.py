@@ -19,6 +19,7 @@ from malus.scenes.lights import Environment, Light
 from malus.scenes.materials import materials, surfaces
 from malus.scenes.measured import Measured, open_pbrdf
 from malus.scenes.model import Model
+from malus.scenes.named import FolderName
 from malus.scenes.patterns import ImageTexture
 from malus.scenes.problems import near
 from malus.scenes.scene import Sampling, Scene, Wavelengths
@@ -61,7 +62,7 @@ class Suite(Model):
     True
     """
 
-    name: str = Field(min_length=1, max_length=100)
+    name: FolderName = Field(min_length=1, max_length=100)
     description: str = ""
     shapes: tuple[Shape, ...] = Field(min_length=1)
     materials: tuple[Substance, ...] = Field(min_length=1)
@@ -77,14 +78,6 @@ class Suite(Model):
     camera: Camera = Camera()
     sampling: Sampling = Sampling()
     scalar: Smaller | None = None
-
-    @field_validator("name")
-    @classmethod
-    def _no_path(cls, name: str) -> str:
-        # A folder is named after it.
-        if name.startswith(".") or set(name) & {"/", "\\"}:
-            raise ValueError("a name without slashes that does not begin with a dot")
-        return name
 
     @field_validator("materials", mode="before")
     @classmethod
@@ -107,8 +100,8 @@ class Suite(Model):
         surfaces = ((Index(eta=1.5), finish) for finish in self.surfaces)
         for substance, finish in itertools.chain(materials, surfaces):
             for surroundings in axes[1]:
-                surface = coated(substance, finish, self.bodies[0])
-                scene = self._scene(self.shapes[0], surroundings, self.lights[0], surface)
+                coat = coated(substance, finish, self.bodies[0])
+                scene = self._scene(self.shapes[0], surroundings, self.lights[0], coat)
                 for placed in scene.objects:
                     placed.surface.indices(self.wavelengths_nm)
         return self
