@@ -100,17 +100,16 @@ class Suite(Model):
         surfaces = ((Index(eta=1.5), finish) for finish in self.surfaces)
         for substance, finish in itertools.chain(materials, surfaces):
             for surroundings in axes[1]:
-                coat = coated(substance, finish, self.bodies[0])
-                scene = self._scene(self.shapes[0], surroundings, self.lights[0], coat)
+                own = coated(substance, finish, self.bodies[0])
+                scene = self._scene(self.shapes[0], surroundings, self.lights[0], own)
                 for placed in scene.objects:
                     placed.surface.indices(self.wavelengths_nm)
         return self
 
     def scenes(self) -> Iterator[Scene]:
         """Every scene, in an order that keeps scenes of one family of renders together."""
-        families = itertools.product(
-            self.shapes, self.surroundings or (None,), self.lights, self.surfaces, self.bodies
-        )
+        around = self.surroundings or (None,)
+        families = itertools.product(self.shapes, around, self.lights, self.surfaces, self.bodies)
         seen = set()
         for shape, surroundings, light, rough, body in families:
             for substance in self.materials:
