@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from malus.bench.scoring.colour_error import delta_e
 from malus.bench.scoring.image_error import PolarisationError, psnr, scaled, squared_error, ssim
 from malus.bench.scoring.judge import Metric, Value
-from malus.bench.scoring.metrics import Error, Residuals, cos_zenith, skill
+from malus.bench.scoring.metrics import Error, cos_zenith, skill
 from malus.bench.scoring.sums import PixelSums
 from malus.reconstruct import Components
 from malus.renderers.truth import Truth
 from malus.scenes.errors import InputError
-from malus.scenes.polarisation import PAPER_ANGLES_DEG
+from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 from malus.scenes.problems import near
 
 Image = NDArray[np.floating[Any]]
@@ -111,16 +111,24 @@ def zenith_values(estimate: Components, truth: Truth) -> Iterator[Value]:
     """
     estimated, noisy, true = _fields(estimate, truth)
     place = np.digitize(np.degrees(np.arccos(cos_zenith(truth))), ZENITHS_DEG[1:-1])
+    pixels = np.bincount(place, minlength=len(ZENITHS_DEG) - 1)
     polarised = np.array([0.0, 1.0, 1.0])
-    differences = estimated - true, true * polarised, (noisy - true) * polarised
+    method, guess, noise = (
+        np.bincount(place, _squared(d), len(pixels)) / np.maximum(pixels, 1)
+        for d in (estimated - true, true * polarised, (noisy - true) * polarised)
+    )
     for k, (low, high) in enumerate(itertools.pairwise(ZENITHS_DEG)):
-        chosen = place == k
-        method, guess, noise = (Residuals.of(d[chosen], 1.0) for d in differences)
-        if not method.pixels:
+        if not pixels[k]:
             continue
-        errors = Error(method.nmse(), noise.nmse()), Error(guess.nmse(), noise.nmse())
+        errors = Error(float(method[k]), float(noise[k])), Error(float(guess[k]), float(noise[k]))
         yield Value(f"nmse_zenith_{low}_{high}", errors[0].nmse, errors[0].noise)
-        yield Value(f"skill_zenith_{low}_{high}", skill(*errors, method.pixels))
+        yield Value(f"skill_zenith_{low}_{high}", skill(*errors, int(pixels[k])))
+
+
+def _squared(difference: Image) -> Image:
+    """Squared error (pixels,) of Stokes differences (pixels, bands, 3): mean of bands, angles."""
+    weighted = difference @ angle_weights()
+    return np.einsum("pbi,pbi->p", weighted, difference) / difference.shape[1]
 
 
 METRICS: dict[str, Metric] = {
