@@ -123,8 +123,8 @@ def ssim(estimated: Image, truth: Truth, angle: float) -> PixelSums:
 
     Parameters
     ----------
-    estimated : (height, width, bands, 3)
-        Stokes image.
+    estimated : (pixels, bands, 3)
+        Stokes vectors of the mask's pixels.
 
     Raises
     ------
@@ -138,11 +138,11 @@ def ssim(estimated: Image, truth: Truth, angle: float) -> PixelSums:
         found = "×".join(map(str, mask.shape))
         raise InputError("ssim", f"at least {SSIM_WINDOW} pixels a side", found, "leave it out")
     images = []
-    for stokes in (truth.stokes, estimated):
-        image = np.zeros(stokes.shape[:-1])
-        image[mask] = polarisation.polarised(scaled(stokes, truth), angle)
+    for stokes in (truth.stokes[mask], estimated):
+        image = np.zeros(truth.image.shape)
+        image[mask] = polarisation.polarised(stokes.astype(np.float64), angle)
         images.append(image)
     _, similarity = structural_similarity(
-        *images, win_size=SSIM_WINDOW, data_range=1.0, channel_axis=-1, full=True
+        *images, win_size=SSIM_WINDOW, data_range=peak(truth), channel_axis=-1, full=True
     )
     return PixelSums.of(np.atleast_1d(similarity[mask].mean()))

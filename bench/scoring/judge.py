@@ -13,6 +13,7 @@ from malus.bench.scoring.agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreeme
 from malus.bench.scoring.metrics import (
     Error,
     Floats,
+    Image,
     Residuals,
     brightest,
     cos_zenith,
@@ -44,8 +45,11 @@ class Value(NamedTuple):
     angle_deg: float | None = None
 
 
-Metric = Callable[[Components, Truth], Iterable[Value]]
-"""A further metric: what it says of an estimate, given the truth. See `extra_metrics`."""
+Measure = Callable[[Image], Iterable[Value]]
+"""What a further metric says of the Stokes vectors (pixels, bands, 3) of the mask's pixels."""
+
+Metric = Callable[[Truth], Measure]
+"""A further metric: told the truth, it does what all methods share. See `extra_metrics`."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +147,7 @@ class Judge:
             hint = "use more resolution, or a camera that is nearer"
             raise InputError(truth.scene.label, "an object that covers a pixel", "none", hint)
         self.truth = truth
+        self._measures: dict[Metric, Measure] = {}
         self.sight = Sight.of(truth)
         known = self.sight.known
         self.peak = brightest(known.image[0])
@@ -167,7 +172,6 @@ class Judge:
         moments, totals = self._sums((estimate.image, estimate.s1, estimate.s2))
         scale = self.peak**2
         residuals, noise = self._residuals(moments)
-        picture = self.sight.picture(estimate) if metrics else estimate
         return Score(
             residuals,
             noise,
@@ -180,9 +184,16 @@ class Judge:
                 products(self.draws) / scale**2,
                 self.sight.true[0].size,
             ),
-            tuple(value for metric in metrics for value in metric(picture, self.truth)),
+            tuple(self._extra(estimate, metrics)) if metrics else (),
             estimate.converged,
         )
+
+    def _extra(self, estimate: Components, metrics: Sequence[Metric]) -> Iterator[Value]:
+        stokes = np.stack([estimate.image[0], estimate.s1[0], estimate.s2[0]], axis=-1)
+        for metric in metrics:
+            if metric not in self._measures:
+                self._measures[metric] = metric(self.truth)
+            yield from self._measures[metric](stokes)
 
     def _sums(self, estimate: Planes) -> tuple[Floats, Floats]:
         """Moments and totals; the draws of these totals are written."""

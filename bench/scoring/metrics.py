@@ -8,7 +8,6 @@ no image per angle is ever made.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self
@@ -124,11 +123,14 @@ def skill(method: Error, trivial: Error, pixels: int) -> float:
 
 
 def skills(
-    method_bias: Floats, trivial_bias: Floats, trivial_noise: Floats | float, pixels: int
+    method_bias: Floats,
+    trivial_bias: Floats,
+    trivial_noise: Floats | float,
+    pixels: NDArray[np.intp] | int,
 ) -> Floats:
     """The same of many pairs of errors: for their biases, and the noise of the guess."""
     # The noise is a mean of about `pixels` squares: its own relative deviation is √(2/pixels).
-    spread = trivial_noise * math.sqrt(2.0 / max(pixels, 1))
+    spread = trivial_noise * np.sqrt(2.0 / np.maximum(pixels, 1))
     told = (trivial_bias > SIGNIFICANCE * spread) & (trivial_bias > 0.0)
     share = np.divide(method_bias, trivial_bias, out=np.full(told.shape, np.nan), where=told)
     return 1.0 - share

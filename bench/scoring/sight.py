@@ -83,18 +83,6 @@ class Sight:
         valid = np.stack([flags.ravel()[self.pixels] for flags in told]) if told else None
         return Components(image, s1, s2, valid, pair[0].converged)
 
-    def picture(self, estimate: Components) -> Components:
-        """The first row as a picture of the truth's size, zero off the mask."""
-        shape = (*self.truth.mask.shape, self.true.shape[2])
-        planes = []
-        for name in _STOKES:
-            values = getattr(estimate, name)[0]
-            plane = np.zeros(shape, values.dtype)
-            plane.reshape(-1, shape[2])[self.pixels] = values
-            planes.append(plane)
-        image, s1, s2 = planes
-        return Components(image, s1, s2)
-
     @functools.cached_property
     def as_rendered(self) -> NDArray[np.bool_]:
         """The first row of `known`, as a mask (2, pixels)."""
