@@ -108,10 +108,11 @@ def table_of(records: Sequence[Record]) -> pd.DataFrame:
         floats = "float64" if name in _FLOATS else None
         column = pd.Series([record.common[name] for record in records], dtype=floats)
         columns[name] = column.repeat(counts).array
-    values = [value for record in records for value in record.values]
-    columns["metric"] = [value.metric for value in values]
+    values = zip(*(value for record in records for value in record.values), strict=True)
+    found = dict(zip(Value._fields, values, strict=True))
+    columns["metric"] = found["metric"]
     for name in ("band_nm", "angle_deg", "value", "noise"):
-        columns[name] = np.array([getattr(value, name) for value in values], dtype=np.float64)
+        columns[name] = np.array(found[name], dtype=np.float64)
     return pd.DataFrame(columns)
 
 

@@ -89,14 +89,17 @@ def work(task: Task, variant: Variant, threads: int = 1) -> Made:
     with made.guard():
         stage, truth_of = _renderer(task.family, task.renderer, variant, made, False)
 
+        together = threads if all(method.per_pixel for method in methods) else 1
+        # Threads wait for each other in Python: what each of them does is told by its own clock.
+        clock = time.perf_counter if together == 1 else time.thread_time
+
         def one(scene: Scene) -> Share:
-            share = Share(scene)
+            share = Share(scene, made=Made(clock=clock))
             share.do(stage, truth_of, exam, scene.id in task.examples)
             return share
 
         started = time.perf_counter()
-        together = all(method.per_pixel for method in methods)
-        for share in _each(one, task.family.scenes, threads if together else 1):
+        for share in _each(one, task.family.scenes, together):
             shares.append(share)
             made.failures += share.made.failures
             made.examples |= share.made.examples

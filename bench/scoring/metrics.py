@@ -138,12 +138,10 @@ def skills(
 
 def cos_zenith(truth: Truth) -> Floats:
     """Cosine of the angle between normal and direction to the camera, (pixels of the mask,)."""
-    normals = truth.normals[truth.mask].astype(np.float64)
-    if truth.view is None:
-        cosine = normals[:, 2]
-    else:
-        cosine = np.einsum("pi,pi->p", normals, truth.view[truth.mask])
-    return np.clip(cosine, 0.0, 1.0)
+    cosine = truth.normals[..., 2]
+    if truth.view is not None:
+        cosine = np.einsum("hwi,hwi->hw", truth.normals, truth.view)
+    return np.clip(cosine[truth.mask], 0.0, 1.0, dtype=np.float64)
 
 
 def peak(truth: Truth) -> float:
