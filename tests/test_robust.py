@@ -280,7 +280,10 @@ def test_a_scene_that_cannot_be_rendered_is_recorded_and_the_run_goes_on(
         assert run(SUITE, tmp_path / "bad", NOBODY).run["families_failed"] == 1
         assert len(calls) == 4, "a failure is remembered"
     rest = good.table[good.table.scene != bad].reset_index(drop=True)
-    pd.testing.assert_frame_equal(results.table, rest, check_exact=True)
+    # Names are categories, of which the table without a failure has more.
+    names = dict.fromkeys(rest.select_dtypes("category"), "str")
+    found = results.table.astype(names)
+    pd.testing.assert_frame_equal(found, rest.astype(names), check_exact=True)
     assert (results.run["families"], results.run["families_failed"]) == (2, 1)
     assert results.run["failures"] == ["ZeroDivisionError: made up\\non two lines"]
     found = status(tmp_path / "bad")
