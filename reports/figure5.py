@@ -35,6 +35,8 @@ NOISE = "expected Monte Carlo noise, largest of any method"
 ENDLESS = "\nA dotted bar has its lower end below zero, where a logarithmic axis has no place."
 _LETTERS_AN_INCH = 15
 """Of a caption: DejaVu Sans at 7 points has 18 of middling width."""
+_HANDLE_INCHES = 0.5
+"""What a legend's line and its margins take."""
 _SHIFT = 0.008
 """Distance between the methods' error bars at one x, as a part of the axis' width."""
 
@@ -180,7 +182,8 @@ def legend(
     figure: Figure, ax: Axes, content: Content, entries: Sequence[str], note: str = ENDLESS
 ) -> None:
     """Name the first lines of a panel below it; a method with the lights that its mean covers."""
-    labels = [_legend_label(content.rows, entry) for entry in entries]
+    column = int(_LETTERS_AN_INCH * (0.5 * figure.get_figwidth() - _HANDLE_INCHES))
+    labels = [textwrap.fill(_legend_label(content.rows, entry), column) for entry in entries]
     # The caption is the legend's title, so that the layout keeps both apart from the panels.
     caption = textwrap.fill(_caption(content.rows), int(_LETTERS_AN_INCH * figure.get_figwidth()))
     figure.legend(

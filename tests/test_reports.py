@@ -266,6 +266,8 @@ def test_captions_stay_inside_their_figure() -> None:
     for number, shape in enumerate(("sphere in a room full of things", "torus beside", "blob of")):
         chosen = table["scene"].isin([f"{2 * number:016x}", f"{2 * number + 1:016x}"])
         table["shape"] = table["shape"].mask(chosen, f"{shape} many words that name it")
+    # Legends name the lights that a mean covers.
+    table["light"] = table["light"].replace("distant 60°", "distant 60°" + " and others" * 8)
     for draw in (figure5, figure5_by_light, figure9):
         figure = draw(table, "unpolarised")
         figure.canvas.draw()
