@@ -142,9 +142,10 @@ def test_a_study_has_a_plan_and_takes_no_options_of_suites(study: str) -> None:
     planned = malus("plan", study)
     assert planned.returncode == 0, planned.stderr
     assert f"`malus run {study}`" in planned.stdout
-    refused = malus("run", study, "--samples", "4")
-    assert refused.returncode == 2
-    assert "found --samples; leave it out" in refused.stderr
+    for option, value in (("--samples", "4"), ("--seed", "0")):
+        refused = malus("run", study, option, value)
+        assert refused.returncode == 2
+        assert f"found {option}; leave it out" in refused.stderr
 
 
 def test_a_run_into_a_dataset_is_refused_and_loses_nothing(tmp_path: Path) -> None:

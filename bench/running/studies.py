@@ -91,7 +91,9 @@ def run_study(
     from malus.reports.write import write_study
 
     given = [
-        f"--{key}".replace("methods", "method") for key, value in (others or {}).items() if value
+        f"--{key}".replace("methods", "method")
+        for key, value in (others or {}).items()
+        if not (value is None or value is False or value == ())  # a seed of 0 is given
     ]
     if given:
         hint = f"leave it out: the cases of {name} are fixed"
