@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from malus.bench.running.results import Results, read_results
     from malus.bench.running.runner import run
     from malus.bench.scoring.judge import score
-    from malus.bench.scoring.view import observe
+    from malus.bench.scoring.observe import observe
 
 __all__ = ["Results", "observe", "read_results", "run", "score"]
 
 _HOMES = {
     "Results": "running.results",
-    "observe": "scoring.view",
+    "observe": "scoring.observe",
     "read_results": "running.results",
     "run": "running.runner",
     "score": "scoring.judge",

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import click
 
-from malus.bench.commands.cli_bench import bench_command
-from malus.bench.commands.cli_capture import capture_command
-from malus.bench.commands.cli_dataset import export_command, render_command, score_command
-from malus.bench.commands.cli_filter import filter_command
-from malus.bench.commands.cli_gate import gate_command
-from malus.bench.commands.cli_place import PLACE
-from malus.bench.commands.cli_status import status_command
+from malus.bench.commands.bench import bench_command
+from malus.bench.commands.capture import capture_command
+from malus.bench.commands.dataset import export_command, render_command, score_command
+from malus.bench.commands.filter import filter_command
+from malus.bench.commands.gate import gate_command
+from malus.bench.commands.options import PLACE
+from malus.bench.commands.status import status_command
 
 STUDIES = ("stress", "precision")
-"""What `malus run` knows besides suites of scenes: see `malus.bench.running.studies`."""
+"""What `malus run` knows besides suites of scenes: see `malus.bench.studies.registry`."""
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 STOPPED = "stopped; the same command goes on where it was"
@@ -74,7 +74,7 @@ def run(
     """
     overrides = {"samples": samples, "resolution": resolution, "seed": seed, "methods": methods}
     if suite in STUDIES:
-        from malus.bench.running.studies import run_study
+        from malus.bench.studies.registry import run_study
 
         others: dict[str, object] = {
             **overrides,
@@ -86,7 +86,7 @@ def run(
         if not run_study(suite, out, backend, others):
             sys.exit(FAILED)
         return
-    from malus.bench.commands.command_run import How, run_command
+    from malus.bench.commands.run import How, run_command
 
     how = How(workers, scheduler, retry_failed, timeout)
     if run_command(suite, out, overrides, backend, as_json, how):
@@ -110,7 +110,7 @@ def report(results: Path, beside: tuple[Path, ...]) -> None:
     Example:
       malus report results/fig5
     """
-    from malus.bench.commands.command_run import report_again
+    from malus.bench.commands.run import report_again
 
     report_again(results, beside)
 
@@ -126,7 +126,7 @@ def list_command(what: str) -> None:
     Example:
       malus list materials
     """
-    from malus.bench.commands.command_list import list_things
+    from malus.bench.commands.list import list_things
 
     list_things(what)
 
@@ -144,11 +144,11 @@ def plan(suite: str, backend: str) -> None:
       malus plan fig5
     """
     if suite in STUDIES:
-        from malus.bench.running.studies import STUDIES as KNOWN
+        from malus.bench.studies.registry import STUDIES as KNOWN
 
         click.echo(KNOWN[suite].plan)
         return
-    from malus.bench.commands.command_plan import plan_command
+    from malus.bench.commands.plan import plan_command
 
     plan_command(suite, backend)
 
@@ -198,7 +198,7 @@ def main() -> None:
         _stop(f"{message} See `{_path(mistake)} --help`.", BAD_INPUT)
     except ValueError as mistake:
         # Imported here, because `--help` must not wait for it.
-        from malus.scenes.errors import InputError
+        from malus.scenes.core.errors import InputError
 
         if not isinstance(mistake, InputError):
             raise

@@ -14,9 +14,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct.block import Block
-from malus.reconstruct.lobes import AboutNormals, Lobe, LobeModel
+from malus.reconstruct.lobe_models import AboutNormals, Lobe, LobeModel
 from malus.reconstruct.observation import Components, Observation
+from malus.reconstruct.pixel_block import Block
 
 BLOCK_PIXELS = 1 << 17
 """Measured best of 2^13 to 2^19: smaller blocks pay for calls, larger ones leave the cache."""
@@ -48,7 +48,7 @@ def from_lobes(
     """
     specular = observation.require("specular")
     observation.require("diffuse")
-    from malus.reconstruct import kernels  # imports numba
+    from malus.reconstruct import kernels
 
     lobes: dict[str, Lobe] = {"specular": specular_model(observation)}
     if body_model is not None:

@@ -20,10 +20,10 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct.block import Block, below_one, uniform_alpha, uniform_eta
 from malus.reconstruct.fresnel import EtaArray, excess, reflectances
-from malus.reconstruct.lobes import Ratio
+from malus.reconstruct.lobe_models import Ratio
 from malus.reconstruct.observation import Image, Observation
+from malus.reconstruct.pixel_block import Block, below_one, uniform_alpha, uniform_eta
 from malus.reconstruct.quadrature import Directions, quadrature
 
 BLOCK = 1 << 24
@@ -119,7 +119,7 @@ def _cached_weights(normals: _Same, lamp: Directions, alpha: float) -> NDArray[n
 
 def _weights(normals: Image, lamp: Directions, alpha: float) -> NDArray[np.float32]:
     """Facets that stand at each half vector, times shadowing: (pixels, K)."""
-    from malus.reconstruct.light_loops import weigh  # imports numba
+    from malus.reconstruct.known_light_kernels import weigh
 
     weights = np.empty((len(normals), len(lamp.power)), np.float32)
     weigh(normals.astype(np.float64), lamp.half, lamp.toward, alpha, weights)
@@ -128,7 +128,7 @@ def _weights(normals: Image, lamp: Directions, alpha: float) -> NDArray[np.float
 
 def _each(block: Block, seen: NDArray[np.bool_], lamp: Directions) -> NDArray[np.float64]:
     """What each seen pixel mirrors, (seen pixels, bands, 3), up to one factor."""
-    from malus.reconstruct.light_loops import mirror  # imports numba
+    from malus.reconstruct.known_light_kernels import mirror
 
     index = np.flatnonzero(seen)
     basis, alpha, eta = (

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from malus.reconstruct import lobes
+from malus.reconstruct import lobe_models as lobes
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.known_lights import known_lights
-from malus.reconstruct.lobes import LobeModel
+from malus.reconstruct.lobe_models import LobeModel
 from malus.reconstruct.observation import Components, Observation
 from malus.reconstruct.single_image.blind import BLIND
-from malus.scenes.errors import InputError
-from malus.scenes.problems import near
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.validation import near
 
 LOBES = frozenset({"specular", "diffuse"})
 ENTRY_POINTS = "malus.methods"

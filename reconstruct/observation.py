@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.scenes import polarisation
-from malus.scenes.lights import Light
+from malus.scenes.lights.lights import Light
 
 Image = NDArray[np.floating[Any]]
 

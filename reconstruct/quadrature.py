@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.scenes.environment import directions, radiance_map, solid_angles
-from malus.scenes.lights import Area, Distant, Environment, Light, Sky
-from malus.scenes.sky import parts
+from malus.scenes.lights.environment import directions, radiance_map, solid_angles
+from malus.scenes.lights.lights import Area, Distant, Environment, Light, Sky
+from malus.scenes.lights.sky import parts
 
 Floats = NDArray[np.float64]
 

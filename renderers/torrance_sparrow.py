@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from malus.renderers.truth import Truth
 from malus.scenes.camera import Camera
-from malus.scenes.errors import InputError
-from malus.scenes.lights import Distant
+from malus.scenes.core.errors import InputError
+from malus.scenes.lights.lights import Distant
 from malus.scenes.polarisation import stokes_from_extremes
 from malus.scenes.scene import Scene
-from malus.scenes.shapes import Sphere
+from malus.scenes.shapes.shapes import Sphere
 
 Floats = NDArray[np.float64]
 

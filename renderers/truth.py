@@ -32,7 +32,7 @@ class Truth:
         Pixels that the object covers entirely.
     standard_error : (height, width, bands, 3)
         Of the sum of both lobes, one standard deviation; among several objects from the variances
-        of neighbouring pixels too (`malus.renderers.pooled`).
+        of neighbouring pixels too (`malus.renderers.mitsuba.pooled`).
     specular_noise, diffuse_noise : (height, width, bands, 3)
         Half the difference of two independent half renders: one draw of the error of `specular`
         and `diffuse`. What a method makes of it is the noise of its score.

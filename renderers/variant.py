@@ -21,8 +21,8 @@ from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 
-from malus.scenes.errors import InputError
-from malus.scenes.quiet import quiet
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.quiet import quiet
 
 SCALAR = "scalar_spectral_polarized"
 LLVM = "llvm_ad_mono_polarized"

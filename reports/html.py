@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from malus.reports.listing import Listing
-from malus.reports.text import markup
+from malus.reports.tables.listing import Listing
+from malus.reports.tables.text import markup
 
 _VOID = frozenset({"br", "img", "input", "link", "meta"})
 

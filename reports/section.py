@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from malus.reports.drawings import Drawing
+from malus.reports.figures.drawings import Drawing
+from malus.reports.figures.inline import inlined
 from malus.reports.html import Markup, folded, scrolling, table, tag
-from malus.reports.inline import inlined
 
 
 @dataclass(frozen=True)

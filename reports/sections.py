@@ -10,16 +10,15 @@ from collections.abc import Callable, Iterator
 
 import pandas as pd
 
-from malus.reports import facts, listing
-from malus.reports.colour_errors import table1_listing
-from malus.reports.error_maps import WHITE, gallery
-from malus.reports.heat import maps as skill_maps
 from malus.reports.html import folded, join, table, tag
-from malus.reports.listing import range_of_means
 from malus.reports.section import Section, figure
 from malus.reports.source import Source
 from malus.reports.studies import read_study
-from malus.reports.tables import (
+from malus.reports.tables import facts, listing
+from malus.reports.tables.colour_errors import table1_listing
+from malus.reports.tables.listing import range_of_means
+from malus.reports.tables.skill_map import maps as skill_maps
+from malus.reports.tables.tables import (
     PAPER_BODY,
     PAPER_METHOD,
     PAPER_RANGE,
@@ -28,8 +27,9 @@ from malus.reports.tables import (
     only_body,
     whole,
 )
-from malus.reports.text import counted, duration, scientific, worth
-from malus.reports.viewer import place_of_scenes, viewer
+from malus.reports.tables.text import counted, duration, scientific, worth
+from malus.reports.viewer.error_maps import WHITE, gallery
+from malus.reports.viewer.viewer import place_of_scenes, viewer
 
 
 def headline(source: Source) -> Section:

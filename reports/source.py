@@ -9,8 +9,8 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.drawings import Drawing
-from malus.reports.examples import Example, read_examples
+from malus.reports.figures.drawings import Drawing
+from malus.reports.viewer.examples import Example, read_examples
 
 
 @dataclass(frozen=True)

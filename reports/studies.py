@@ -10,14 +10,14 @@ from typing import Any
 import pandas as pd
 
 from malus.bench.running.results import RUN
-from malus.bench.timing.stress import cells
-from malus.reports import facts
-from malus.reports.drawings import Drawing, precision_drawing
+from malus.bench.studies.stress import cells
+from malus.reports.figures.drawings import Drawing, precision_drawing
 from malus.reports.html import Markup, folded, join, table, tag
-from malus.reports.listing import Listing
 from malus.reports.section import Section, figure
-from malus.reports.text import counted, listed, scientific
-from malus.scenes.errors import InputError
+from malus.reports.tables import facts
+from malus.reports.tables.listing import Listing
+from malus.reports.tables.text import counted, listed, scientific
+from malus.scenes.core.errors import InputError
 
 _COLUMNS = {
     "precision.csv": [

@@ -7,12 +7,12 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports import facts, listing
-from malus.reports.colour_errors import table1_listing
-from malus.reports.listing import Listing
-from malus.reports.skills import negative
-from malus.reports.tables import PAPER_METHOD, in_order
-from malus.reports.text import counted, markdown
+from malus.reports.tables import facts, listing
+from malus.reports.tables.colour_errors import table1_listing
+from malus.reports.tables.listing import Listing
+from malus.reports.tables.skills import negative
+from malus.reports.tables.tables import PAPER_METHOD, in_order
+from malus.reports.tables.text import counted, markdown
 
 
 def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = ()) -> str:

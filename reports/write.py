@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from malus.bench.running.results import write_whole
-from malus.reports.colour_errors import table1
-from malus.reports.drawings import Drawing, drawings, ladders
+from malus.reports.figures.drawings import Drawing, drawings, ladders
 from malus.reports.page import PAGE, page
 from malus.reports.sections import of_run
-from malus.reports.skills import by_light_and_body
 from malus.reports.source import Source
 from malus.reports.studies import read_study
 from malus.reports.summary import summary
-from malus.reports.tables import ResultsLike
+from malus.reports.tables.colour_errors import table1
+from malus.reports.tables.skills import by_light_and_body
+from malus.reports.tables.tables import ResultsLike
 
 
 def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -> list[Path]:

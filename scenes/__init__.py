@@ -1,14 +1,14 @@
 """What to look at: plain frozen data and the conventions. Imports no folder beside it."""
 
 from malus.scenes.camera import Camera
-from malus.scenes.errors import InputError
-from malus.scenes.lights import Area, Distant, Environment, Light, Sky, Uniform
-from malus.scenes.measured import Measured
-from malus.scenes.patterns import Checker, ImageTexture, Spots, Stripes
+from malus.scenes.core.errors import InputError
+from malus.scenes.lights.lights import Area, Distant, Environment, Light, Sky, Uniform
+from malus.scenes.materials.measured import Measured
+from malus.scenes.materials.surface import Conductor, Dielectric, Patterned
 from malus.scenes.scene import Sampling, Scene
-from malus.scenes.shapes import Blob, MeshFile, Plane, Shape, Sphere, Superquadric, Torus
+from malus.scenes.shapes.patterns import Checker, ImageTexture, Spots, Stripes
+from malus.scenes.shapes.shapes import Blob, MeshFile, Plane, Shape, Sphere, Superquadric, Torus
 from malus.scenes.suite import Suite, load_suite, suite_names
-from malus.scenes.surface import Conductor, Dielectric, Patterned
 from malus.scenes.surroundings import Placed, Surroundings
 
 __all__ = [

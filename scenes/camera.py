@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from malus.scenes.model import Model
+from malus.scenes.core.model import Model
 
 Floats = NDArray[np.float64]
 HALF_WIDTH = 1.05

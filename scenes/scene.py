@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from malus.scenes.camera import Camera
-from malus.scenes.errors import InputError
-from malus.scenes.lights import Distant, Light, turned
-from malus.scenes.model import Model
-from malus.scenes.patterns import ImageTexture
-from malus.scenes.shapes import Shape
-from malus.scenes.surface import Patterned, Surface
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.model import Model
+from malus.scenes.lights.lights import Distant, Light, turned
+from malus.scenes.materials.surface import Patterned, Surface
+from malus.scenes.shapes.patterns import ImageTexture
+from malus.scenes.shapes.shapes import Shape
 from malus.scenes.surroundings import Placed, Surroundings
 
 LEAST_INCIDENCE = 0.01

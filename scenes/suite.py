@@ -13,19 +13,19 @@ from typing import Any, Literal, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from malus.scenes.camera import Camera
-from malus.scenes.content import digest_of
-from malus.scenes.errors import InputError
-from malus.scenes.lights import Environment, Light
-from malus.scenes.materials import materials, surfaces
-from malus.scenes.measured import Measured, open_pbrdf
-from malus.scenes.model import Model
-from malus.scenes.named import FolderName
-from malus.scenes.patterns import ImageTexture
-from malus.scenes.problems import near
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.model import Model
+from malus.scenes.core.named_file import digest_of
+from malus.scenes.core.registry import FolderName
+from malus.scenes.core.validation import near
+from malus.scenes.lights.lights import Environment, Light
+from malus.scenes.materials.materials import materials, surfaces
+from malus.scenes.materials.measured import Measured, open_pbrdf
+from malus.scenes.materials.surface import Body, Surface
 from malus.scenes.scene import Sampling, Scene, Wavelengths
-from malus.scenes.shapes import MeshFile, Shape
-from malus.scenes.substances import Finish, Index, Substance, coated
-from malus.scenes.surface import Body, Surface
+from malus.scenes.shapes.patterns import ImageTexture
+from malus.scenes.shapes.shapes import MeshFile, Shape
+from malus.scenes.suite_surfaces import Finish, Index, Substance, coated
 from malus.scenes.surroundings import Placed, Surroundings
 
 AnyShape = TypeVar("AnyShape", bound=Model)

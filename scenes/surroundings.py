@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from malus.scenes.model import Model
-from malus.scenes.shapes import ShapeOrPlane
-from malus.scenes.surface import Surface
+from malus.scenes.core.model import Model
+from malus.scenes.materials.surface import Surface
+from malus.scenes.shapes.shapes import ShapeOrPlane
 
 Coordinate = Annotated[float, Field(ge=-1000, le=1000)]
 

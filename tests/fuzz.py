@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from malus.bench.running.child import Child
+    from malus.bench.running.worker_process import Child
 
 SEEDS = Path(__file__).parent / "reference" / "fuzz"
 MEMORY_BYTES = 3 << 30
@@ -85,7 +85,7 @@ def search(
     from hypothesis import seed as seeded
     from hypothesis import strategies as st
 
-    from malus.bench.running.child import Died
+    from malus.bench.running.worker_process import Died
 
     kinds = ("flip", "byte", "cut", "drop", "repeat", "number", "token")
     change = st.tuples(st.sampled_from(kinds), st.floats(0, 1), st.integers(0, 1 << 16))
@@ -123,7 +123,7 @@ def fuzz(minutes: float, names: list[str], seed: int) -> int:
     """Rounds over all readers until the time is over; the number of findings."""
     from fuzz_readers import READERS
 
-    from malus.bench.running.child import Child
+    from malus.bench.running.worker_process import Child
 
     executions = dict.fromkeys(names, 0)
     known: dict[str, set[str]] = {name: set() for name in names}

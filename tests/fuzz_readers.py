@@ -18,7 +18,7 @@ import numpy as np
 from made_up import BANDS, made_up_truth, tensor_file, tiny_pbrdf
 
 from malus.bench import read_results
-from malus.bench.exchange.predictions import find_predictions
+from malus.bench.datasets.predictions import find_predictions
 from malus.bench.gates.baseline import (
     DEFAULT_RULES,
     Baseline,
@@ -26,22 +26,22 @@ from malus.bench.gates.baseline import (
     read_baseline,
     write_baseline,
 )
-from malus.bench.photos.capture import read_capture
-from malus.bench.photos.companion_files import read_normals
-from malus.bench.photos.pictures import read_picture
 from malus.bench.running.parts import Parts
 from malus.bench.running.status import status
-from malus.renderers.files.dataset import DatasetWriter, open_dataset
-from malus.renderers.files.scene_folder import read_record
-from malus.renderers.files.spectral_exr import read_spectral, write_exr, write_spectral
+from malus.reconstruct.photos.capture import read_capture
+from malus.reconstruct.photos.masks_and_normals import read_normals
+from malus.reconstruct.photos.read_picture import read_picture
+from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
+from malus.renderers.datasets.scene_folder import read_record
+from malus.renderers.datasets.spectral_exr import read_spectral, write_exr, write_spectral
 from malus.reports import sample
-from malus.reports.examples import read_example
+from malus.reports.viewer.examples import read_example
 from malus.scenes import load_suite
-from malus.scenes.environment import radiance_map
-from malus.scenes.lights import Environment
-from malus.scenes.measured import open_pbrdf
-from malus.scenes.meshes import load_mesh
-from malus.scenes.patterns import ImageTexture
+from malus.scenes.lights.environment import radiance_map
+from malus.scenes.lights.lights import Environment
+from malus.scenes.materials.measured import open_pbrdf
+from malus.scenes.shapes.meshes import load_mesh
+from malus.scenes.shapes.patterns import ImageTexture
 
 SIDE = 6
 TRUTH = made_up_truth(side=SIDE)

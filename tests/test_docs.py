@@ -34,15 +34,7 @@ from malus.bench.cli import cli
 from malus.bench.scoring.extra_metrics import METRICS
 from malus.reconstruct import methods
 from malus.renderers import render
-from malus.scenes import (
-    Camera,
-    Dielectric,
-    Distant,
-    Scene,
-    Sphere,
-    load_suite,
-    suite_names,
-)
+from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere, load_suite, suite_names
 from malus.scenes.suite import Suite
 
 ROOT = Path(__file__).parents[1]

@@ -19,8 +19,8 @@ import pandas as pd
 from pydantic import Field
 
 from malus.bench.running.results import Results, write_whole
-from malus.scenes.errors import InputError
-from malus.scenes.model import Model, content_id
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.model import Model, content_id
 
 GatedMetric = Literal["gain", "rotation", "facing_skill"]
 """Metrics whose standard error is measured with them; the others cannot tell noise from change."""

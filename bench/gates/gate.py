@@ -20,7 +20,7 @@ from typing import Literal
 
 from malus.bench.gates.baseline import Baseline, Measured, Origin, Rule, measure
 from malus.bench.running.results import Results
-from malus.scenes.errors import InputError
+from malus.scenes.core.errors import InputError
 
 FALSE_ALARM = 1e-3
 """Probability that noise alone turns a whole run red."""

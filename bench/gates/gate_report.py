@@ -13,7 +13,7 @@ from rich.table import Table
 
 from malus.bench.gates.gate import FALSE_ALARM, Verdict, passed
 from malus.bench.running.results import write_whole
-from malus.scenes.errors import printable
+from malus.scenes.core.errors import printable
 
 _MOST_LINES = 30
 """Differences shown before the rest is only counted; the JUnit file has them all."""

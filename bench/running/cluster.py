@@ -19,13 +19,13 @@ from contextlib import ExitStack, contextmanager
 from itertools import islice
 from typing import Any
 
-from malus.bench.running.child import TIMEOUT_SECONDS, Child, at_most
 from malus.bench.running.parts import Failure
 from malus.bench.running.task import Made, Task
 from malus.bench.running.work import Engine, apart, work
+from malus.bench.running.worker_process import TIMEOUT_SECONDS, Child, at_most
 from malus.renderers.variant import BACKENDS, Variant, choose
-from malus.scenes.errors import InputError
-from malus.scenes.model import content_id
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.model import content_id
 
 ATTEMPTS = 3
 """Workers that one family may kill before it is recorded as failed."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from malus.bench.running.plan import FamilyPlan
 from malus.bench.running.results import write_whole
-from malus.bench.scoring.view import observe
+from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method
 from malus.renderers.truth import Truth
 from malus.scenes.scene import Scene

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from malus.renderers.family import FamilyKey
-from malus.renderers.nodes import family_nodes
-from malus.renderers.patterned import with_part
-from malus.scenes.model import content_id
+from malus.renderers.families.family import FamilyKey
+from malus.renderers.families.nodes import family_nodes
+from malus.renderers.families.patterned import with_part
+from malus.scenes.core.model import content_id
 from malus.scenes.scene import Sampling, Scene
 from malus.scenes.suite import Suite
 

@@ -16,8 +16,8 @@ import pandas as pd
 
 from malus.bench.running.pieces import headlines, read_compact, stream
 from malus.bench.scoring.judge import Value
-from malus.renderers.files.storage import open_regular, replace_file
-from malus.scenes.errors import InputError
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import open_regular, replace_file
 from malus.scenes.scene import Scene
 
 TABLE = "results.parquet"

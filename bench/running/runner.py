@@ -13,7 +13,7 @@ import pandas as pd
 
 from malus.bench.running.collected import Collected
 from malus.bench.running.examples import chosen
-from malus.bench.running.folders import prepare_folder
+from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
 from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.progress import Progress, silent
@@ -31,10 +31,10 @@ from malus.bench.running.task import Made, Task
 from malus.bench.running.work import Engine, here
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
-from malus.renderers.files.storage import owned
-from malus.renderers.files.stores import place
 from malus.renderers.variant import Variant, choose
-from malus.scenes.errors import InputError
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import owned
+from malus.scenes.core.remote import place
 from malus.scenes.suite import Suite
 
 REASONS_KEPT = 20

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from malus.bench.running.plan import FamilyPlan
-from malus.renderers.translate import CONVEX
-from malus.scenes.lights import Distant, Uniform
+from malus.renderers.mitsuba.translate import CONVEX
+from malus.scenes.lights.lights import Distant, Uniform
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 from malus.scenes.scene import Scene
 from malus.scenes.suite import Suite

@@ -12,7 +12,7 @@ from malus.bench.running.examples import keep
 from malus.bench.running.results import Record, describe, inapplicable, record
 from malus.bench.running.task import Made
 from malus.bench.scoring.judge import Judge, Metric
-from malus.bench.scoring.ladder import EVERYTHING, rungs
+from malus.bench.scoring.knowledge_ladder import EVERYTHING, rungs
 from malus.reconstruct import Inapplicable, Method, Observation
 from malus.renderers.truth import Truth
 from malus.scenes.scene import Scene

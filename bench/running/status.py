@@ -14,10 +14,10 @@ from rich.console import Console
 
 from malus.bench.running.parts import PLAN, Failure, Parts
 from malus.bench.running.results import RUN
-from malus.renderers.files.dataset import DATASET, open_dataset
-from malus.renderers.files.storage import read_json
-from malus.renderers.files.stores import place
-from malus.scenes.errors import InputError, printable
+from malus.renderers.datasets.dataset import DATASET, open_dataset
+from malus.scenes.core.errors import InputError, printable
+from malus.scenes.core.files import read_json
+from malus.scenes.core.remote import place
 
 MAX_PLAN_BYTES = 1 << 28
 SHOWN = 20

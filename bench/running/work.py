@@ -16,15 +16,15 @@ from typing import cast
 
 from threadpoolctl import threadpool_limits
 
-from malus.bench.running.child import ATTEMPTS, Child, Died
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan
 from malus.bench.running.results import table_of
 from malus.bench.running.share import Exam, Share
 from malus.bench.running.task import Made, Task
+from malus.bench.running.worker_process import ATTEMPTS, Child, Died
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
-from malus.renderers.family import render_family
+from malus.renderers.families.family import render_family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from malus.bench.scoring.sums import PixelSums
 from malus.scenes import polarisation
-from malus.scenes.errors import InputError
+from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
 Floats = NDArray[np.float64]

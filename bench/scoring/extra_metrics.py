@@ -16,14 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.bench.scoring.colour_error import delta_e
-from malus.bench.scoring.image_error import PolarisationError, psnr, scaled, squared_error, ssim
 from malus.bench.scoring.judge import Measure, Metric, Value
 from malus.bench.scoring.metrics import cos_zenith, peak, skills
+from malus.bench.scoring.polarisation_error import (
+    PolarisationError,
+    psnr,
+    scaled,
+    squared_error,
+    ssim,
+)
 from malus.bench.scoring.sums import PixelSums
 from malus.renderers.truth import Truth
-from malus.scenes.errors import InputError
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.validation import near
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
-from malus.scenes.problems import near
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from malus.bench.scoring.agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreement
+from malus.bench.scoring.field_agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreement
+from malus.bench.scoring.masked_pixels import Sight
 from malus.bench.scoring.metrics import (
     Error,
     Floats,
@@ -28,10 +29,9 @@ from malus.bench.scoring.pixel_kernels import (
     difference_sums,
     products,
 )
-from malus.bench.scoring.sight import Sight
 from malus.reconstruct import Components, Method, get_method
 from malus.renderers.truth import Truth
-from malus.scenes.errors import InputError
+from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 
 

@@ -16,7 +16,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct import lobes
+from malus.reconstruct import lobe_models as lobes
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.observation import Components, Image, Inapplicable, Observation
 from malus.reconstruct.single_image.convergence import Convergence
@@ -28,7 +28,7 @@ from malus.reconstruct.single_image.reduced import reduce
 from malus.reconstruct.single_image.separation import separate
 from malus.reconstruct.single_image.shading import BodyKind, body_shading, mirrored_shading
 from malus.reconstruct.single_image.shape import Known, recover_shape
-from malus.scenes.lights import Distant
+from malus.scenes.lights.lights import Distant
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from skimage.util import view_as_blocks
 
 from malus.reconstruct.observation import Image, Inapplicable
-from malus.scenes.materials import FRAUNHOFER_C_NM, FRAUNHOFER_D_NM, FRAUNHOFER_F_NM
+from malus.scenes.materials.materials import FRAUNHOFER_C_NM, FRAUNHOFER_D_NM, FRAUNHOFER_F_NM
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]

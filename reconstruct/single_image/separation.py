@@ -25,7 +25,7 @@ from malus.reconstruct.single_image.separation_chromaticity import chromaticity_
 from malus.reconstruct.single_image.separation_ratio import ratio_diffuse
 from malus.reconstruct.single_image.separation_space import SourceSpace, source_space
 from malus.reconstruct.single_image.separation_suv import suv_diffuse
-from malus.scenes.errors import InputError
+from malus.scenes.core.errors import InputError
 
 Mask = NDArray[np.bool_]
 

@@ -32,7 +32,7 @@ from malus.reconstruct.single_image.jacobian_pattern import Pattern
 from malus.reconstruct.single_image.outline import Outline
 from malus.reconstruct.single_image.parameters import ALPHA_RANGE
 from malus.reconstruct.single_image.shading import BodyKind, body_shading, mirrored_shading
-from malus.reconstruct.stereographic import normals_of, plane_slopes, to_rim
+from malus.reconstruct.single_image.stereographic import normals_of, plane_slopes, to_rim
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""Synthetic ground truth for methods that tell polarisation from one unpolarised image."""

@@ -1,0 +1,122 @@
+"""`malus filter`. Nothing heavy is imported before the command runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+class Direction(click.ParamType[tuple[float, float, float]]):
+    """X,Y,Z: three numbers with commas."""
+
+    name = "X,Y,Z"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float, float]:
+        """Three finite numbers, or click's one-line complaint."""
+        try:
+            x, y, z = (float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"expected three numbers X,Y,Z, found {value!r}", param, ctx)
+        return x, y, z
+
+
+def knowledge_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The options of what is known besides the picture, shared by filter and capture."""
+    path = click.Path(path_type=Path)
+    options = [
+        click.option(
+            "--normals", type=path, help="Normals: .npy, .exr, or a picture of (n + 1)/2."
+        ),
+        click.option("--mask", type=path, help="A picture, light where the object is."),
+        click.option(
+            "--light", type=Direction(), help="Towards a distant light: x right, y up, z to you."
+        ),
+        click.option("--material", help="A material of `malus list materials`."),
+        click.option("--alpha", type=float, help="Roughness, 0 to 1."),
+        click.option("--preset", help="water, glass, foliage, skin or plastic."),
+        click.option(
+            "--illuminant",
+            type=click.Choice(["neutral", "gray-world", "shades-of-grey", "highlights"]),
+            default="neutral",
+            show_default=True,
+            help="How the colour of the light is told.",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+@click.command("filter")
+@click.argument("image", type=click.Path(path_type=Path))
+@click.option(
+    "--angle",
+    "angles",
+    multiple=True,
+    type=float,
+    help="Degrees from the vertical, anticlockwise; repeat it. [default: 0 45 90 135]",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder [default: IMAGE's name + _polarised]."
+)
+@knowledge_options
+@click.option("--linear", is_flag=True, help="The file's values are linear light.")
+@click.option("--sweep", is_flag=True, help="Also an animation through 180°.")
+@click.option("--physical", is_flag=True, help="Lose the light that a real filter takes away.")
+def filter_command(
+    image: Path,
+    angles: tuple[float, ...],
+    out: Path | None,
+    linear: bool,
+    sweep: bool,
+    physical: bool,
+    **known: Any,
+) -> None:
+    """Look at IMAGE through a virtual polariser.
+
+    Needs the object's mask, or its normals; the more is known, the better.
+
+    \b
+    Example:
+      malus filter vase.jpg --mask vase_mask.png --light 1,1,2 --angle 60
+    """
+    from malus.reconstruct.photos.estimate import gather
+    from malus.reconstruct.photos.filter import Output, filter_picture
+    from malus.reconstruct.photos.read_picture import read_picture
+
+    picture = read_picture(image, linear)
+    known["material_name"] = known.pop("material")
+    height, width = picture.linear.shape[:2]
+    knowledge = gather((height, width), **known)
+    folder = out or image.with_name(f"{image.stem}_polarised")
+    output = Output(angles or Output.angles_deg, sweep, physical)
+    with _progress() as tell:
+        done = filter_picture(picture, image.stem, folder, knowledge, output, tell)
+    for statement in done.statements:
+        click.echo(f"- {statement}")
+    for warning in done.warnings:
+        click.echo(f"warning: {warning}", err=True)
+    click.echo(f"{len(done.files)} files in {folder}")
+
+
+def _progress() -> Any:
+    """Progress on standard error with time left; silent where that is no terminal."""
+    import contextlib
+
+    @contextlib.contextmanager
+    def shown() -> Any:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        console = Console(stderr=True)
+        columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+        with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+            task = bar.add_task("reading", total=1.0)
+            yield lambda what, share: bar.update(task, description=what, completed=share)
+
+    return shown()

@@ -1,0 +1,1 @@
+"""Datasets from rendering to score: render, export, predictions made elsewhere."""

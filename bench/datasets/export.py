@@ -1,0 +1,175 @@
+"""`malus export`: a dataset in the formats of other tools, with their conventions spelled out.
+
+Every format is a folder a scene, named by its id, and one `conventions.json` beside them.
+
+- `numpy`: `truth.npz` with the arrays of a Truth, `scene.json`.
+- `png`: `aolp_550nm.png` and `dolp_550nm.png`, 16 bits, a pair for every band.
+- `polanalyser`: a folder a band, `550nm/`, with `image00000.exr` (or .png) and a JSON of the same
+  name for every polariser angle, as `polanalyser.imreadMultiple` reads them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from malus.bench.running.output_folder import prepare_folder
+from malus.bench.running.progress import Progress, silent, with_progress
+from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
+from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset_record import CONVENTIONS
+from malus.renderers.datasets.spectral_exr import write_exr
+from malus.renderers.truth import Truth
+from malus.scenes import polarisation
+from malus.scenes.core.files import replace_folder, replace_text
+from malus.scenes.core.remote import place
+
+Image = NDArray[np.floating[Any]]
+Write = Callable[[Path, Truth], None]
+
+ANGLES_FROM_HORIZONTAL_DEG = (0.0, 45.0, 90.0, 135.0)
+"""Polariser angles of a polarisation camera, as polanalyser counts them."""
+
+FROM_VERTICAL_DEG = -90.0
+"""What turns an angle from the horizontal into one of malus, from the vertical."""
+
+NUMPY_WORDS = CONVENTIONS | {
+    "truth.npz": "stokes, specular, diffuse (where the lobes are known),"
+    " standard_error, specular_noise, diffuse_noise"
+    " (height, width, bands, 3); image (height, width, bands); normals (height, width, 3); mask"
+    " (height, width); wavelengths_nm, eta (bands,); alpha; read with allow_pickle=False",
+}
+PNG_WORDS = {
+    "aolp_<band>nm.png": "angle of linear polarisation, from +x (horizontal), anticlockwise as"
+    " displayed; value = angle / 180 degrees * 65536, modulo 65536 because 180 degrees are 0",
+    "dolp_<band>nm.png": "degree of linear polarisation; value = dolp * 65535, clipped to 1",
+    "background": "pixels off the object are 0 in both",
+}
+POLANALYSER_WORDS = {
+    "angle": "radians; transmission axis from +x (HORIZONTAL), anticlockwise as displayed, as"
+    " polanalyser counts: I(angle) = (s0 + s1 cos 2 angle + s2 sin 2 angle) / 2",
+    "malus_angle_deg": "the same axis as malus counts, from the VERTICAL: angle - 90 degrees,"
+    " modulo 180",
+    "full_scale": "radiance of the value 65535 of a .png, the same for all angles and bands of a"
+    " scene; 1 for .exr, whose only channel Y is the radiance",
+}
+
+
+def export_for_command_line(
+    dataset: Path, layout: str, out: Path, pixels: str, as_json: bool
+) -> None:
+    """Export a dataset for the command line."""
+    console = Console(stderr=True)
+    opened = open_dataset(dataset)
+    count = with_progress(
+        console, "scenes", lambda show: export(opened, layout, out, pixels, progress=show)
+    )
+    if as_json:
+        sys.stdout.write(json.dumps({"out": str(out), "scenes": count}) + "\n")
+    else:
+        console.print(f"{count} scenes written to {out}", highlight=False)
+
+
+def export(
+    dataset: Dataset,
+    layout: str,
+    out: Path | str,
+    pixels: str = "exr",
+    progress: Progress = silent,
+) -> int:
+    """Write every scene of a dataset in another format; returns how many.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    layout : 'numpy', 'png' or 'polanalyser'
+    out : path of a folder
+    pixels : 'exr' or 'png'
+        Of polanalyser's images.
+
+    Raises
+    ------
+    InputError
+        A damaged dataset, a folder that cannot be written.
+    """
+    write, words = _LAYOUTS[layout]
+    if layout == "polanalyser":
+        write = partial(write_polanalyser, pixels=pixels)
+    folder = prepare_folder(place(out), "an export")
+    replace_text(folder / "conventions.json", json.dumps(words, indent=1) + "\n")
+    for done, scene_id in enumerate(dataset.scenes):
+        progress(done, len(dataset), scene_id)
+        replace_folder(folder / scene_id, partial(_write, write, dataset.truth(scene_id)))
+    return len(dataset)
+
+
+def write_numpy(folder: Path, truth: Truth) -> None:
+    """The arrays of a truth as `truth.npz`, without pickle; lobes where they are known."""
+    lobes: dict[str, Any] = {"specular": truth.specular, "diffuse": truth.diffuse}
+    np.savez(
+        folder / "truth.npz",
+        stokes=truth.stokes,
+        image=truth.image,
+        **(lobes if truth.scene.lobes_known else {}),
+        standard_error=truth.standard_error,
+        specular_noise=truth.specular_noise,
+        diffuse_noise=truth.diffuse_noise,
+        normals=truth.normals,
+        mask=truth.mask,
+        wavelengths_nm=np.array(truth.scene.wavelengths_nm),
+        eta=truth.eta,
+        alpha=np.array(truth.alpha),
+    )
+
+
+def write_png(folder: Path, truth: Truth) -> None:
+    """Angle and degree of linear polarisation as pairs of 16-bit images."""
+    stokes = np.where(truth.mask[..., None, None], truth.stokes, 0)
+    for band, wavelength in enumerate(truth.scene.wavelengths_nm):
+        name = f"{wavelength:.10g}nm.png"
+        save_16bit(folder / f"aolp_{name}", aolp_16bit(stokes[:, :, band]))
+        save_16bit(folder / f"dolp_{name}", to_16bit(polarisation.dolp(stokes[:, :, band])))
+
+
+def write_polanalyser(folder: Path, truth: Truth, pixels: str = "exr") -> None:
+    """One image and one JSON for every band and polariser angle."""
+    brightest = float(truth.image.max())
+    full_scale = brightest if pixels == "png" and brightest > 0 else 1.0
+    for band, wavelength in enumerate(truth.scene.wavelengths_nm):
+        images = folder / f"{wavelength:.10g}nm"
+        images.mkdir()
+        for index, angle in enumerate(ANGLES_FROM_HORIZONTAL_DEG):
+            seen = polarisation.polarised(truth.stokes[:, :, band], angle + FROM_VERTICAL_DEG)
+            path = images / f"image{index:05d}.{pixels}"
+            if pixels == "png":
+                save_16bit(path, to_16bit(seen / full_scale))
+            else:
+                write_exr(path, {"Y": seen})
+            facts = {
+                "angle": math.radians(angle),
+                "malus_angle_deg": (angle + FROM_VERTICAL_DEG) % 180.0,
+                "full_scale": full_scale,
+            }
+            path.with_suffix(".json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
+
+
+def _write(write: Write, truth: Truth, folder: Path) -> None:
+    write(folder, truth)
+    record = truth.scene.model_dump(mode="json")
+    (folder / "scene.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+_LAYOUTS: dict[str, tuple[Write, dict[str, str]]] = {
+    "numpy": (write_numpy, NUMPY_WORDS),
+    "png": (write_png, PNG_WORDS),
+    "polanalyser": (write_polanalyser, POLANALYSER_WORDS),
+}

@@ -1,0 +1,249 @@
+"""Somebody else's images of the scenes of a dataset: found, checked and hashed.
+
+A folder of predictions has one of these for every scene of the dataset:
+
+- `<scene>.npz` with `stokes` (height, width, bands, 3), or with `i_max`, `i_min` and `phase`
+  (height, width, bands). Phase is the polariser angle of I_max in radians, anticlockwise from the
+  vertical as displayed; Stokes vectors have their axis along +x and s2 > 0 at +45°.
+- `<scene>.exr` in the spectral layout, as `stokes.exr` of the dataset.
+- a folder `<scene>/` with `<degrees>.npy` (height, width, bands) for three or more polariser
+  angles, anticlockwise from the vertical: `0.npy`, `45.npy`, `90.npy`.
+
+Arrays are finite float32 or float64, rows from the top, radiance in the unit of the dataset.
+Nothing is pickled, and no array is allocated before its size is known to be right.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.renderers.datasets.dataset import Dataset
+from malus.renderers.datasets.scene_folder import SceneRecord
+from malus.renderers.datasets.spectral_exr import read_spectral
+from malus.scenes import polarisation
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import digest, open_regular
+
+Image = NDArray[np.floating[Any]]
+Shape = tuple[int, ...]
+
+EXTREMES = ("i_max", "i_min", "phase")
+_ID = re.compile(r"[0-9a-f]{16}")
+_DAMAGED = (
+    zipfile.BadZipFile, zlib.error, ValueError, RuntimeError, EOFError, KeyError, OSError,
+    NotImplementedError, MemoryError, tokenize.TokenError,
+)  # fmt: skip
+_HINT = "see `malus score --help`"
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Files of predictions by scene id.
+
+    Attributes
+    ----------
+    folder : Path
+    found : dict of scene id to file or folder
+    """
+
+    folder: Path
+    found: dict[str, Path]
+
+    def stokes(self, record: SceneRecord) -> Image:
+        """The predicted Stokes image (height, width, bands, 3) of a scene.
+
+        Raises
+        ------
+        InputError
+            The first problem of this prediction.
+        """
+        arrays: dict[str, Image] = {}
+        problems = list(_read(self.found[record.scene.id], record, arrays))
+        if problems:
+            raise problems[0]
+        return arrays["stokes"]
+
+    def problems(self, record: SceneRecord) -> list[InputError]:
+        """Everything that is wrong with the prediction of a scene."""
+        if record.scene.id not in self.found:
+            expected = f"{record.scene.id}.npz, {record.scene.id}.exr or {record.scene.id}/"
+            return [InputError(str(self.folder), expected, "nothing", _HINT)]
+        return list(_read(self.found[record.scene.id], record, {}))
+
+    def sha256(self) -> str:
+        """Hash of the names and contents of all files."""
+        total = hashlib.sha256()
+        for path in sorted(self.found.values()):
+            for file in sorted(path.glob("*.npy")) if path.is_dir() else [path]:
+                total.update(f"{file.relative_to(self.folder)} {digest(file)[1]}\n".encode())
+        return total.hexdigest()
+
+
+def find_predictions(folder: Path, dataset: Dataset) -> tuple[Predictions, list[InputError]]:
+    """Predictions in a folder, and what lies there but belongs to no scene of the dataset.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be read.
+    """
+    known, found, problems = set(dataset.scenes), {}, []
+    try:
+        entries = sorted(folder.iterdir())
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(str(folder), "a folder of predictions", reason, _HINT) from None
+    for path in entries:
+        name = path.stem if path.suffix in (".npz", ".exr") else path.name
+        if name in found:
+            problems.append(InputError(str(path), "one prediction a scene", "a second", _HINT))
+        elif name in known:
+            found[name] = path
+        elif path.suffix in (".npz", ".exr") or _ID.fullmatch(name):
+            problems.append(InputError(str(path), "a scene of the dataset", name, _HINT))
+    return Predictions(folder, found), problems
+
+
+def check_predictions(
+    dataset: Dataset, folder: Path, progress: Callable[[int, int, str], None]
+) -> tuple[Predictions, list[InputError]]:
+    """Find predictions and name every problem of every one of them, before anything is scored."""
+    predictions, problems = find_predictions(folder, dataset)
+    for done, scene_id in enumerate(dataset.scenes):
+        progress(done, len(dataset), f"checking {scene_id}")
+        problems += predictions.problems(dataset.scene(scene_id))
+    return predictions, problems
+
+
+def _read(path: Path, record: SceneRecord, out: dict[str, Image]) -> Iterator[InputError]:
+    """Yield the problems of a prediction; where there is none, `out` gets its Stokes image."""
+    shape = (*record.shape, len(record.scene.wavelengths_nm))
+    if path.is_symlink():
+        yield InputError(str(path), "a file or a folder", "a link", "copy the file")
+    elif path.is_dir():
+        yield from _read_angles(path, shape, out)
+    elif path.suffix == ".npz":
+        yield from _read_npz(path, shape, out)
+    elif path.suffix == ".exr":
+        try:
+            out["stokes"] = read_spectral(path, record.shape, record.scene.wavelengths_nm)
+            yield from _not_finite(str(path), out["stokes"])
+        except InputError as problem:
+            yield problem
+    else:
+        yield InputError(str(path), "a .npz, a .exr or a folder", "another file", _HINT)
+
+
+def _read_npz(path: Path, shape: Shape, out: dict[str, Image]) -> Iterator[InputError]:
+    expected = "arrays stokes, or i_max, i_min and phase"
+    arrays: dict[str, Image] = {}
+    try:
+        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
+            names = {name.removesuffix(".npy") for name in archive.namelist()[:100]}
+            wanted = ("stokes",) if "stokes" in names else EXTREMES
+            if set(wanted) - names:
+                yield InputError(str(path), expected, ", ".join(sorted(names)), _HINT)
+                return
+            for name in wanted:
+                size = (*shape, 3) if name == "stokes" else shape
+                with archive.open(f"{name}.npy") as member:
+                    yield from _array(member, f"{path}, array {name}", size, arrays, name)
+    except InputError as problem:
+        yield problem
+    except _DAMAGED as error:
+        yield InputError(str(path), "an .npz file", _reason(error), "write it again")
+    if "stokes" in arrays:
+        out["stokes"] = arrays["stokes"]
+    elif len(arrays) == len(EXTREMES):
+        yield from _in_degrees(path, arrays["phase"])
+        out["stokes"] = polarisation.stokes_from_extremes(*(arrays[name] for name in EXTREMES))
+
+
+def _read_angles(folder: Path, shape: Shape, out: dict[str, Image]) -> Iterator[InputError]:
+    """A folder of images by polariser angle; least squares where there are more than three."""
+    arrays: dict[str, Image] = {}
+    angles: list[float] = []
+    clean = True
+    for path in sorted(folder.glob("*.npy")):
+        angle = _angle(path.stem)
+        problems = [InputError(str(path), "a name in degrees, as 45.npy", path.stem, _HINT)]
+        if angle is not None:
+            try:
+                with open_regular(path) as file:
+                    problems = list(_array(file, str(path), shape, arrays, path.stem))
+            except InputError as problem:
+                problems = [problem]
+            angles.append(angle)
+        clean = clean and not problems
+        yield from problems
+    # One row an angle: what a polariser passes of s0, s1 and s2.
+    rows = np.array([polarisation.polarised(np.eye(3), angle) for angle in angles])
+    if np.linalg.matrix_rank(rows.reshape(-1, 3)) < 3:
+        found = ", ".join(f"{angle:g}" for angle in angles) or "none"
+        yield InputError(str(folder), "three different polariser angles", found, _HINT)
+    elif clean:
+        images = np.stack(list(arrays.values()), axis=-1)
+        out["stokes"] = images @ np.linalg.pinv(rows).T
+
+
+def _angle(text: str) -> float | None:
+    try:
+        angle = float(text)
+    except ValueError:
+        return None
+    return angle if math.isfinite(angle) else None
+
+
+def _array(
+    stream: IO[bytes], where: str, shape: Shape, arrays: dict[str, Image], name: str
+) -> Iterator[InputError]:
+    """Read one .npy of a known shape; its header is judged before its data are read."""
+    try:
+        readers = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }
+        found, fortran, dtype = readers[np.lib.format.read_magic(stream)](stream)
+        if dtype.kind != "f" or dtype.itemsize not in (4, 8):
+            yield InputError(where, "float32 or float64", str(dtype), "convert it")
+            return
+        if found != shape:
+            yield InputError(where, f"shape {shape}", str(found), "height, width, bands")
+            return
+        raw = stream.read(math.prod(shape) * dtype.itemsize)
+        flat = np.frombuffer(raw, dtype)
+        array: Image = flat.reshape(shape, order="F" if fortran else "C")
+    except _DAMAGED as error:
+        yield InputError(where, "an .npy array", _reason(error), "write it again")
+        return
+    yield from _not_finite(where, array)
+    arrays[name] = array
+
+
+def _not_finite(where: str, array: Image) -> Iterator[InputError]:
+    wrong = int(np.size(array) - np.isfinite(array).sum())
+    if wrong:
+        yield InputError(where, "finite values", f"{wrong} that are not", "zero off the object")
+
+
+def _in_degrees(path: Path, phase: Image) -> Iterator[InputError]:
+    largest = float(np.abs(phase).max())
+    if largest > 2 * math.pi + 0.1:
+        where = f"{path}, array phase"
+        yield InputError(where, "radians", f"up to {largest:.4g}", "are these degrees?")
+
+
+def _reason(error: BaseException) -> str:
+    return (str(error).splitlines() or [""])[0] or type(error).__name__

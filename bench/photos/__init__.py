@@ -1,1 +1,0 @@
-"""Photographs: a virtual filter, captures, picture files."""

@@ -1,0 +1,67 @@
+"""The folders that commands write to: each holds what one command writes, and nothing else."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from malus.bench.running.parts import PLAN
+from malus.bench.running.results import EXAMPLES, PARTS, TABLE
+from malus.renderers.datasets.dataset import DATASET
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import TEMPORARY, remove_abandoned
+from malus.scenes.core.remote import is_here, put_mark
+
+FOLDERS = {
+    DATASET: "a dataset",
+    PLAN: "a run",
+    "conventions.json": "an export",
+    "stress.csv": "a study",
+    "precision.csv": "a study",
+    TABLE: "scores",
+}
+"""By a file that only such a folder has: what the commands write. A run has a table, too."""
+
+
+def prepare_folder(out: Path, what: str = "") -> Path:
+    """Make the output folder, check that it can be written, and clear what a kill left there.
+
+    `what` is one of the names in `FOLDERS`: what will be written there.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written, or holds something else than `what`.
+    """
+    try:
+        _check_holds(out, what)
+        out.mkdir(parents=True, exist_ok=True)
+        for folder in (out, out / PARTS, out / EXAMPLES):
+            remove_abandoned(folder)
+        _try_to_write(out)
+    except Exception as error:
+        # What a store elsewhere raises, for wrong credentials say, is its package's business.
+        if isinstance(error, InputError) or (is_here(out) and not isinstance(error, OSError)):
+            raise
+        reason = getattr(error, "strerror", None) or str(error).split("\n")[0]
+        raise InputError(
+            f"output folder {out}", "a folder that can be written", reason, "choose another --out"
+        ) from None
+    return out
+
+
+def _check_holds(out: Path, what: str) -> None:
+    """Refuse a folder whose files would be mixed with those of another command, or replaced."""
+    found = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), what)
+    if what and found != what:
+        hint = "choose another --out; nothing was changed"
+        raise InputError(f"output folder {out}", f"a new folder, or {what}", found, hint)
+
+
+def _try_to_write(out: Path) -> None:
+    if is_here(out):
+        # Without a name, so that a kill at this moment leaves nothing.
+        with tempfile.TemporaryFile(dir=out) as file:
+            file.write(bytes(4096))
+    else:
+        put_mark(out, f"{TEMPORARY}*").unlink()

@@ -1,0 +1,170 @@
+"""`malus run precision`: error against run time of R, of rendering, and of whole methods.
+
+Every point of a diagram is a setting that somebody could choose: seconds are medians of several
+runs after one that warms up, with their spread, and errors are against a far more accurate run
+of the same kind. A setting is on the Pareto front when none is both faster and more accurate.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from malus.bench.scoring.judge import Judge
+from malus.bench.scoring.observe import observe
+from malus.bench.studies.reference import reference_dolp
+from malus.reconstruct import get_method, specular_dolp
+from malus.reconstruct.facets.table import DolpTable
+from malus.renderers.families.family import render_family
+from malus.renderers.variant import Variant
+from malus.scenes.camera import Camera
+from malus.scenes.lights.lights import Distant, Light, Uniform
+from malus.scenes.materials.surface import Dielectric
+from malus.scenes.scene import Sampling, Scene
+from malus.scenes.shapes.shapes import Sphere
+
+REPEATS = 5
+ZENITHS = np.radians(np.linspace(2.0, 88.0, 24))
+ETA, SIGMA = 1.5, 11.1
+METHODS = ("unpolarised", "eq8", "visible+body", "shadowed+body", "half_vector+body", "lights+body")
+
+
+def precision(variant: Variant, repeats: int = REPEATS) -> pd.DataFrame:
+    """All diagrams as one table.
+
+    Returns
+    -------
+    DataFrame
+        Columns diagram, method, setting, seconds, spread (half the interquartile range of the
+        seconds), unit (of what the seconds are a part), error, pareto.
+    """
+    rows = [*_ratio_rows(repeats), *_render_rows(variant, repeats), *_method_rows(variant, repeats)]
+    table = pd.DataFrame(rows)
+    table["pareto"] = False
+    for _, part in table.groupby("diagram"):
+        table.loc[part.index, "pareto"] = pareto(part["seconds"], part["error"])
+    return table
+
+
+def pareto(seconds: pd.Series, error: pd.Series) -> list[bool]:
+    """Whether no other point is at least as fast and as accurate, and better in one of them.
+
+    Examples
+    --------
+    >>> pareto(pd.Series([1.0, 2.0, 3.0]), pd.Series([0.3, 0.1, 0.2]))
+    [True, True, False]
+    """
+    points = list(zip(seconds, error, strict=True))
+    return [not any(a <= s and b <= e and (a < s or b < e) for a, b in points) for s, e in points]
+
+
+def _row(
+    diagram: str, method: str, setting: str, unit: str, timing: tuple[float, float], error: float
+) -> dict[str, Any]:
+    seconds, spread = timing
+    return {
+        "diagram": diagram,
+        "method": method,
+        "setting": setting,
+        "seconds": seconds,
+        "spread": spread,
+        "unit": unit,
+        "error": error,
+    }
+
+
+def _timed(work: Callable[[], Any], repeats: int, parts: float = 1.0) -> tuple[float, float]:
+    """Median seconds a part and half the interquartile range, after one run that warms up."""
+    work()
+    seconds = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        work()
+        seconds.append((time.perf_counter() - started) / parts)
+    low, middle, high = np.quantile(seconds, [0.25, 0.5, 0.75])
+    return float(middle), float(high - low) / 2
+
+
+def _ratio_rows(repeats: int) -> Iterator[dict[str, Any]]:
+    """ρ of `visible` at one surface: tolerances of the quadrature, the table, the reference."""
+    diagram, unit, count = "ratio", "a value of ρ", len(ZENITHS)
+    exact = [reference_dolp(float(z), ETA, SIGMA, "visible") for z in ZENITHS]
+    true = np.array([found.value for found in exact])
+    for exponent in (2, 4, 6, 8, 10):
+        tolerance = 10.0**-exponent
+
+        def integrate(tolerance: float = tolerance) -> Any:
+            return specular_dolp(ZENITHS, ETA, SIGMA, "visible", tolerance=tolerance)
+
+        error = float(np.abs(integrate() - true).max())
+        setting = f"tolerance 1e-{exponent}"
+        yield _row(diagram, "quadrature", setting, unit, _timed(integrate, repeats, count), error)
+    table = DolpTable(ETA, SIGMA, "visible")
+    many = np.random.default_rng(1).random(1_000_000).astype(np.float32)
+    error = float(np.abs(table(np.cos(ZENITHS)) - true).max())
+    timing = _timed(lambda: table(many), repeats, len(many))
+    yield _row(diagram, "table", "already built", unit, timing, error)
+    slow = partial(reference_dolp, 1.0, ETA, SIGMA, "visible")
+    timing = _timed(slow, max(1, repeats // 2))
+    # What its last refinement changed: nothing is more exact to compare it with.
+    error = max(found.error for found in exact)
+    yield _row(diagram, "adaptive reference", "rings", unit, timing, error)
+
+
+def _render_rows(variant: Variant, repeats: int) -> Iterator[dict[str, Any]]:
+    """Stokes images of 8 indices under uniform light: samples and nodes in η."""
+    diagram, unit = "render", "a family of 8 indices, 48² pixels"
+    scenes = [_scene(eta, Uniform()) for eta in np.linspace(1.34, 1.68, 8)]
+    exact = render_family(scenes, Sampling(samples=4096, seed=99), variant, errors=False)
+    true = [exact.truth(scene, standard_error=False).stokes for scene in scenes]
+    for samples, nodes in ((4, 6), (16, 6), (64, 6), (256, 6), (4, 2), (64, 2), (256, 2)):
+        sampling = Sampling(samples=samples, seed=1)
+
+        def render(sampling: Sampling = sampling, nodes: int = nodes) -> Any:
+            return render_family(scenes, sampling, variant, errors=False, nodes=nodes)
+
+        family = render()
+        wrong = [
+            family.truth(scene, standard_error=False).stokes - t
+            for scene, t in zip(scenes, true, strict=True)
+        ]
+        error = float(np.sqrt(np.mean(np.square(wrong))) / np.max(true))
+        setting = f"{samples} samples, {nodes} nodes"
+        yield _row(diagram, variant.name, setting, unit, _timed(render, repeats), error)
+
+
+def _method_rows(variant: Variant, repeats: int) -> Iterator[dict[str, Any]]:
+    """NMSE without noise of each method that applies, polarised body, seconds a megapixel."""
+    for light in (Uniform(), Distant(incidence_deg=60)):
+        scene = _scene(1.5, light)
+        truth = render_family([scene], Sampling(samples=1024, seed=5), variant).truth(scene)
+        judge = Judge(truth)
+        for name in METHODS:
+            method = get_method(name)
+            if name == "half_vector+body" and not isinstance(light, Distant):
+                continue
+            score = judge.score(method)
+            known = observe(truth, method.needs)
+
+            def reconstruct(method: Any = method, known: Any = known) -> Any:
+                return method.reconstruct(known)
+
+            megapixels = truth.mask.size / 1e6
+            noise = score.noise.nmse()
+            # The least that can be told: the difference is uncertain by about that much.
+            least = noise / math.sqrt(score.residuals.pixels)
+            error = max(score.residuals.nmse() - noise, least)
+            timing = _timed(reconstruct, repeats, megapixels)
+            yield _row(f"methods, {light.label}", name, "", "a megapixel", timing, error)
+
+
+def _scene(eta: float, light: Light) -> Scene:
+    surface = Dielectric(eta=float(eta), alpha=0.3, albedo=0.5, body="polarised")
+    camera = Camera(resolution=48)
+    return Scene(shape=Sphere(), surface=surface, light=light, camera=camera)

@@ -1,0 +1,182 @@
+"""`malus bench ratio`: tables and R of many points, beside a double integral a point by hand."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.bench.studies.reference import reference_dolp
+from malus.reconstruct import polarisation_ratio, specular_dolp
+from malus.reconstruct.facets.breakpoints import Measure
+from malus.reconstruct.facets.table import DolpTable
+
+FloatArray = NDArray[np.float64]
+
+TOLERANCE = 1e-6
+_TABLES = 7  # surfaces a measure; each is built once a process, so every run needs another
+
+
+@dataclass(frozen=True)
+class RatioSpeed:
+    """Cost of one measure.
+
+    Attributes
+    ----------
+    table_seconds : median over surfaces
+    points : scattered triples (zenith, eta, sigma)
+    seconds : for R of all of them
+    error : largest error of ρ against the reference on a sample
+    by_hand_seconds : for all of them by scipy's dblquad, extrapolated from a few
+    by_hand_error : largest error of ρ of those few
+    """
+
+    measure: str
+    table_seconds: float
+    points: int
+    seconds: float
+    error: float
+    by_hand_seconds: float
+    by_hand_error: float
+
+
+def scattered(count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Zeniths over the hemisphere, dielectrics of 1.3 to 1.8, roughness 0.05 to 0.5."""
+    random = np.random.default_rng(0)
+    alpha = np.exp(random.uniform(math.log(0.05), math.log(0.5), count))
+    return random.uniform(0.0, np.pi / 2, count), random.uniform(1.3, 1.8, count), alpha**-2.0
+
+
+def _table_seconds(measure: Measure) -> float:
+    seconds = []
+    for surface in range(_TABLES + 1):
+        started = time.perf_counter()
+        # Time makes another surface of every run: none is in the cache.
+        DolpTable(1.45 + 0.01 * surface, 11.1 + 1e-6 * (started % 1.0), measure)
+        seconds.append(time.perf_counter() - started)
+    return float(np.median(seconds[1:]))  # the first one also makes the rules
+
+
+def by_hand(zenith: float, eta: float, sigma: float, measure: Measure) -> float:
+    """ρ as one writes it down: Equations 4 to 8 literally, scipy.integrate.dblquad.
+
+    `shadowed` by hand needs Smith's G1 on top, so that its time is taken as that of `visible`.
+    """
+    from scipy.integrate import dblquad
+
+    reach = math.sqrt(36.0 / sigma)
+
+    def total(sign: int) -> float:
+        def integrand(phi: float, r: float) -> float:
+            return _integrand(phi, r, (zenith, eta, sigma), measure, sign)
+
+        return float(dblquad(integrand, 0.0, reach, 0.0, 2.0 * math.pi)[0])
+
+    perpendicular, parallel = total(1), total(-1)
+    return (perpendicular - parallel) / (perpendicular + parallel)
+
+
+def _integrand(
+    phi: float, r: float, point: tuple[float, float, float], measure: Measure, sign: int
+) -> float:
+    """Equation 4 of one facet, I_⊥ for sign 1 and I_∥ for −1, times the measure's weight."""
+    zenith, eta, sigma = point
+    x = r * math.sin(phi)
+    y = math.sin(zenith) - r * math.cos(zenith) * math.cos(phi)
+    facing = math.cos(zenith) + r * math.sin(zenith) * math.cos(phi)
+    if facing <= 0.0:
+        return 0.0
+    cosine = min(facing / math.sqrt(1.0 + r * r), 1.0)
+    inside = math.sqrt(1.0 - (1.0 - cosine * cosine) / eta**2)
+    f_perpendicular = ((cosine - eta * inside) / (cosine + eta * inside)) ** 2
+    f_parallel = ((eta * cosine - inside) / (eta * cosine + inside)) ** 2
+    cos2_beta = y * y / max(x * x + y * y, 1e-300)
+    if sign < 0:
+        cos2_beta = 1.0 - cos2_beta
+    reflected = f_perpendicular * cos2_beta + f_parallel * (1.0 - cos2_beta)
+    weight = math.exp(-sigma * r * r) * (1.0 if measure == "eq8" else r * facing)
+    return weight * reflected
+
+
+def _by_hand(
+    points: tuple[FloatArray, FloatArray, FloatArray], few: int, measure: Measure
+) -> tuple[float, float]:
+    """Seconds a point and largest error of ρ; zeniths up to 80°, where dblquad is at its best."""
+    literal: Measure = "eq8" if measure == "eq8" else "visible"
+    errors = []
+    started = time.perf_counter()
+    for zenith, eta, sigma in list(zip(*points, strict=True))[:few]:
+        with warnings.catch_warnings():  # it complains where it gives up
+            warnings.simplefilter("ignore")
+            value = by_hand(min(zenith, 1.4), eta, sigma, literal)
+        errors.append(abs(value - float(specular_dolp(min(zenith, 1.4), eta, sigma, literal))))
+    return (time.perf_counter() - started) / few, max(errors)
+
+
+def _error(
+    points: tuple[FloatArray, FloatArray, FloatArray],
+    rho: FloatArray,
+    sample: int,
+    measure: Measure,
+) -> float:
+    """Largest error of ρ against the independent reference, on an even sample of the points."""
+    worst = 0.0
+    for index in np.linspace(0, rho.size - 1, sample).astype(np.intp):
+        zenith, eta, sigma = (float(axis[index]) for axis in points)
+        exact = reference_dolp(zenith, eta, sigma, measure).value
+        worst = max(worst, abs(float(rho[index]) - exact))
+    return worst
+
+
+def measure_speed(
+    count: int = 1_000_000, sample: int = 12, few: int = 3, repeats: int = 3
+) -> list[RatioSpeed]:
+    """Time every measure: tables, R of scattered points, and the same by hand on a few."""
+    return [_speed(measure, count, sample, few, repeats) for measure in get_args(Measure)]
+
+
+def _speed(measure: Measure, count: int, sample: int, few: int, repeats: int) -> RatioSpeed:
+    points = scattered(count)
+    ratio = np.empty(0)
+
+    def work() -> None:
+        nonlocal ratio
+        ratio = polarisation_ratio(*points, measure, tolerance=TOLERANCE)
+
+    seconds = float(np.median([_timed(work) for _ in range(repeats)]))
+    rho = (1.0 - ratio) / (1.0 + ratio)
+    hand, hand_error = _by_hand(points, few, measure)
+    return RatioSpeed(
+        measure,
+        _table_seconds(measure),
+        count,
+        seconds,
+        _error(points, rho, sample, measure),
+        hand * count,
+        hand_error,
+    )
+
+
+def _timed(work: Callable[[], object]) -> float:
+    started = time.perf_counter()
+    work()
+    return time.perf_counter() - started
+
+
+def report_lines(speeds: list[RatioSpeed]) -> list[str]:
+    """The figures in words, two lines a measure."""
+    lines = []
+    for speed in speeds:
+        lines += [
+            f"{speed.measure}: table of a surface {speed.table_seconds * 1e3:.2f} ms; R of "
+            f"{speed.points} points {speed.seconds:.3g} s, largest error of rho {speed.error:.1e}",
+            f"  by hand (scipy.integrate.dblquad, extrapolated): {speed.by_hand_seconds:.3g} s, "
+            f"{speed.by_hand_seconds / speed.seconds:.2g}x ours, error {speed.by_hand_error:.1e}",
+        ]
+    return lines

@@ -1,0 +1,150 @@
+"""`malus bench render`: seconds a polariser image, ours beside what a user would do by hand."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from malus.bench.running.plan import plan
+from malus.renderers.comparison.plain_mitsuba import StokesByHand, plate_image
+from malus.renderers.comparison.profile import profiled
+from malus.renderers.families.family import render_family
+from malus.renderers.variant import Variant
+from malus.scenes.camera import Camera
+from malus.scenes.lights.lights import Distant, Light, Uniform
+from malus.scenes.materials.materials import materials, surfaces
+from malus.scenes.polarisation import PAPER_ANGLES_DEG
+from malus.scenes.scene import Sampling, Scene
+from malus.scenes.shapes.shapes import Sphere
+from malus.scenes.suite import Suite
+
+ANGLES = PAPER_ANGLES_DEG
+LIGHTS: tuple[Light, ...] = (Distant(incidence_deg=60), Uniform())
+
+
+@dataclass
+class Speed:
+    """One way's cost: median seconds a polariser image, and the error of its images."""
+
+    seconds_an_image: float
+    error: float
+    images: int
+    parts: dict[str, float] = field(default_factory=dict)
+
+
+def matrix(light: Light, camera: Camera, sampling: Sampling) -> Suite:
+    """24 materials x 5 surfaces x 8 bands on a sphere under one light, polarised body."""
+    return Suite(
+        name="speed",
+        shapes=(Sphere(),),
+        materials=tuple(materials()),
+        surfaces=tuple(surfaces()),
+        lights=(light,),
+        bodies=("polarised",),
+        wavelengths_nm=(400, 443, 486, 529, 571, 614, 657, 700),
+        methods=("unpolarised",),
+        camera=camera,
+        sampling=sampling,
+    )
+
+
+def compare(
+    variant: Variant, camera: Camera, sampling: Sampling, light: Light, repeats: int = 5
+) -> dict[str, Speed]:
+    """Time all three ways on one light in turns, so that a busy machine slows all of them.
+
+    The whole matrix is rendered our way every turn; the others are timed on an image of it each,
+    and are the same for every image. A first turn warms up all kernels. Parts are of all turns.
+    """
+    suite = matrix(light, camera, sampling)
+    scenes = list(suite.scenes())
+    reference = _reference(variant, scenes[0], sampling)
+    stokes = StokesByHand(variant, scenes[0])
+    picks = list(itertools.islice(itertools.cycle(scenes[:: len(scenes) // repeats]), repeats + 1))
+    plates, hands, ours = [], [], []
+    for scene in picks:
+        plates.append(_timed(partial(plate_image, variant, scene, 3, 30.0, sampling)))
+        hands.append(_timed(partial(stokes.images, scene, 3, ANGLES, sampling)))
+        ours.append(_whole_matrix(variant, suite))
+    count = len(scenes) * len(suite.wavelengths_nm) * len(ANGLES)
+    first = scenes[0]
+    plate = plate_image(variant, first, 0, 30.0, sampling)
+    hand = stokes.images(first, 0, (30.0,), sampling)[0]
+    own = render_family([first], sampling, variant).polarised(first, (30.0,))[0, :, :, 0]
+    return {
+        "plate": Speed(_median(plates), _error(plate, reference), repeats),
+        "stokes": Speed(_median(hands) / len(ANGLES), _error(hand, reference), repeats * 5),
+        "malus": Speed(
+            _median([sum(parts.values()) for parts in ours]) / count,
+            _error(own, reference),
+            count,
+            {part: sum(parts[part] for parts in ours[1:]) for part in ours[0]},
+        ),
+    }
+
+
+def _timed(work: Callable[[], Any]) -> float:
+    started = time.perf_counter()
+    work()
+    return time.perf_counter() - started
+
+
+def _median(seconds: list[float]) -> float:
+    return float(np.median(seconds[1:]))
+
+
+def _whole_matrix(variant: Variant, suite: Suite) -> dict[str, float]:
+    """Every polariser image of the suite; where the seconds went, all of them.
+
+    What is neither interpolation nor a kernel nor its compilation is Python's: planning too.
+    """
+    started = time.perf_counter()
+    parts = {"interpolation": 0.0, "kernels": 0.0, "compilation": 0.0}
+    for family in plan(suite):
+        with profiled(variant) as profile:
+            rendered = render_family(family.scenes, family.sampling, variant, errors=False)
+        parts["kernels"] += profile.kernels
+        parts["compilation"] += profile.compilation
+        before = time.perf_counter()
+        for scene in family.scenes:
+            rendered.polarised(scene, ANGLES)
+        parts["interpolation"] += time.perf_counter() - before
+    return parts | {"python": time.perf_counter() - started - sum(parts.values())}
+
+
+def _reference(variant: Variant, scene: Scene, sampling: Sampling) -> np.ndarray[Any, Any]:
+    """The same image with 32 times the samples and another seed."""
+    many = Sampling(samples=sampling.samples * 32, seed=sampling.seed + 1000)
+    return render_family([scene], many, variant).polarised(scene, (30.0,))[0, :, :, 0]
+
+
+def _error(image: np.ndarray[Any, Any], reference: np.ndarray[Any, Any]) -> float:
+    """Root mean square difference over the pixels that are lit, over the reference's peak."""
+    lit = reference > 0
+    return float(np.sqrt(np.mean((image[lit] - reference[lit]) ** 2)) / reference.max())
+
+
+def report_lines(speeds: dict[str, Speed], light: Light) -> list[str]:
+    """The comparison in words, one line a way."""
+    ours = speeds["malus"]
+    names = {
+        "plate": "a polariser plate, one render an angle, scene reloaded",
+        "stokes": "one Stokes render a material, surface and band",
+        "malus": "malus: the whole matrix",
+    }
+    lines = [f"{light.label}:"]
+    for key, speed in speeds.items():
+        ratio = speed.seconds_an_image / ours.seconds_an_image
+        lines.append(
+            f"  {names[key]}: {speed.seconds_an_image * 1e3:.4f} ms an image, {ratio:.0f}x ours, "
+            f"rms error {speed.error:.2e} of the peak ({speed.images} images timed)"
+        )
+    total = sum(ours.parts.values())
+    shares = ", ".join(f"{name} {100 * value / total:.0f} %" for name, value in ours.parts.items())
+    return [*lines, f"  where our time goes: {shares}"]

@@ -1,1 +1,0 @@
-"""Time and error of single parts, and the stress table."""

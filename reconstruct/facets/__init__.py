@@ -1,0 +1,1 @@
+"""The microfacet integrals of Equations 5 to 8: quadrature, tables and maps."""

@@ -1,0 +1,1 @@
+"""Photographs: reading and writing pictures, a virtual polariser, captures through a real one."""

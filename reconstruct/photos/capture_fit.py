@@ -1,0 +1,161 @@
+"""The sinusoid of Equation 1 through real pictures, and what looks wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.reconstruct.photos.capture import Capture
+from malus.reconstruct.photos.read_picture import Image
+from malus.scenes import polarisation
+
+Mask = NDArray[np.bool_]
+
+MOVED = 0.25
+"""Pixels of shift between two pictures from which edges look polarised."""
+CLIPPED = 0.002
+"""Share of clipped pixels that is worth a warning."""
+UNSTEADY = 0.02
+"""Residual of the fit over the mean from which the light, or the polariser, was not steady."""
+_STEEP = 0.6
+"""Sine of the zenith angle from which mirrored light is polarised enough to show its plane."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The sinusoid of Equation 1 at every pixel and channel, by least squares.
+
+    Attributes
+    ----------
+    stokes : (height, width, channels, 3)
+    residual : (height, width, channels)
+        Root mean square over the pictures, in units of light.
+    relative_residual : float
+        Over all unclipped pixels, divided by their mean light.
+    shifts : (pictures,)
+        Pixels that each picture moved against the first.
+    warnings : tuple of str
+    """
+
+    stokes: Image
+    residual: Image
+    relative_residual: float
+    shifts: tuple[float, ...]
+    warnings: tuple[str, ...]
+
+
+def fit_sinusoid(capture: Capture) -> Fit:
+    """Least-squares Stokes vectors of a capture, with residuals and what looks wrong.
+
+    I(ϑ) = ½ (s0 − s1 cos 2ϑ − s2 sin 2ϑ) is linear in the Stokes vector.
+    """
+    stokes_basis = np.eye(3)
+    matrix = np.stack([polarisation.polarised(stokes_basis, a) for a in capture.angles_deg])
+    inverse = np.linalg.pinv(matrix).astype(np.float32)
+    stokes = np.tensordot(capture.pictures, inverse, axes=(0, 1))
+    square = np.zeros(stokes.shape[:-1], dtype=np.float32)
+    for row, picture in zip(matrix.astype(np.float32), capture.pictures, strict=True):
+        square += (stokes @ row - picture) ** 2
+    residual = np.sqrt(square / len(capture.pictures))
+    good = ~capture.clipped
+    mean = float(capture.pictures[:, good].mean())
+    relative = float(np.sqrt(np.mean(square[good]) / len(matrix))) / mean
+    shifts = _shifts(capture.pictures)
+    return Fit(stokes, residual, relative, shifts, _warnings(capture, stokes, relative, shifts))
+
+
+def _shifts(pictures: Image) -> tuple[float, ...]:
+    """Pixels by which every picture moved against the first, by phase correlation."""
+    from skimage.registration import phase_cross_correlation
+
+    grey = pictures.mean(axis=-1)
+    found = [0.0]
+    for picture in grey[1:]:
+        shift, _, _ = phase_cross_correlation(grey[0], picture, upsample_factor=20)
+        found.append(float(np.hypot(*shift)))
+    return tuple(found)
+
+
+def _warnings(
+    capture: Capture, stokes: Image, relative: float, shifts: Sequence[float]
+) -> tuple[str, ...]:
+    found = []
+    if capture.clipped.mean() > CLIPPED:
+        found.append(f"{capture.clipped.mean():.1%} of the pixels are clipped and left out")
+    moved = [n for n, shift in zip(capture.names, shifts, strict=True) if shift > MOVED]
+    if moved:
+        found.append(f"moved by up to {max(shifts):.1f} pixels: {', '.join(moved)}")
+    if len(capture.pictures) == 3:
+        found.append("three pictures leave no residual: take a fourth to check the fit")
+    elif relative > UNSTEADY:
+        found.append(f"residual of {relative:.1%}: light or exposure changed, or angles are wrong")
+    over = float(np.mean(polarisation.dolp(stokes) > 1.0))
+    if over > 0.01:
+        found.append(f"{over:.1%} of the values are more than completely polarised")
+    return tuple(found)
+
+
+class Convention(NamedTuple):
+    """How measured angles of polarisation lie to those of mirrored light on known normals.
+
+    `coherence` is 1 where they differ by one and the same rotation at every pixel, for angles
+    that count as assumed and for angles that count the other way; `rotation_deg` is that rotation.
+    """
+
+    coherence: float
+    rotation_deg: float
+    coherence_reversed: float
+    rotation_reversed_deg: float
+
+    @property
+    def doubt(self) -> str | None:
+        """What to look at, in words, or None where the convention seems right."""
+        reverse = self.coherence_reversed > max(self.coherence + 0.1, 0.6)
+        best = self.rotation_reversed_deg if reverse else self.rotation_deg
+        sure = max(self.coherence, self.coherence_reversed) > 0.6
+        if not sure or (not reverse and abs(best) < 15.0):
+            return None
+        sense = "the other way" if reverse else "as given"
+        return (
+            f"mirrored light on these normals fits better if the angles count {sense} and the "
+            f"pictures' polarisation is turned by {-best:.0f}°: check --zero, --sense and --offset"
+        )
+
+
+def convention(fit: Fit, normals: Image, mask: Mask) -> Convention:
+    """Compare measured angles with those of mirrored light, which is crosswise to the normal.
+
+    On steep parts of metals and of glossy dielectrics mirrored light rules, and its plane is known
+    from the normal alone: a capture's own check of its angles. Body light is turned by 90°.
+    """
+    x, y = normals[..., 0].astype(np.float64), normals[..., 1].astype(np.float64)
+    steep = mask & (np.hypot(x, y) > _STEEP)
+    field = fit.stokes[..., 1:].sum(axis=2)[steep].astype(np.float64)
+    measured = field[:, 0] + 1j * field[:, 1]
+    mirrored = -np.square(x[steep] + 1j * y[steep])
+    total = float(np.abs(measured * mirrored).sum())
+    if total == 0.0:
+        return Convention(0.0, 0.0, 0.0, 0.0)
+    sums = [(m * mirrored.conj()).sum() for m in (measured, measured.conj())]
+    values = [(abs(s) / total, float(np.degrees(np.angle(s))) / 2.0) for s in sums]
+    return Convention(*values[0], *values[1])
+
+
+def capture_summary(capture: Capture, fit: Fit) -> dict[str, Any]:
+    """Numbers of the fit for people and machines."""
+    dolp = polarisation.dolp(fit.stokes)[~capture.clipped]
+    return {
+        "pictures": len(capture.pictures),
+        "angles_deg": list(capture.angles_deg),
+        "relative_residual": fit.relative_residual,
+        "clipped_share": float(capture.clipped.mean()),
+        "shifts_pixels": list(fit.shifts),
+        "median_dolp": float(np.median(dolp)),
+        "dolp_99": float(np.quantile(dolp, 0.99)),
+        "assumption": capture.assumption,
+        "warnings": list(fit.warnings),
+    }

@@ -1,0 +1,74 @@
+"""Masks and normals that come with a picture, from files of its size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.reconstruct.photos.read_picture import Image, check_size, read_picture
+from malus.scenes.core.errors import InputError
+
+Mask = NDArray[np.bool_]
+
+
+def read_mask(path: Path, shape: tuple[int, int]) -> Mask:
+    """A mask from a picture: lighter than half is the object. Raises InputError."""
+    values = read_picture(path, linear=True).linear.mean(axis=-1)
+    _check_shape(path, values.shape, shape)
+    if not (values > 0.5).any():
+        raise InputError(str(path), "an object, lighter than half", "none", "check the mask")
+    return np.asarray(values > 0.5)
+
+
+def read_normals(path: Path, shape: tuple[int, int]) -> Image:
+    """Normals (height, width, 3) from a .npy or EXR of vectors, or a picture of ½ (n + 1).
+
+    Vectors are made unit; those shorter than ½, or that face away, become zero: no normal.
+
+    Raises
+    ------
+    InputError
+        Another size, another number of channels, or an unreadable file.
+    """
+    vectors = _npy(path) if path.suffix.lower() == ".npy" else _vectors(path)
+    if vectors.ndim != 3 or vectors.shape[-1] != 3:
+        found = f"shape {vectors.shape}"
+        raise InputError(str(path), "three values a pixel", found, "write x, y, z to 3 channels")
+    _check_shape(path, vectors.shape[:2], shape)
+    with np.errstate(over="ignore"):  # what is longer than a float holds is no normal
+        length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    good = np.isfinite(length) & (length > 0.5) & (vectors[..., 2:] >= 0)
+    return np.where(good, vectors / np.where(good, length, 1), 0).astype(np.float32)
+
+
+def _vectors(path: Path) -> NDArray[Any]:
+    picture = read_picture(path, linear=True)
+    return picture.linear if picture.kind == "EXR" else 2 * picture.linear - 1
+
+
+def _npy(path: Path) -> NDArray[Any]:
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        if array.ndim == 3:
+            check_size(path, array.shape[1], array.shape[0])
+        return np.asarray(array, dtype=np.float32)
+    except InputError:
+        raise
+    except Exception as error:  # a foreign parser raises anything on a broken file
+        reason = str(error).split("\n")[0]
+        raise InputError(
+            str(path), "an array of numbers", reason, "write it with numpy.save"
+        ) from None
+
+
+def _check_shape(path: Path, found: tuple[int, ...], expected: tuple[int, int]) -> None:
+    if tuple(found) != tuple(expected):
+        raise InputError(
+            str(path),
+            f"the picture's size, {expected[1]} x {expected[0]}",
+            f"{found[1]} x {found[0]}",
+            "make it of the picture's size",
+        )

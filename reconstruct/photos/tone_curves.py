@@ -1,0 +1,160 @@
+"""From the codes of a picture to linear light and back, through the curves of its own profile.
+
+A polarising filter scales light. So the picture is taken to linear light in its own primaries, by
+the tone curves of the embedded ICC profile, or sRGB's where there is none, and back by the same
+curves: colours keep their meaning and the profile stays valid, and no gamut is ever converted.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, NamedTuple
+
+import colour
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.scenes.core.errors import InputError
+
+Floats = NDArray[np.float64]
+Codes = NDArray[np.integer[Any]]
+
+_SIGNATURE = slice(36, 40)
+_TAG_TABLE = 128
+_COARSE = 256
+"""Codes of an 8-bit picture, which is encoded through a table instead of a search."""
+_PARAMETRIC_LENGTHS = (1, 3, 4, 5, 7)
+
+
+class Transfer(NamedTuple):
+    """Linear light (channels, codes) of every code, and where the curves come from.
+
+    Examples
+    --------
+    >>> srgb = srgb_transfer(8)
+    >>> codes = np.array([[[0, 128, 255]]], dtype=np.uint8)
+    >>> bool((srgb.encoded(srgb.linear(codes)) == codes).all())
+    True
+    """
+
+    table: Floats
+    source: str
+
+    def linear(self, codes: Codes) -> NDArray[np.float32]:
+        """Linear light (height, width, channels) of codes of that shape, 0 to 1."""
+        table = self.table.astype(np.float32)
+        planes = [table[min(i, len(table) - 1)][codes[..., i]] for i in range(codes.shape[-1])]
+        return np.stack(planes, axis=-1)
+
+    def encoded(self, linear: NDArray[np.floating[Any]]) -> Codes:
+        """Codes of linear light; what is brighter than white is clipped."""
+        levels = np.arange(self.table.shape[1], dtype=np.float64)
+        if len(levels) != _COARSE:
+            return self._interpolated(linear, levels).astype(np.uint16)
+        # Steps of 1/65535 of light are a twentieth of a code where sRGB's curve is steepest.
+        steps = np.broadcast_to(
+            np.linspace(0.0, 1.0, 1 << 16)[:, None], (1 << 16, linear.shape[-1])
+        )
+        codes = self._interpolated(steps, levels).astype(np.uint8)
+        result = np.empty(linear.shape, dtype=np.uint8)
+        for i in range(linear.shape[-1]):
+            scaled = np.clip(linear[..., i], 0, 1) * np.float32(65535) + np.float32(0.5)
+            result[..., i] = codes[:, i][scaled.astype(np.uint16)]
+        return result
+
+    def _interpolated(self, linear: NDArray[np.floating[Any]], levels: Floats) -> Floats:
+        """Codes + ½, so that truncation rounds; interpolation never leaves the range of levels."""
+        curves = [self.table[min(i, len(self.table) - 1)] for i in range(linear.shape[-1])]
+        planes = [np.interp(linear[..., i], curve, levels) for i, curve in enumerate(curves)]
+        return np.stack(planes, axis=-1) + 0.5
+
+
+def srgb_transfer(bits: int) -> Transfer:
+    """The curve of sRGB (IEC 61966-2-1) for codes of 8 or 16 bits."""
+    codes = np.linspace(0.0, 1.0, 1 << bits)
+    return Transfer(np.asarray(colour.models.eotf_sRGB(codes))[None], "sRGB")
+
+
+def linear_transfer(bits: int) -> Transfer:
+    """Codes that are proportional to light.
+
+    Examples
+    --------
+    >>> linear_transfer(8).table[0, 255].item()
+    1.0
+    """
+    return Transfer(np.linspace(0.0, 1.0, 1 << bits)[None], "linear")
+
+
+def icc_transfer(profile: bytes, bits: int, where: str) -> Transfer:
+    """The tone curves of an ICC profile, for codes of 8 or 16 bits.
+
+    Source: ICC.1:2022, types curveType and parametricCurveType.
+
+    Raises
+    ------
+    InputError
+        If the profile is damaged, or a table of colours without tone curves.
+    """
+    try:
+        tags = _tags(profile)
+        names = (b"rTRC", b"gTRC", b"bTRC") if b"rTRC" in tags else (b"kTRC",)
+        if not all(name in tags for name in names):
+            raise InputError(
+                where,
+                "a colour profile with tone curves, as sRGB or Adobe RGB have",
+                "a profile that is a table of colours",
+                "convert the picture to sRGB, Display P3 or Adobe RGB first",
+            )
+        x = np.linspace(0.0, 1.0, 1 << bits)
+        with np.errstate(all="ignore"):  # what is not finite is refused below
+            table = np.stack([_curve(tags[name], x) for name in names])
+    except (struct.error, IndexError, KeyError, ValueError, ArithmeticError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            where, "a readable colour profile", "a damaged one", "remove or replace it"
+        ) from None
+    if not np.all(np.isfinite(table)) or np.any(np.diff(table, axis=1) < 0):
+        raise InputError(where, "rising tone curves", "others", "convert the picture to sRGB")
+    return Transfer(table, "the embedded profile")
+
+
+def _tags(profile: bytes) -> dict[bytes, bytes]:
+    if profile[_SIGNATURE] != b"acsp":
+        raise ValueError("not a profile")
+    (count,) = struct.unpack_from(">I", profile, _TAG_TABLE)
+    found = {}
+    for i in range(min(count, 1000)):
+        name, start, length = struct.unpack_from(">4sII", profile, _TAG_TABLE + 4 + 12 * i)
+        found[name] = profile[start : start + length]
+    return found
+
+
+def _curve(tag: bytes, x: Floats) -> Floats:
+    if tag[:4] == b"para":
+        return _parametric(tag, x)
+    if tag[:4] != b"curv":
+        raise ValueError("unknown type of curve")
+    (count,) = struct.unpack_from(">I", tag, 8)
+    if count == 0:
+        return x
+    values = np.frombuffer(tag, dtype=">u2", count=count, offset=12).astype(np.float64)
+    if count == 1:
+        return np.asarray(x ** (values[0] / 256.0))
+    return np.interp(x, np.linspace(0.0, 1.0, count), values / 65535.0)
+
+
+def _parametric(tag: bytes, x: Floats) -> Floats:
+    (kind,) = struct.unpack_from(">H", tag, 8)
+    count = _PARAMETRIC_LENGTHS[kind]
+    given = np.frombuffer(tag, dtype=">i4", count=count, offset=12) / 65536.0
+    g, a, b, c, d, e, f = np.concatenate([given, np.zeros(7 - count)]).tolist()
+    if kind == 0:
+        return np.asarray(x**g)
+    if kind < 3:
+        # Types 1 and 2 break at −b/a and are the constant c below.
+        d, e, f, c = -b / a, c, c, 0.0
+        e, f = (e, f) if kind == 2 else (0.0, 0.0)
+    power = np.maximum(a * x + b, 0.0) ** g + e
+    return np.asarray(np.where(x >= d, power, c * x + f))

@@ -1,0 +1,1 @@
+"""What a user would write in plain Mitsuba, for the benchmark that compares it with malus."""

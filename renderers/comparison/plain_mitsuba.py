@@ -1,0 +1,85 @@
+"""What a user would write without malus, for the benchmark that compares it with ours.
+
+`plate_image` is the way that Mitsuba's documentation suggests: a polariser before the camera, one
+render for every angle, the scene loaded anew. `StokesByHand` is the best stock way: one Stokes
+render for every material, roughness and band, with the parameters updated in place.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from malus.renderers.mitsuba.lobe_samples import Floats
+from malus.renderers.mitsuba.translate import emitter, interface_bsdf, sensor, shape_object
+from malus.renderers.variant import Variant, mitsuba
+from malus.scenes.polarisation import polarised
+from malus.scenes.scene import Sampling, Scene
+
+PLATE_DISTANCE = 100.0
+"""Far from the object, or the plate would keep a part of the sky's light from it."""
+
+
+def _bsdf(scene: Scene, band: int) -> dict[str, Any]:
+    """Interface and body in one BSDF."""
+    surface = scene.surface
+    assert surface.alpha is not None
+    albedo = {"type": "uniform", "value": float(surface.albedos(scene.wavelengths_nm)[band])}
+    return interface_bsdf(float(scene.eta[band]), surface.alpha) | {"diffuse_reflectance": albedo}
+
+
+def plate_image(
+    variant: Variant, scene: Scene, band: int, angle_deg: float, sampling: Sampling
+) -> Floats:
+    """One polariser image (height, width) of one band."""
+    mi = mitsuba(variant)
+    turned = mi.ScalarTransform4f().translate([0, 0, PLATE_DISTANCE])
+    turned = turned @ mi.ScalarTransform4f().rotate([0, 1, 0], 180)
+    plate = {
+        "type": "rectangle",
+        "to_world": turned @ mi.ScalarTransform4f().scale(1.1),
+        # ϑ counts from the vertical, the plate's theta from its own x axis, the horizontal.
+        "bsdf": {"type": "polarizer", "theta": {"type": "uniform", "value": angle_deg + 90.0}},
+    }
+    loaded = mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": sensor(mi, scene.camera, PLATE_DISTANCE + 1.0),
+            "shape": shape_object(mi, scene.shape, mi.load_dict(_bsdf(scene, band))),
+            "light": emitter(mi, scene.light),
+            "plate": plate,
+            "integrator": {"type": "path", "max_depth": 3, "hide_emitters": True},
+        }
+    )
+    image = np.asarray(mi.render(loaded, spp=sampling.samples, seed=sampling.seed))
+    return image[..., 0]
+
+
+class StokesByHand:
+    """A scene that is loaded once and rendered with other parameters."""
+
+    def __init__(self, variant: Variant, scene: Scene) -> None:
+        self.mi = mitsuba(variant)
+        path = {"type": "path", "max_depth": 2, "hide_emitters": True}
+        self.scene = self.mi.load_dict(
+            {
+                "type": "scene",
+                "sensor": sensor(self.mi, scene.camera),
+                "shape": shape_object(self.mi, scene.shape, self.mi.load_dict(_bsdf(scene, 0))),
+                "light": emitter(self.mi, scene.light),
+                "integrator": {"type": "stokes", "path": path},
+            }
+        )
+        self.parameters = self.mi.traverse(self.scene)
+
+    def images(
+        self, scene: Scene, band: int, angles_deg: tuple[float, ...], sampling: Sampling
+    ) -> list[Floats]:
+        """Polariser images (height, width) of one band at every angle from one Stokes render."""
+        self.parameters["shape.bsdf.eta.value"] = float(scene.eta[band])
+        self.parameters["shape.bsdf.alpha.value"] = scene.surface.alpha
+        self.parameters.update()
+        raw = self.mi.render(self.scene, spp=sampling.samples, seed=sampling.seed)
+        stokes = np.asarray(raw)[..., [-12, -9, -6]]
+        return [polarised(stokes, angle) for angle in angles_deg]

@@ -1,0 +1,237 @@
+"""Truths as a dataset: a folder with `dataset.json` and a folder a scene, named by its id.
+
+Scenes are written one at a time and listed at the end, so that memory holds one truth however
+many there are. A writer that was stopped goes on where it was; scenes of other renders (another
+seed, number of samples or variant) are rendered again, because their `origin` differs.
+
+A dataset from elsewhere is checked, never trusted: `dataset.json` has the hash of every
+`scene.json`, and that has the hashes of its images; ids are 16 hexadecimal digits, links are not
+followed, and sizes are bounded before anything is decoded.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from malus.renderers.datasets.dataset_files import keep_files, with_own_files
+from malus.renderers.datasets.dataset_record import DatasetRecord, Entry, Failed
+from malus.renderers.datasets.scene_folder import (
+    SCENE,
+    SceneRecord,
+    is_whole,
+    read_record,
+    read_scene,
+    write_scene,
+)
+from malus.renderers.truth import Truth
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import read_json, remove_abandoned, replace_text
+from malus.scenes.core.remote import place
+
+DATASET = "dataset.json"
+MAX_DATASET_BYTES = 1 << 28
+_ID = re.compile(r"[0-9a-f]{16}")
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A dataset on disk; truths are read when they are asked for.
+
+    Attributes
+    ----------
+    path : Path
+    record : DatasetRecord
+    sha256 : str
+        Of `dataset.json`, and so of everything in it.
+    """
+
+    path: Path
+    record: DatasetRecord
+    sha256: str
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Ids of the scenes, in the order in which they were rendered."""
+        return tuple(entry.scene for entry in self.record.scenes)
+
+    def __len__(self) -> int:
+        """Number of scenes."""
+        return len(self.record.scenes)
+
+    def __iter__(self) -> Iterator[Truth]:
+        """One truth after the other."""
+        return map(self.truth, self.scenes)
+
+    def scene(self, scene_id: str) -> SceneRecord:
+        """What `scene.json` says, without reading an image.
+
+        Raises
+        ------
+        InputError
+            No such scene, or a `scene.json` that is not the one of this dataset.
+        """
+        known = self._digests.get(scene_id)
+        if known is None:
+            expected = f"one of the {len(self)} scenes of {self.path}"
+            raise InputError("scene", expected, scene_id, f"see {self.path / DATASET}")
+        record, sha256 = read_record(self.path / scene_id)
+        if sha256 != known:
+            where, hint = str(self.path / scene_id / SCENE), "render the dataset again"
+            raise InputError(where, f"SHA-256 {known}", sha256, hint)
+        return record
+
+    @functools.cached_property
+    def _digests(self) -> dict[str, str]:
+        return {entry.scene: entry.sha256 for entry in self.record.scenes}
+
+    @functools.cached_property
+    def _checked(self) -> set[Path]:
+        return set()
+
+    def truth(self, scene_id: str) -> Truth:
+        """The truth of a scene, as it was written, to the bit.
+
+        Raises
+        ------
+        InputError
+            No such scene, or a file of it that is missing, cut or changed.
+        """
+        self.scene(scene_id)
+        truth = read_scene(self.path / scene_id)
+        return replace(truth, scene=with_own_files(truth.scene, self.path, self._checked))
+
+
+def open_dataset(path: Path | str) -> Dataset:
+    """Open the dataset in a folder, by path or URL.
+
+    Raises
+    ------
+    InputError
+        If the folder holds none, or its `dataset.json` is malformed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from malus.renderers import render
+    >>> from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+    >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
+    ...               light=Distant(incidence_deg=60), camera=Camera(resolution=8))
+    >>> folder = tempfile.mkdtemp()
+    >>> with DatasetWriter(folder) as writer:
+    ...     writer.add(render(scene, renderer="torrance-sparrow"))
+    >>> open_dataset(folder).truth(scene.id).scene == scene
+    True
+    """
+    folder = place(path)
+    file = folder / DATASET
+    content, sha256 = read_json(file, MAX_DATASET_BYTES)
+    return Dataset(folder, DatasetRecord.parse(content, str(file)), sha256)
+
+
+class DatasetWriter:
+    """Writes a dataset, or goes on with one; a context manager that lists the scenes at its end.
+
+    Parameters
+    ----------
+    folder : path
+        Made where it is not there.
+    planned : mapping of scene id to origin, optional
+        What the dataset shall hold. Scenes in the folder that are not in it, or of another origin,
+        are not taken over. Without it every scene in the folder is.
+    about : mapping
+        'suite', 'versions' and 'variant' for `dataset.json`.
+
+    Attributes
+    ----------
+    done : mapping of scene id to its entry
+        Scenes that need not be rendered.
+    failed : mapping of scene id to why it could not be rendered
+        From this writer or an earlier one, of the same origin.
+    """
+
+    def __init__(
+        self,
+        folder: Path | str,
+        planned: Mapping[str, str] | None = None,
+        about: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.folder = place(folder)
+        self.planned = planned
+        self.about = dict(about or {})
+        self.done: dict[str, Entry] = {}
+        self.failed: dict[str, Failed] = {}
+
+    def __enter__(self) -> Self:
+        """Take over what is there."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        remove_abandoned(self.folder)
+        self.done = dict(self._found())
+        self.failed = {why.scene: why for why in self._known_failures()}
+        self._list()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """List what is done, also where it ends early."""
+        self._list()
+
+    def add(self, truth: Truth, origin: str = "") -> None:
+        """Write one truth; it is there as a whole or not at all.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        folder = self.folder / truth.scene.id
+        write_scene(folder, truth, origin)
+        keep_files(truth.scene, self.folder)
+        self.done[truth.scene.id] = Entry.of(truth.scene, read_record(folder)[1])
+        self.failed.pop(truth.scene.id, None)
+
+    def fail(self, failed: Failed) -> None:
+        """Record why a scene has no truth."""
+        self.failed[failed.scene] = failed
+
+    def _known_failures(self) -> Iterator[Failed]:
+        try:
+            known = open_dataset(self.folder).record.failed
+        except InputError:
+            return  # no earlier writer, or a damaged list: what failed is tried again
+        for why in known:
+            same = self.planned is None or self.planned.get(why.scene) == why.origin
+            if same and why.scene not in self.done:
+                yield why
+
+    def _found(self) -> Iterator[tuple[str, Entry]]:
+        names = sorted(entry.name for entry in self.folder.iterdir())
+        for name in names if self.planned is None else self.planned:
+            if not _ID.fullmatch(name) or not (self.folder / name).is_dir():
+                continue
+            try:
+                record, sha256 = read_record(self.folder / name)
+            except InputError:
+                continue  # damaged: it is rendered again
+            expected = record.origin if self.planned is None else self.planned[name]
+            if record.origin == expected and is_whole(self.folder / name, record):
+                yield name, Entry.of(record.scene, sha256)
+
+    def _list(self) -> None:
+        order = self.done if self.planned is None else self.planned
+        entries = tuple(self.done[name] for name in order if name in self.done)
+        record = DatasetRecord(
+            planned=len(order), scenes=entries, failed=tuple(self.failed.values()), **self.about
+        )
+        text = json.dumps(record.model_dump(mode="json"), indent=1, allow_nan=False)
+        replace_text(self.folder / DATASET, text + "\n")

@@ -1,0 +1,87 @@
+"""What `dataset.json` says: the suite, versions, the conventions in words, and every scene."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Self
+
+from pydantic import Field, field_validator
+
+from malus.scenes.core.model import Model
+from malus.scenes.scene import Scene
+
+CONVENTIONS = {
+    "image": "rows from the top; x to the right, y up, z towards the viewer",
+    "camera": "the image frame turns with a rolled camera; under a perspective one the reference"
+    " axis of a pixel is the horizontal across its ray",
+    "stokes": "linear, reference axis +x (horizontal), s2 > 0 at +45 degrees anticlockwise as"
+    " displayed; S3 is not rendered and stored as zero",
+    "polariser angle": "transmission axis, anticlockwise from the vertical (+y) as displayed:"
+    " I(angle) = (s0 - s1 cos 2 angle - s2 sin 2 angle) / 2",
+    "radiance": "W m^-2 sr^-1 nm^-1 at the centre of each band, under lights of the scene's"
+    " radiance; R, G, B are a preview in linear sRGB",
+    "files": "stokes = specular + diffuse, which are not there where nobody can tell them apart;"
+    " geometry: unit normals in the image frame, zero off the object, and the mask of pixels that"
+    " it covers entirely; error: standard error of stokes, and one draw of the noise of specular"
+    " and diffuse (all of it in the first where they are not there)",
+}
+"""What the numbers mean, in the words that stand in every dataset."""
+
+
+class Entry(Model):
+    """One scene in `dataset.json`: its id, the hash of its `scene.json`, and what it shows."""
+
+    scene: str = Field(pattern=r"^[0-9a-f]{16}$")
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    shape: str
+    material: str
+    surface: str
+    body: str
+    light: str
+
+    @classmethod
+    def of(cls, scene: Scene, sha256: str) -> Self:
+        """The entry of a scene."""
+        surface = scene.surface
+        return cls(
+            scene=scene.id,
+            sha256=sha256,
+            shape=scene.label,
+            material=surface.material_label,
+            surface=surface.label,
+            body=surface.body,
+            light=scene.light.label,
+        )
+
+
+class Failed(Model):
+    """A scene without a truth in `dataset.json`, and why, in one line.
+
+    `origin` is that of the truth that there would have been; `mendable`: the reason is a wrong
+    input, which the user may have mended.
+    """
+
+    scene: str = Field(pattern=r"^[0-9a-f]{16}$")
+    origin: str = Field(default="", max_length=200)
+    label: str
+    reason: str = Field(max_length=2000)
+    mendable: bool = False
+
+
+class DatasetRecord(Model):
+    """Content of `dataset.json`; `planned` is the number of scenes that there will be."""
+
+    format: Literal["malus dataset 1"] = "malus dataset 1"
+    suite: dict[str, Any] | None = None
+    versions: dict[str, str] = Field(default_factory=dict)
+    variant: dict[str, str] = Field(default_factory=dict)
+    conventions: dict[str, str] = Field(default_factory=lambda: dict(CONVENTIONS))
+    planned: int = Field(default=0, ge=0)
+    scenes: tuple[Entry, ...] = ()
+    failed: tuple[Failed, ...] = ()
+
+    @field_validator("scenes")
+    @classmethod
+    def _distinct(cls, entries: tuple[Entry, ...]) -> tuple[Entry, ...]:
+        if len({entry.scene for entry in entries}) != len(entries):
+            raise ValueError("every scene once")
+        return entries

@@ -1,0 +1,241 @@
+"""One truth as a folder of files, and back to the bit.
+
+`scene.json` holds the scene and the size and SHA-256 of every image, so that a file that was cut,
+changed or swapped is found before it is decoded. Arrays in double precision (Torrance-Sparrow)
+are stored once more as their bits in `float64.exr`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from malus.renderers.datasets.planes import (
+    ERRORS,
+    FIELDS,
+    LOBES,
+    MAPS,
+    Bands,
+    DType,
+    FieldName,
+    assembled,
+    channel_names,
+    doubles,
+    dtypes_of,
+    is_double,
+    planes,
+    word_names,
+    words,
+)
+from malus.renderers.datasets.spectral_exr import read_exr, read_spectral, write_exr, write_spectral
+from malus.renderers.datasets.stokes_channels import Channels
+from malus.renderers.truth import Truth
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import check_digest, digest, read_json, replace_folder
+from malus.scenes.core.model import Model
+from malus.scenes.core.remote import lstat
+from malus.scenes.scene import Scene
+
+SCENE = "scene.json"
+MAX_SCENE_BYTES = 1 << 20
+
+FileName = Literal[
+    "stokes.exr", "diffuse.exr", "specular.exr", "geometry.exr", "error.exr", "float64.exr"
+]
+IMAGES: tuple[FileName, ...] = (
+    "stokes.exr", "diffuse.exr", "specular.exr", "geometry.exr", "error.exr",
+)  # fmt: skip
+EXACT: FileName = "float64.exr"
+
+MASK = "mask"
+_AGAIN = "render this scene again"
+
+Side = Annotated[int, Field(ge=1, le=8192)]
+
+
+class StoredFile(Model):
+    """What a file must be to be believed."""
+
+    bytes: int = Field(ge=0)
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+class SceneRecord(Model):
+    """Content of `scene.json`; `origin` tells what renders the truth comes from."""
+
+    format: Literal["malus scene 1"] = "malus scene 1"
+    scene: Scene
+    origin: str = Field(default="", max_length=200)
+    shape: tuple[Side, Side]
+    dtypes: dict[FieldName, DType]
+    interpolation_error: dict[str, float] = Field(default_factory=dict)
+    samples: int | None = Field(default=None, ge=2)
+    files: dict[FileName, StoredFile]
+
+    @property
+    def doubles(self) -> tuple[FieldName, ...]:
+        """Arrays in double precision."""
+        return tuple(name for name in self.dtypes if is_double(self.dtypes[name]))
+
+    @property
+    def images(self) -> tuple[FileName, ...]:
+        """The files that there must be: no lobes where they cannot be told apart."""
+        unknown = () if self.scene.lobes_known else ("diffuse.exr", "specular.exr")
+        images = (name for name in IMAGES if name not in unknown)
+        return (*images, *([EXACT] if self.doubles else []))
+
+    @property
+    def geometry(self) -> tuple[FieldName, ...]:
+        """Arrays in `geometry.exr`: normals, and what varies over the image."""
+        return ("normals", *(name for name in MAPS if name in self.dtypes))
+
+
+def write_scene(folder: Path, truth: Truth, origin: str = "") -> None:
+    """Write a truth as `folder`, which appears when it is whole and replaces an older one.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    ValueError
+        If an array has another shape or type than a truth has.
+    """
+    dtypes = dtypes_of(truth)
+    replace_folder(folder, lambda temporary: _write_files(temporary, truth, origin, dtypes))
+
+
+def read_scene(folder: Path) -> Truth:
+    """The truth in a folder, equal to the one that was written, to the bit.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, cut, changed or not what `scene.json` says.
+    """
+    record, _ = read_record(folder)
+    for name in record.images:
+        stored = record.files.get(name)
+        if stored is None:
+            where = f"{folder / SCENE}, key files"
+            raise InputError(where, f"an entry for {name}", "nothing", _AGAIN)
+        check_digest(folder / name, stored.bytes, stored.sha256, _AGAIN)
+    arrays = _read_images(folder, record)
+    if record.doubles:
+        arrays |= _read_doubles(folder, record)
+    return Truth(
+        scene=record.scene,
+        interpolation_error=dict(record.interpolation_error),
+        samples=record.samples,
+        **arrays,
+    )
+
+
+def read_record(folder: Path) -> tuple[SceneRecord, str]:
+    """The validated `scene.json` of a folder, whose name must be the scene's id, and its hash.
+
+    Raises
+    ------
+    InputError
+        If it is missing or malformed, or belongs to another scene.
+    """
+    path = folder / SCENE
+    if folder.is_symlink():
+        raise InputError(str(folder), "a folder", "a link", _AGAIN)
+    content, sha256 = read_json(path, MAX_SCENE_BYTES)
+    record = SceneRecord.parse(content, str(path))
+    if record.scene.id != folder.name:
+        raise InputError(f"{path}, key scene", f"scene {folder.name}", record.scene.id, _AGAIN)
+    missing = [name for name in FIELDS if name not in record.dtypes]
+    if missing:
+        raise InputError(f"{path}, key dtypes", f"the type of {missing[0]}", "nothing", _AGAIN)
+    return record, sha256
+
+
+def is_whole(folder: Path, record: SceneRecord) -> bool:
+    """Whether every file is there at its full size: enough to take a scene over."""
+    try:
+        sizes = {name: lstat(folder / name).st_size for name in record.files}
+    except OSError:
+        return False
+    return all(sizes[name] == stored.bytes for name, stored in record.files.items())
+
+
+def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName, DType]) -> None:
+    bands = truth.scene.wavelengths_nm
+    write_spectral(folder / "stokes.exr", truth.stokes, bands)
+    lobes = LOBES if truth.scene.lobes_known else ()
+    for name in lobes:
+        write_spectral(folder / f"{name}.exr", getattr(truth, name), bands)
+    write_exr(folder / "error.exr", _planes(truth, ERRORS))
+    geometry = _planes(truth, [name for name in dtypes if name in ("normals", *MAPS)])
+    write_exr(folder / "geometry.exr", geometry | {MASK: truth.mask.astype(np.float32)})
+    exact = words(_planes(truth, [name for name in dtypes if is_double(dtypes[name])]))
+    if exact:
+        write_exr(folder / EXACT, exact)
+    record = {
+        "format": "malus scene 1",
+        "scene": truth.scene.model_dump(mode="json"),
+        "origin": origin,
+        "shape": list(truth.mask.shape),
+        "dtypes": dtypes,
+        "interpolation_error": truth.interpolation_error,
+        "samples": truth.samples,
+        "files": {path.name: _stored(path) for path in sorted(folder.iterdir())},
+    }
+    text = json.dumps(record, indent=1, allow_nan=False)
+    (folder / SCENE).write_text(text + "\n", encoding="utf-8")
+
+
+def _stored(path: Path) -> dict[str, Any]:
+    size, sha256 = digest(path)
+    return {"bytes": size, "sha256": sha256}
+
+
+def _planes(truth: Truth, names: Iterable[FieldName]) -> Channels:
+    """Planes (height, width) of several arrays of a truth by channel name."""
+    bands = truth.scene.wavelengths_nm
+    return {
+        channel: plane
+        for name in names
+        for channel, plane in planes(name, getattr(truth, name), bands).items()
+    }
+
+
+def _read_images(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
+    shape, bands = record.shape, record.scene.wavelengths_nm
+    arrays: dict[str, NDArray[Any]]
+    if record.scene.lobes_known:
+        arrays = {name: read_spectral(folder / f"{name}.exr", shape, bands) for name in LOBES}
+    else:
+        whole = read_spectral(folder / "stokes.exr", shape, bands)
+        arrays = {"specular": whole, "diffuse": np.zeros_like(whole)}
+    errors = read_exr(folder / "error.exr", shape, _channels(record, ERRORS, bands))
+    arrays |= _assembled(errors, record, ERRORS, bands)
+    names = [*_channels(record, record.geometry, bands), MASK]
+    geometry = read_exr(folder / "geometry.exr", shape, names)
+    return (
+        arrays | _assembled(geometry, record, record.geometry, bands) | {MASK: geometry[MASK] != 0}
+    )
+
+
+def _read_doubles(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
+    bands = record.scene.wavelengths_nm
+    names = _channels(record, record.doubles, bands)
+    stored = read_exr(folder / EXACT, record.shape, word_names(names), dtype=np.uint32)
+    return _assembled(doubles(stored, names), record, record.doubles, bands)
+
+
+def _channels(record: SceneRecord, names: Iterable[FieldName], bands: Bands) -> list[str]:
+    return [c for name in names for c in channel_names(name, bands, record.dtypes[name])]
+
+
+def _assembled(
+    channels: Channels, record: SceneRecord, names: Iterable[FieldName], bands: Bands
+) -> dict[str, NDArray[Any]]:
+    return {name: assembled(name, channels, bands, record.dtypes[name]) for name in names}

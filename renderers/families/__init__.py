@@ -1,0 +1,1 @@
+"""One render for all scenes that differ in refractive index only."""

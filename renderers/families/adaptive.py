@@ -1,0 +1,154 @@
+"""Samples until the noise is small enough: independent renders of a family, and their mean.
+
+The rule that stops looks at the difference of two half renders. For Gaussian noise that says
+nothing about their sum, so that stopping biases no image; a test measures it over seeds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.renderers.mitsuba.lobe_samples import Floats, unit
+from malus.renderers.truth import Truth
+from malus.scenes.scene import Sampling, Scene
+
+FIRST_PART = 16
+LEAST_SAMPLES = 16
+"""Of the first render, a sixteenth of all: fewer would spend their time on starting kernels."""
+
+
+class Renders(Protocol):
+    """What `render_family` returns."""
+
+    def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
+        """The truth of one scene."""
+
+    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
+        """Images (angles, height, width, bands) through a polariser."""
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """The mean of independent renders of one family.
+
+    Attributes
+    ----------
+    passes : renders of different seeds
+    counts : tuple of int
+        Samples a pixel of each.
+    """
+
+    passes: tuple[Renders, ...]
+    counts: tuple[int, ...]
+
+    @property
+    def samples(self) -> int:
+        """Samples a pixel of all together."""
+        return sum(self.counts)
+
+    def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
+        """The truth of one scene, with the samples that it took."""
+        truths = [one.truth(scene, standard_error) for one in self.passes]
+        parts = [count / self.samples for count in self.counts]
+        variance = [(p * truth.standard_error) ** 2 for p, truth in zip(parts, truths, strict=True)]
+
+        def mean(name: str) -> NDArray[Any]:
+            return self._mean([getattr(truth, name) for truth in truths])
+
+        return replace(
+            truths[0],
+            specular=mean("specular"),
+            diffuse=mean("diffuse"),
+            specular_noise=mean("specular_noise"),
+            diffuse_noise=mean("diffuse_noise"),
+            standard_error=np.sqrt(np.sum(variance, axis=0, dtype=variance[0].dtype)),
+            normals=unit(mean("normals")),
+            mask=np.logical_and.reduce([truth.mask for truth in truths]),
+            samples=self.samples,
+        )
+
+    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
+        """Images (angles, height, width, bands) through a polariser, as of a `Family`."""
+        return self._mean([one.polarised(scene, angles_deg) for one in self.passes])
+
+    def _mean(self, images: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Mean over all samples, in the images' type."""
+        mean = np.average(images, axis=0, weights=self.counts)
+        return np.asarray(mean, dtype=images[0].dtype)
+
+
+def relative_error(renders: Renders, scenes: Iterable[Scene]) -> float:
+    """Largest noise of a scene: rms of s1 and s2 over the mask and bands, over the peak of s0.
+
+    Infinity where a scene shows no light or no pixel.
+    """
+    worst = 0.0
+    for scene in scenes:
+        truth = renders.truth(scene, standard_error=False)
+        noise = (truth.specular_noise + truth.diffuse_noise)[truth.mask][..., 1:]
+        peak = float(truth.image[truth.mask].max(initial=0.0))
+        if peak <= 0:
+            return math.inf
+        worst = max(worst, float(np.sqrt(np.mean(np.square(noise, dtype=np.float64)))) / peak)
+    return worst
+
+
+def first_samples(sampling: Sampling) -> int:
+    """Samples a pixel of the first render, even.
+
+    Examples
+    --------
+    >>> first_samples(Sampling(samples=1024)), first_samples(Sampling(samples=64))
+    (64, 16)
+    """
+    return min(sampling.samples, max(LEAST_SAMPLES, sampling.samples // FIRST_PART // 2 * 2))
+
+
+def render_until(
+    render: Callable[[Sampling], Renders], scenes: Sequence[Scene], sampling: Sampling
+) -> Repeated:
+    """Render few samples, then as many more as their noise asks for, until the target is met.
+
+    How many follows from scenes, seed and variant alone; `sampling.samples` are the most.
+    """
+    assert sampling.target is not None
+    passes: list[Renders] = []
+    counts: list[int] = []
+    wanted = first_samples(sampling)
+    while wanted > sum(counts):
+        counts.append(wanted - sum(counts))
+        once = {"samples": counts[-1], "seed": _seed(sampling.seed, len(passes)), "target": None}
+        passes.append(render(sampling.model_copy(update=once)))
+        done = Repeated(tuple(passes), tuple(counts))
+        error = relative_error(done, scenes)
+        wanted = needed(error, sampling.target, done.samples, sampling.samples)
+    return done
+
+
+def needed(error: float, target: float, samples: int, most: int) -> int:
+    """Samples for a target, even, where some have an error: noise falls as their root.
+
+    Examples
+    --------
+    >>> needed(2e-3, 1e-3, 32, 512), needed(9e-4, 1e-3, 32, 512), needed(1.0, 1e-3, 32, 512)
+    (128, 32, 512)
+    """
+    if error <= target:
+        return samples
+    enough = samples * min((error / target) ** 2, most)
+    # At least a tenth more, or the last few would come one by one.
+    return min(most, 2 * math.ceil(max(enough, 1.1 * samples) / 2))
+
+
+def _seed(seed: int, number: int) -> int:
+    """Seeds of passes: the first is that of the sampling."""
+    if number == 0:
+        return seed
+    # Within the range of `Sampling.seed`.
+    return int(np.random.SeedSequence([seed, number]).generate_state(1)[0]) >> 5

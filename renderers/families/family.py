@@ -1,0 +1,165 @@
+"""A family of renders: one shape, light, roughness and body, for every refractive index at once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from malus.renderers.families.adaptive import Repeated, render_until
+from malus.renderers.families.interpolated import Family, FamilyKey, interpolate
+from malus.renderers.families.nodes import Nodes, family_nodes
+from malus.renderers.families.patterned import (
+    PatternedFamily,
+    check_coordinates,
+    chosen,
+    place,
+    shares,
+    with_part,
+)
+from malus.renderers.mitsuba import stokes_integrator as stock
+from malus.renderers.mitsuba import wavefront
+from malus.renderers.mitsuba.bsdfs import bsdfs
+from malus.renderers.mitsuba.lobe_samples import Floats, Lobes
+from malus.renderers.mitsuba.path_traced import Rendered, render_room
+from malus.renderers.mitsuba.shading import Shading
+from malus.renderers.variant import Variant, choose, mitsuba
+from malus.scenes.core.errors import InputError
+from malus.scenes.scene import Sampling, Scene
+
+__all__ = ["Family", "FamilyKey", "render_family"]
+
+
+def render_family(
+    scenes: Iterable[Scene],
+    sampling: Sampling,
+    variant: Variant | None = None,
+    errors: bool = True,
+    nodes: int | None = None,
+) -> Family | Rendered | PatternedFamily | Repeated:
+    """Render what all of `scenes` need; they must share a FamilyKey.
+
+    Parameters
+    ----------
+    scenes : Scenes
+    sampling : Sampling
+        With a `target`, as many samples as it takes, the same for all of the family.
+    variant : Variant, optional
+        By default the fastest that works.
+    errors : bool
+        False leaves out what only standard errors need; halves and noise remain.
+    nodes : int, optional
+        Number of Chebyshev nodes in η; by default as many as the range of indices asks for, or
+        the indices themselves where they are no more.
+
+    Raises
+    ------
+    ValueError
+        If there is no scene or they do not share a family.
+    """
+    scenes = list(scenes)
+    keys = {FamilyKey.of(scene) for scene in scenes}
+    if len(keys) != 1:
+        raise ValueError(f"scenes: expected scenes of one family, found {len(keys)} families")
+    key, chosen_variant, options = keys.pop(), variant or choose(), Options(errors, nodes)
+
+    def once(sampling: Sampling) -> Family | Rendered | PatternedFamily:
+        if key.room:
+            return Rendered(render_room(key.room, sampling, chosen_variant))
+        if key.pattern:
+            return _patterned(key, scenes, sampling, chosen_variant, options)
+        return _plain(key, scenes, sampling, chosen_variant, options)
+
+    return once(sampling) if sampling.target is None else render_until(once, scenes, sampling)
+
+
+@dataclass(frozen=True)
+class Options:
+    """Of `render_family`; `where` tells which hits are shaded, by default all."""
+
+    errors: bool = True
+    nodes: int | None = None
+    where: Callable[[Any, Any], Any] | None = None
+
+
+def _plain(
+    key: FamilyKey, scenes: list[Scene], sampling: Sampling, variant: Variant, options: Options
+) -> Family:
+    points = family_nodes(scenes, options.nodes)
+    started = time.perf_counter()
+    lobes = _render(key, list(points.rendered), sampling, variant, options)
+    seconds = time.perf_counter() - started
+    if points.held_out is None:
+        return Family(key, points, lobes, variant.name, seconds, {"rms": 0.0, "worst": 0.0})
+    error = _measure(lobes, points)
+    kept = _without_held_out(lobes, len(points.values))
+    return Family(key, points, kept, variant.name, seconds, error)
+
+
+def _patterned(
+    key: FamilyKey, scenes: list[Scene], sampling: Sampling, variant: Variant, options: Options
+) -> PatternedFamily:
+    if not variant.vectorised:
+        hint = "install LLVM 17 or later (`malus doctor` says how), or choose one surface"
+        where, expected = f"scene {scenes[0].id}", "LLVM or CUDA for several surfaces on one object"
+        raise InputError(where, expected, variant.name, hint)
+    assert key.pattern is not None
+    check_coordinates(key.pattern, key.shape)
+    mi, count = mitsuba(variant), len(key.parts)
+    families = []
+    for index in range(count):
+        parts = [with_part(scene, index) for scene in scenes]
+        only_here = replace(options, where=chosen(mi, key.pattern, count, index))
+        families.append(_plain(FamilyKey.of(parts[0]), parts, sampling, variant, only_here))
+    stage = wavefront.stage(variant, key.shape, key.camera)
+    side = key.camera.resolution
+    at = place(mi, key.pattern, count)
+    seen = shares(mi, stage.scene, side, at, count).reshape(side, side, count)
+    return PatternedFamily(key, tuple(families), seen, sampling.samples)
+
+
+def _render(
+    key: FamilyKey,
+    nodes: list[float | complex],
+    sampling: Sampling,
+    variant: Variant,
+    options: Options,
+) -> Lobes:
+    if not variant.vectorised:
+        return stock.render_lobes(variant, key, nodes, sampling)
+    interface, body = bsdfs(variant, nodes, key.alpha, key.body, key.measured)
+    replay = options.where is None and key.measured is None
+    shading = Shading(interface, body, options.errors, options.where, replay)
+    return wavefront.stage(variant, key.shape, key.camera).render(key.light, shading, sampling)
+
+
+def _measure(lobes: Lobes, nodes: Nodes) -> dict[str, float]:
+    """Difference between the interpolated and the rendered image at the held-out index."""
+    weights = nodes.weights(np.array([nodes.held_out])).astype(np.float32)
+    rms, worst = [0.0], [0.0]
+    for halves in (lobes.specular, lobes.body):
+        images = halves.mean(axis=0)
+        if len(images) != len(nodes.rendered) or images.size == 0:
+            continue
+        difference = interpolate(weights, images[:-1])[:, 0] - images[-1]
+        peak = max(float(images[-1, :, 0].max()), float(np.finfo(np.float32).tiny))
+        rms.append(float(np.sqrt(np.mean(np.square(difference, dtype=np.float64)))) / peak)
+        worst.append(float(np.abs(difference).max()) / peak)
+    return {"rms": max(rms), "worst": max(worst)}
+
+
+def _without_held_out(lobes: Lobes, nodes: int) -> Lobes:
+    def kept(values: Floats | None) -> Floats | None:
+        return None if values is None else values[: min(nodes, len(values))]
+
+    return replace(
+        lobes,
+        specular=lobes.specular[:, :nodes],
+        body=lobes.body[:, : min(nodes, lobes.body.shape[1])],
+        specular_variance=kept(lobes.specular_variance),
+        body_variance=kept(lobes.body_variance),
+        covariance=kept(lobes.covariance),
+    )

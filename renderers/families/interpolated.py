@@ -1,0 +1,210 @@
+"""Truths of a family of scenes: images as polynomials in the refractive index."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.renderers.families.nodes import Nodes, places
+from malus.renderers.mitsuba.lobe_samples import Floats, Lobes
+from malus.renderers.truth import Truth
+from malus.scenes import polarisation
+from malus.scenes.camera import Camera
+from malus.scenes.lights.lights import Light
+from malus.scenes.materials.measured import Measured
+from malus.scenes.materials.surface import AnyBody, Patterned
+from malus.scenes.scene import Scene
+from malus.scenes.shapes.patterns import Pattern
+from malus.scenes.shapes.shapes import Shape
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class FamilyKey:
+    """What scenes must share to come from the same renders."""
+
+    shape: Shape
+    camera: Camera
+    light: Light
+    alpha: float
+    body: AnyBody
+    room: Scene | None = None
+    pattern: Pattern | None = None
+    parts: tuple[tuple[float, AnyBody], ...] = ()
+    measured: Measured | None = None
+
+    @classmethod
+    def of(cls, scene: Scene) -> FamilyKey:
+        """The family of a scene: all of it but the material, the bands and the albedo.
+
+        A scene with surroundings is a family of its own, `room`. Surfaces in a `pattern` have a
+        roughness and a body each, `parts`; `alpha` and `body` are then those of the first. A
+        `measured` material has neither; what methods are told of its index changes no render.
+        """
+        surface = scene.surface
+        if isinstance(surface, Measured):
+            table = surface.model_copy(update={"eta": None})
+            return cls(scene.shape, scene.camera, scene.light, 0.0, "none", measured=table)
+        if isinstance(surface, Patterned):
+            pattern, surfaces = surface.pattern, surface.surfaces
+        else:
+            pattern, surfaces = None, (surface,)
+        return cls(
+            scene.shape,
+            scene.camera,
+            scene.light,
+            surfaces[0].alpha,
+            surfaces[0].body,
+            room=scene if scene.surroundings else None,
+            pattern=pattern,
+            parts=tuple((part.alpha, part.body) for part in surfaces) if pattern else (),
+        )
+
+
+@dataclass(frozen=True)
+class Family:
+    """Both lobes as polynomials in η, and what they cost.
+
+    Attributes
+    ----------
+    nodes : Nodes
+        Indices that were rendered.
+    lobes : Lobes
+        At the nodes.
+    interpolation_error : dict
+        'rms' and 'worst' of both lobes at a held-out index, over the image's peak.
+    seconds : float
+        Time of the renders.
+    """
+
+    key: FamilyKey
+    nodes: Nodes
+    lobes: Lobes
+    variant: str
+    seconds: float
+    interpolation_error: dict[str, float] = field(default_factory=dict)
+    _transmitted: dict[tuple[tuple[float, ...], float], Floats] = field(
+        default_factory=dict, repr=False
+    )
+
+    @functools.cached_property
+    def normals(self) -> Floats:
+        """Unit normals (height, width, 3) in the image frame, zero off the object."""
+        axes = self.key.camera.axes.astype(self.lobes.normals.dtype)
+        return self._image((self.lobes.normals @ axes.T)[:, None, :])[:, :, 0]
+
+    @functools.cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """Pixels (height, width) that the object covers entirely."""
+        return self._image(self.lobes.covered[:, None, None])[:, :, 0, 0]
+
+    def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
+        """The truth of one scene of this family, interpolated in η for every band.
+
+        Parameters
+        ----------
+        scene : Scene
+            Its key must be this family's.
+        standard_error : bool
+            False leaves the standard errors out (zeros) where nothing reads them.
+
+        Raises
+        ------
+        ValueError
+            If the scene belongs to another family or its index lies outside the nodes.
+        """
+        self._check(scene)
+        weights = self.nodes.weights(places(scene)).astype(np.float32)
+        albedo = scene.surface.albedos(scene.wavelengths_nm).astype(np.float32)[:, None]
+        specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
+        diffuse, diffuse_noise = self._mean_and_noise(self.lobes.body, weights)
+        error = self._error(weights, albedo) if standard_error else np.zeros_like(specular)
+        return Truth(
+            scene=scene,
+            specular=self._image(specular),
+            diffuse=self._image(diffuse * albedo),
+            normals=self.normals,
+            mask=self.mask,
+            standard_error=self._image(error),
+            specular_noise=self._image(specular_noise),
+            diffuse_noise=self._image(diffuse_noise * albedo),
+            interpolation_error=self.interpolation_error,
+        )
+
+    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
+        """Images (angles, height, width, bands) through a polariser, without the Stokes images.
+
+        The transmitted radiance is linear in the Stokes vector, so that it is formed at the few
+        nodes and only then interpolated to the bands.
+        """
+        self._check(scene)
+        albedo = scene.surface.albedos(scene.wavelengths_nm)
+        if np.ptp(albedo) > 0:
+            stokes = self.truth(scene, standard_error=False).stokes
+            return np.stack([polarisation.polarised(stokes, angle) for angle in angles_deg])
+        weights = self.nodes.weights(places(scene)).astype(np.float32)
+        key = (angles_deg, float(albedo[0]))
+        nodes = self._transmitted.get(key)
+        if nodes is None:
+            nodes = self._transmitted[key] = self._transmit(*key)
+        side = self.key.camera.resolution
+        # Of whole images, zero off the object: to fill those in later costs four times as much.
+        images: Floats = np.matmul(nodes.swapaxes(1, 2), weights.T)
+        return images.reshape(len(angles_deg), side, side, len(weights))
+
+    def _transmit(self, angles_deg: tuple[float, ...], albedo: float) -> Floats:
+        """Radiance of both lobes behind the polariser at the nodes, (angles, K, height * width)."""
+        stokes = self.lobes.specular.mean(axis=0) + np.float32(albedo) * self.lobes.body.mean(
+            axis=0
+        )
+        total = self.key.camera.resolution**2
+        nodes = np.zeros((len(angles_deg), len(stokes), total), dtype=np.float32)
+        for node, angle in zip(nodes, angles_deg, strict=True):
+            for image, values in zip(node, polarisation.polarised(stokes, angle), strict=True):
+                image[self.lobes.pixels] = values
+        return nodes
+
+    def _check(self, scene: Scene) -> None:
+        if FamilyKey.of(scene) != self.key:
+            raise ValueError(f"scene {scene.id}: expected a scene of this family")
+
+    def _mean_and_noise(self, halves: Floats, weights: Floats) -> tuple[Floats, Floats]:
+        """Mean of both halves and half their difference, (pixels, bands, 3) each."""
+        first, second = halves
+        return (
+            interpolate(weights, np.float32(0.5) * (first + second)),
+            interpolate(weights, np.float32(0.5) * (first - second)),
+        )
+
+    def _error(self, weights: Floats, albedo: Floats) -> Floats:
+        # The noise at every node is the same draw, so that its variance is smooth in η as well.
+        lobes = self.lobes
+        if lobes.specular_variance is None or lobes.body_variance is None:
+            raise ValueError("standard_error: this family was rendered without errors")
+        assert lobes.covariance is not None
+        variance = (
+            interpolate(weights, lobes.specular_variance)
+            + 2 * albedo * interpolate(weights, lobes.covariance)
+            + albedo**2 * interpolate(weights, lobes.body_variance)
+        )
+        result: Floats = np.sqrt(np.maximum(variance, 0))
+        return result
+
+    def _image(self, values: NDArray[Scalar]) -> NDArray[Scalar]:
+        side = self.key.camera.resolution
+        image = np.zeros((side * side, *values.shape[1:]), dtype=values.dtype)
+        image[self.lobes.pixels] = values
+        return image.reshape(side, side, *values.shape[1:])
+
+
+def interpolate(weights: Floats, nodes: Floats) -> Floats:
+    """Values (pixels, bands, 3) from nodes (K, pixels, 3); one node serves every band."""
+    if len(nodes) == 1:
+        bands = (nodes.shape[1], len(weights), 3)
+        return np.broadcast_to(nodes[0][:, None, :], bands)
+    return np.einsum("bk,kpc->pbc", weights, nodes, optimize=True)

@@ -1,0 +1,1 @@
+"""Scenes as Mitsuba objects, and the kernels that render both lobes."""

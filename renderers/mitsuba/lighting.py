@@ -1,0 +1,177 @@
+"""How light reaches a hit: directions to shade it from, and what each of them is worth.
+
+A sampler is called with a hit and returns pairs of a local direction towards the light and a
+weight, the radiance over the density of having drawn that direction. Where directions come both
+from the light and from the BSDF, the balance heuristic of Veach and Guibas (SIGGRAPH 1995) makes
+the weight radiance / (density of one + density of the other) in both cases. The densities of
+Mitsuba's BSDFs used here do not depend on η, so that one draw serves every node.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from malus.scenes.lights.environment import radiance_map
+from malus.scenes.lights.lights import Area, Distant, Environment, Light, Sky, Uniform
+from malus.scenes.lights.sky import parts
+
+Draws = list[tuple[Any, Any]]
+"""Pairs of (local direction, weight)."""
+
+
+@dataclass
+class Sampler:
+    """The parts of a light; all parameters are fields, where a frozen function can see them."""
+
+    parts: list[Any]
+
+    def __call__(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+        """Directions to shade a hit from, some of them drawn from the BSDF."""
+        return [pair for part in self.parts for pair in part.draws(hit, bsdf, random, valid)]
+
+
+def sampler(mi: ModuleType, light: Light) -> Sampler:
+    """The sampler of a light; parameters are opaque, so that no light needs a new kernel."""
+    return Sampler([_part(mi, part) for part in parts(light)])
+
+
+def _part(mi: ModuleType, light: Light) -> Any:
+    if isinstance(light, Distant):
+        return _Distant(_vector(mi, light.direction), _constant(mi, light.irradiance))
+    if isinstance(light, Uniform):
+        return _Uniform(_constant(mi, light.radiance))
+    if isinstance(light, Area):
+        # 1 − cos of the half angle, which for a small one would lose its digits in 32 bits.
+        span = _constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
+        return _Area(_vector(mi, light.direction), span, _constant(mi, light.radiance))
+    return _Environment(_environment_scene(mi.variant(), light).emitters()[0])
+
+
+def _constant(mi: ModuleType, value: float) -> Any:
+    import drjit as dr
+
+    return dr.opaque(mi.Float, value)
+
+
+def _vector(mi: ModuleType, values: Any) -> Any:
+    return mi.Vector3f(*(_constant(mi, float(value)) for value in values))
+
+
+def _from_bsdf(hit: Any, bsdf: Any, random: Any, valid: Any) -> tuple[Any, Any]:
+    """A local direction drawn from the BSDF and its density, zero where there is none."""
+    import drjit as dr
+    import mitsuba as mi
+
+    u = random.next_float32()
+    uv = mi.Point2f(random.next_float32(), random.next_float32())
+    drawn, _ = bsdf.sample(mi.BSDFContext(), hit, u, uv, valid)
+    return drawn.wo, dr.select(valid, drawn.pdf, 0.0)
+
+
+@dataclass
+class _Distant:
+    direction: Any
+    irradiance: Any
+
+    def draws(self, hit: Any, _bsdf: Any, _random: Any, valid: Any) -> Draws:
+        import drjit as dr
+
+        return [(hit.to_local(self.direction), dr.select(valid, self.irradiance, 0.0))]
+
+
+@dataclass
+class _Uniform:
+    radiance: Any
+
+    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+        import drjit as dr
+
+        direction, density = _from_bsdf(hit, bsdf, random, valid)
+        return [(direction, dr.select(density > 0, self.radiance / density, 0.0))]
+
+
+@dataclass
+class _Area:
+    direction: Any
+    span: Any
+    radiance: Any
+
+    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+        import drjit as dr
+        import mitsuba as mi
+
+        frame = mi.Frame3f(self.direction)
+        density = 1.0 / (2.0 * dr.pi * self.span)
+        uv = mi.Point2f(random.next_float32(), random.next_float32())
+        drop = uv.x * self.span
+        sine = dr.sqrt(drop * (2.0 - drop))
+        sin_phi, cos_phi = dr.sincos(2.0 * dr.pi * uv.y)
+        local = mi.Vector3f(sine * cos_phi, sine * sin_phi, 1.0 - drop)
+        first = hit.to_local(frame.to_world(local))
+        other = bsdf.pdf(mi.BSDFContext(), hit, first, valid)
+        second, drawn = _from_bsdf(hit, bsdf, random, valid)
+        away = frame.to_local(hit.to_world(second)) - mi.Vector3f(0, 0, 1)
+        inside = (drawn > 0) & (0.5 * dr.squared_norm(away) <= self.span)
+        return [
+            (first, dr.select(valid, self.radiance / (density + other), 0.0)),
+            (second, dr.select(inside, self.radiance / (density + drawn), 0.0)),
+        ]
+
+
+@dataclass
+class _Environment:
+    emitter: Any
+
+    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+        import drjit as dr
+        import mitsuba as mi
+
+        uv = mi.Point2f(random.next_float32(), random.next_float32())
+        sample, _ = self.emitter.sample_direction(hit, uv, valid)
+        first = hit.to_local(sample.d)
+        other = bsdf.pdf(mi.BSDFContext(), hit, first, valid)
+        usable = valid & (sample.pdf > 0)
+        second, drawn = _from_bsdf(hit, bsdf, random, valid)
+        back = dr.zeros(mi.DirectionSample3f)
+        back.d = hit.to_world(second)
+        density = self.emitter.pdf_direction(hit, back, valid)
+        total = dr.select(drawn > 0, density + drawn, 1.0)
+        return [
+            (
+                first,
+                dr.select(usable, self._radiance(sample.d, usable) / (sample.pdf + other), 0.0),
+            ),
+            (second, dr.select(drawn > 0, self._radiance(back.d, drawn > 0) / total, 0.0)),
+        ]
+
+    def _radiance(self, direction: Any, active: Any) -> Any:
+        import drjit as dr
+        import mitsuba as mi
+
+        seen = dr.zeros(mi.SurfaceInteraction3f)
+        seen.wi = -direction
+        return self.emitter.eval(seen, active)[0, 0][0]
+
+
+@functools.lru_cache(maxsize=2)
+def _environment_scene(variant: str, light: Environment | Sky) -> Any:
+    """A scene that holds nothing but the map; the ball only gives it a size."""
+    import mitsuba as mi
+
+    assert mi.variant() == variant
+    ball = {"type": "sphere"}
+    return mi.load_dict({"type": "scene", "map": environment_emitter(mi, light), "ball": ball})
+
+
+def environment_emitter(mi: ModuleType, light: Environment | Sky) -> dict[str, Any]:
+    """Mitsuba's `envmap` of the light, whose y axis is up before it is turned."""
+    values = radiance_map(light)
+    bitmap = mi.Bitmap(np.ascontiguousarray(np.repeat(values[..., None], 3, axis=-1)))
+    turn = mi.ScalarTransform4f().rotate([0, 0, 1], light.turn_deg)
+    return {"type": "envmap", "bitmap": bitmap, "to_world": turn}

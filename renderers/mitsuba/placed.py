@@ -1,0 +1,131 @@
+"""Objects of scenes with surroundings as Mitsuba shapes, whose bands need no new kernel.
+
+Several surfaces on one object are a chain of Mitsuba's `blendbsdf`. Its weights are a texture of
+ours, which tells from the place in space how much of the next surface a point has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from malus.renderers.families.patterned import Place, check_coordinates, place
+from malus.renderers.mitsuba.translate import body_bsdf, interface_bsdf, mesh_object, tessellated
+from malus.scenes.materials.measured import Measured
+from malus.scenes.materials.surface import Conductor, Dielectric, Patterned, Surface
+from malus.scenes.shapes.shapes import Plane, Sphere
+from malus.scenes.surroundings import Placed
+
+_ETA, _K, _BODY, _LAMBERT = "eta.value", "k.value", "diffuse_reflectance.value", "reflectance.value"
+
+
+class Painted:
+    """The BSDF of a surface, set to one band after the other.
+
+    A `polarised` body is part of Mitsuba's `pplastic`. An `unpolarised` one is Mitsuba's `diffuse`;
+    its sum with the interface is twice their mean, a `blendbsdf` of both at twice the reflectance.
+    """
+
+    def __init__(self, mi: ModuleType, surface: Dielectric | Conductor) -> None:
+        self.mi, self.surface = mi, surface
+        if isinstance(surface, Conductor):
+            self.bsdf = mi.load_dict(interface_bsdf(1.5 + 1j, surface.alpha))
+            self.parts = [(self.bsdf, _ETA), (self.bsdf, _K)]
+        elif surface.body == "polarised":
+            # The mirror's factor stays at its default: Mitsuba makes one object of two equal
+            # textures, and a change of the albedo would change both.
+            self.bsdf = mi.load_dict(interface_bsdf(1.5, surface.alpha))
+            self.parts = [(self.bsdf, _ETA), (self.bsdf, _BODY)]
+        else:
+            twice = {"specular_reflectance": {"type": "uniform", "value": 2.0}}
+            interface = mi.load_dict(interface_bsdf(1.5, surface.alpha) | twice)
+            body = mi.load_dict(body_bsdf(1.5, surface.alpha, "unpolarised"))
+            blend = {"type": "blendbsdf", "weight": 0.5, "interface": interface, "body": body}
+            self.bsdf = mi.load_dict(blend)
+            self.parts = [(interface, _ETA), (body, _LAMBERT)]
+
+    def set_band(self, eta: float | complex, albedo: float) -> None:
+        """Change index and albedo; a conductor has none, but its k."""
+        import drjit as dr
+
+        values = (eta.real, eta.imag if isinstance(eta, complex) else albedo)
+        for (bsdf, key), value in zip(self.parts, values, strict=True):
+            parameters = self.mi.traverse(bsdf)
+            factor = 2.0 if key == _LAMBERT else 1.0
+            parameters[key] = dr.opaque(self.mi.Float, factor * value)
+            parameters.update()
+
+
+def parts_of(surface: Surface) -> tuple[Dielectric | Conductor, ...]:
+    """The plain surfaces that an object has: one, or those of its pattern."""
+    assert not isinstance(surface, Measured)  # scenes with surroundings refuse them
+    return surface.surfaces if isinstance(surface, Patterned) else (surface,)
+
+
+def painted(mi: ModuleType, placed: Placed) -> tuple[Any, list[Painted]]:
+    """The BSDF of the whole object, and the paints that it is made of."""
+    paints = [Painted(mi, part) for part in parts_of(placed.surface)]
+    if isinstance(placed.surface, Patterned):
+        check_coordinates(placed.surface.pattern, placed.shape)
+    whole = paints[0].bsdf
+    for index, paint in enumerate(paints[1:]):
+        weight = _beyond(mi, pattern_on(mi, placed), index)
+        blend = {"type": "blendbsdf", "weight": weight, "first": whole, "second": paint.bsdf}
+        whole = mi.load_dict(blend)
+    return whole, paints
+
+
+def pattern_on(mi: ModuleType, placed: Placed) -> Place:
+    """The pattern of an object where it stands: it moves, turns and grows with the object."""
+    assert isinstance(placed.surface, Patterned)
+    at = place(mi, placed.surface.pattern, len(placed.surface.surfaces))
+    to_own = mi.Matrix3f((placed.rotation.T / placed.scale).tolist())
+    flat = isinstance(placed.shape, Plane)
+
+    def there(hit: Any) -> Any:
+        own = mi.Point3f(to_own @ mi.Vector3f(hit.p - mi.Point3f(*placed.position)))
+        # Rounding must not decide on which side of a boundary at y = 0 a plane lies.
+        point = mi.Point3f(own.x, mi.Float(0.0), own.z) if flat else own
+        return at(SimpleNamespace(p=point, uv=hit.uv))
+
+    return there
+
+
+def _beyond(mi: ModuleType, at: Place, index: int) -> Any:
+    """A texture in 0..1: how far the pattern's number lies beyond surface `index`, to the next."""
+    import drjit as dr
+
+    class Beyond(mi.Texture):  # type: ignore[misc, name-defined]
+        def eval_1(self, hit: Any, active: Any = True) -> Any:  # noqa: ARG002
+            return dr.clip(at(hit) - index, 0.0, 1.0)
+
+        def to_string(self) -> str:
+            return f"Beyond[{index}]"
+
+    return Beyond(mi.Properties())
+
+
+def placed_object(mi: ModuleType, placed: Placed, bsdf: Any) -> Any:
+    """The object where it stands, as a Mitsuba shape that carries `bsdf`."""
+    if isinstance(placed.shape, Sphere):
+        ball = {"type": "sphere", "center": list(placed.position), "radius": placed.scale}
+        return mi.load_dict(ball | {"bsdf": bsdf})
+    if isinstance(placed.shape, Plane):
+        return mi.load_dict({"type": "rectangle", "to_world": _upright(mi, placed), "bsdf": bsdf})
+    mesh = tessellated(placed.shape)
+    turn = placed.rotation.astype(np.float32)
+    moved = placed.scale * mesh.vertices @ turn.T + np.array(placed.position, np.float32)
+    normals = None if mesh.normals is None else mesh.normals @ turn.T
+    return mesh_object(mi, replace(mesh, vertices=moved.astype(np.float32), normals=normals), bsdf)
+
+
+def _upright(mi: ModuleType, placed: Placed) -> Any:
+    """Mitsuba's rectangle faces +z; a plane faces +y before it is turned."""
+    whole = np.eye(4)
+    facing_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    whole[:3, :3] = placed.scale * placed.rotation @ facing_up
+    whole[:3, 3] = placed.position
+    return mi.ScalarTransform4f(whole)

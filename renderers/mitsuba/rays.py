@@ -1,0 +1,72 @@
+"""The camera's rays: their random streams, and the frame of the Stokes vectors it sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, Self
+
+from malus.renderers.mitsuba.lobe_samples import HALVES
+
+_PURPOSES = 2
+
+
+def streams(mi: ModuleType, number: Any, seed: Any) -> tuple[Any, Any]:
+    """Independent streams of random numbers: one for the rays, one for the shading.
+
+    `number` tells the pixel and the half of its samples: pixel * HALVES + half.
+    """
+    found = []
+    for purpose in range(_PURPOSES):
+        state, sequence = mi.sample_tea_32(number * _PURPOSES + purpose, seed)
+        stream = mi.PCG32()
+        stream.seed(mi.UInt64(state), mi.UInt64(sequence))
+        found.append(stream)
+    return found[0], found[1]
+
+
+def stream_number(pixel: Any, half: Any) -> Any:
+    """Number of the streams of a pixel and a half of its samples."""
+    return pixel * HALVES + half
+
+
+@dataclass
+class Film:
+    """A square sensor and its resolution.
+
+    Mitsuba 3.9's orthographic camera hides the transform from its film from functions that Dr.Jit
+    freezes; `to_camera` is a copy of it, None for other cameras.
+    """
+
+    sensor: Any
+    resolution: int
+    to_camera: Any | None = None
+
+    @classmethod
+    def of(cls, sensor: Any, resolution: int) -> Self:
+        """The film of a Mitsuba sensor."""
+        orthographic = sensor.class_name() == "OrthographicCamera"
+        return cls(
+            sensor, resolution, sensor.projection_transform().inverse() if orthographic else None
+        )
+
+    def ray(self, mi: ModuleType, pixel: Any, random: Any) -> Any:
+        """A ray through a random point of every pixel; pixels count row by row from the top."""
+        offset = mi.Point2f(random.next_float32(), random.next_float32())
+        corner = mi.Point2f(pixel % self.resolution, pixel // self.resolution)
+        at = (corner + offset) / self.resolution
+        ray, _ = self.sensor.sample_ray(0.0, 0.0, at, mi.Point2f(0.5))
+        if self.to_camera is not None:
+            near = self.to_camera @ mi.Point3f(at.x, at.y, 0.0)
+            ray.o = self.sensor.world_transform() @ near
+        return ray
+
+
+def to_camera_frame(mi: ModuleType, sensor: Any, ray: Any) -> Any:
+    """Mueller rotation from Mitsuba's frame for the ray to +x of the image."""
+    import drjit as dr
+
+    up = sensor.world_transform() @ mi.Vector3f(0, 1, 0)
+    horizontal = dr.normalize(dr.cross(ray.d, up))
+    current = mi.mueller.stokes_basis(-ray.d)
+    return mi.mueller.rotate_stokes_basis(-ray.d, current, horizontal)

@@ -1,0 +1,162 @@
+"""One kernel: the camera's rays, the light that comes to their hits, and the BSDFs that shade them.
+
+Light directions are drawn once a hit and shared by the BSDFs of a lobe, so that the noise is a
+smooth function of η. Dr.Jit traces every call into Mitsuba anew, although it knows the kernel;
+`shade` is therefore written to be frozen (`dr.freeze`): all that changes comes as an argument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+from malus.renderers.mitsuba.lighting import Draws, Sampler
+from malus.renderers.mitsuba.lobe_samples import HALVES, Layout
+from malus.renderers.mitsuba.rays import Film, streams, to_camera_frame
+
+
+@dataclass
+class Shading:
+    """What every hit is shaded with: the BSDFs at the nodes, and whether variances are kept.
+
+    `where`, from a hit and random numbers, tells which hits are shaded; by default all. `replay`
+    is False where something changes that a recording cannot see: `where` is a function, and
+    Mitsuba's measured BSDFs hide their tables.
+    """
+
+    interface: Sequence[Any]
+    body: Sequence[Any]
+    errors: bool
+    where: Callable[[Any, Any], Any] | None = None
+    replay: bool = True
+
+    @property
+    def layout(self) -> Layout:
+        """How the sums over samples are laid out."""
+        return Layout(len(self.interface), len(self.body), self.errors)
+
+    def lobe(
+        self,
+        mi: ModuleType,
+        hit: Any,
+        incoming: Draws,
+        bsdfs: Sequence[Any],
+        to_camera: Any,
+        valid: Any,
+    ) -> list[Any]:
+        """s0, s1, s2 in the camera's frame for each of `bsdfs`, all lit from `incoming`."""
+        import drjit as dr
+
+        context = mi.BSDFContext()
+        values = [mi.Float(0.0) for _ in range(3 * len(bsdfs))]
+        for direction, weight in incoming:
+            for k, bsdf in enumerate(bsdfs):
+                mueller = bsdf.eval(context, hit, direction, valid)
+                mueller = hit.to_world_mueller(mueller, -direction, hit.wi)
+                # Unpolarised light: the first column is the Stokes vector of what it becomes.
+                stokes = [mueller[row, 0] for row in range(3)]
+                # Turning it is cheaper to trace than turning all of the matrix.
+                for row in (1, 2):
+                    turned = to_camera[row, 1] * stokes[1] + to_camera[row, 2] * stokes[2]
+                    values[3 * k + row] += dr.select(weight > 0, turned[0] * weight, 0.0)
+                values[3 * k] += dr.select(weight > 0, stokes[0][0] * weight, 0.0)
+        return values
+
+
+@dataclass
+class View:
+    """What stands before the camera; a `convex` shape casts no shadow on itself."""
+
+    scene: Any
+    film: Film
+    convex: bool
+
+    def incoming(self, hit: Any, light: Sampler, bsdf: Any, random: Any, valid: Any) -> Draws:
+        """Directions and weights of the light that reaches a hit."""
+        import drjit as dr
+
+        draws = light(hit, bsdf, random, valid)
+        if self.convex:
+            return draws
+        unshadowed = []
+        for direction, weight in draws:
+            shadow = self.scene.ray_test(hit.spawn_ray(hit.to_world(direction)), valid)
+            unshadowed.append((direction, dr.select(shadow, 0.0, weight)))
+        return unshadowed
+
+
+@dataclass
+class Threads:
+    """A thread for every pixel and half of its samples, all pixels of the first half first.
+
+    Attributes
+    ----------
+    count : int
+        A number of Python's, because a recording is of arrays of one size.
+    stream : (count,)
+        Numbers of the random streams, which tell pixel and half.
+    pixels, seed, samples : opaque
+        Number of pixels, seed, and samples of a thread.
+    """
+
+    count: int
+    stream: Any
+    pixels: Any
+    seed: Any
+    samples: Any
+
+
+def shade(mi: ModuleType, view: View, light: Sampler, shading: Shading, threads: Threads) -> Any:
+    """Sums over the samples of every thread, flat and in the order of `Layout`."""
+    import drjit as dr
+
+    rays, draws = streams(mi, threads.stream, threads.seed)
+    pixel, layout = threads.stream // HALVES, shading.layout
+
+    def step(i: Any, sums: list[Any], rays: Any, draws: Any) -> tuple[Any, ...]:
+        ray = view.film.ray(mi, pixel, rays)
+        values = _sample(mi, view, ray, light, shading, draws)
+        return i + 1, [s + v for s, v in zip(sums, values, strict=True)], rays, draws
+
+    state = (mi.UInt32(0), [mi.Float(0.0) for _ in range(layout.channels)], rays, draws)
+    # Without a second trace that looks for loop invariants: it costs more than they do.
+    with dr.scoped_set_flag(dr.JitFlag.OptimizeLoops, False):
+        _, sums, _, _ = dr.while_loop(state, lambda i, *_: i < threads.samples, step)
+    thread = dr.arange(mi.UInt32, threads.count)
+    half = threads.stream % HALVES
+    result = dr.empty(mi.Float, layout.channels * threads.count)
+    for number, (before, count, node) in enumerate(layout.places):
+        place = threads.pixels * (HALVES * before + half * (count - 1) + node) + thread
+        # Said to have no conflicts, all writes share one kernel.
+        triple = mi.Vector3f(*sums[3 * number : 3 * number + 3])
+        dr.scatter(result, triple, place, mode=dr.ReduceMode.NoConflicts)
+    return result
+
+
+def _sample(
+    mi: ModuleType, view: View, ray: Any, light: Sampler, shading: Shading, random: Any
+) -> list[Any]:
+    """Normal, Stokes of every BSDF, and the products that the variances need."""
+    import drjit as dr
+
+    hit = view.scene.ray_intersect(ray)
+    to_camera = to_camera_frame(mi, view.film.sensor, ray)
+    valid = hit.is_valid()
+    if shading.where is not None:
+        valid &= shading.where(hit, random)
+
+    def lobe(bsdfs: Sequence[Any]) -> list[Any]:
+        incoming = view.incoming(hit, light, bsdfs[0], random, valid)
+        return shading.lobe(mi, hit, incoming, bsdfs, to_camera, valid)
+
+    mirrored, scattered = lobe(shading.interface), lobe(shading.body)
+    normal = [dr.select(hit.is_valid(), c, 0.0) for c in hit.sh_frame.n]
+    if not shading.errors:
+        return normal + mirrored + scattered
+    squares = [v * v for v in mirrored] + [v * v for v in scattered]
+    # One body node serves every interface node where the body does not depend on η.
+    repeated = scattered * (len(mirrored) // len(scattered))
+    products = [a * b for a, b in zip(mirrored, repeated, strict=True)]
+    return normal + mirrored + scattered + squares + products

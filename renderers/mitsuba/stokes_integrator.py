@@ -1,0 +1,192 @@
+"""The same lobes from Mitsuba's own `stokes` integrator, one render a node: works in any variant.
+
+This is how malus renders where neither LLVM nor CUDA works, and the independent reference that
+the vectorised path is tested against.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.renderers.families.interpolated import FamilyKey
+from malus.renderers.mitsuba.coverage import inside
+from malus.renderers.mitsuba.lobe_samples import Floats, Lobes, unit
+from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
+from malus.renderers.mitsuba.translate import (
+    body_bsdf,
+    emitter,
+    interface_bsdf,
+    sensor,
+    shape_object,
+)
+from malus.renderers.variant import SCALAR, Variant, mitsuba
+from malus.scenes.camera import Camera
+from malus.scenes.lights.lights import Environment, Light, Sky
+from malus.scenes.lights.sky import parts
+from malus.scenes.scene import Sampling
+from malus.scenes.shapes.shapes import Shape
+
+BATCHES = 8
+"""Independent renders that the standard error comes from: four a half, 7 degrees of freedom."""
+
+WAVELENGTH_NM = 555.0
+"""The spectral variant looks through a 1 nm wide window here; nothing in a node disperses."""
+
+
+def render_lobes(
+    variant: Variant, key: FamilyKey, nodes: list[float | complex], sampling: Sampling
+) -> Lobes:
+    """Lobes of one family at its nodes."""
+    mi = mitsuba(variant)
+    batches = max(b for b in range(2, BATCHES + 1, 2) if sampling.samples % b == 0)
+    window = _window(mi, variant, key.shape, key.camera)
+    interface = _interface(variant, key, nodes)
+    body_nodes = nodes if key.body == "polarised" else nodes[:1]
+    body = [body_bsdf(node, key.alpha, key.body) for node in body_nodes]
+    specular = _renders(mi, window, key.light, interface, batches, sampling, stream=0)
+    scattered = _renders(mi, window, key.light, body, batches, sampling, stream=1)
+    normals, touched, covered = _geometry(mi, window, sampling)
+    pixels = np.flatnonzero(touched)
+    mirrored, scattered = specular[:, :, pixels], scattered[:, :, pixels]
+    return Lobes(
+        specular=_halves(mirrored),
+        body=_halves(scattered),
+        specular_variance=_variance_of_mean(mirrored),
+        body_variance=_variance_of_mean(scattered),
+        # The lobes are rendered from different seeds: they are independent.
+        covariance=np.zeros(mirrored.shape[1:], dtype=np.float32),
+        pixels=pixels,
+        normals=unit(normals[pixels]),
+        covered=covered[pixels],
+    )
+
+
+def _interface(variant: Variant, key: FamilyKey, nodes: list[float | complex]) -> list[Any]:
+    if key.measured is not None:
+        return measured_bsdfs(variant, key.measured, tuple(nodes))
+    return [interface_bsdf(node, key.alpha) for node in nodes]
+
+
+def _halves(batches: Floats) -> Floats:
+    count, *rest = batches.shape
+    halves = batches.reshape(2, count // 2, *rest).mean(axis=1)
+    return np.asarray(halves, dtype=np.float32)
+
+
+def _variance_of_mean(batches: Floats) -> Floats:
+    return np.asarray(batches.var(axis=0, ddof=1) / len(batches), dtype=np.float32)
+
+
+def _window(mi: ModuleType, variant: Variant, shape: Shape, camera: Camera) -> dict[str, Any]:
+    """Everything of the scene but BSDF, light and integrator."""
+    look = sensor(mi, camera)
+    if variant.name == SCALAR:
+        look["srf"] = {
+            "type": "uniform",
+            "wavelength_min": WAVELENGTH_NM - 0.5,
+            "wavelength_max": WAVELENGTH_NM + 0.5,
+            "value": 1.0,
+        }
+    return {"type": "scene", "sensor": look, "shape": shape}
+
+
+def _load(mi: ModuleType, window: dict[str, Any], bsdf: Any, **more: Any) -> Any:
+    loaded = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
+    shape = shape_object(mi, window["shape"], loaded)
+    return mi.load_dict(window | {"shape": shape} | more)
+
+
+def _renders(
+    mi: ModuleType,
+    window: dict[str, Any],
+    light: Light,
+    bsdfs: list[Any],
+    batches: int,
+    sampling: Sampling,
+    stream: int,
+) -> Floats:
+    """Stokes images of every batch and BSDF, shape (batches, len(bsdfs), pixels, 3).
+
+    BSDFs are dictionaries that differ in their index, or loaded already.
+    """
+    integrator = {
+        "type": "stokes",
+        "direct": {"type": "path", "max_depth": 2, "hide_emitters": True},
+    }
+    images = np.zeros((batches, len(bsdfs), window["sensor"]["film"]["width"] ** 2, 3), np.float32)
+    for part in parts(light):  # one at a time, because the film's response is that of its kind
+        scene = _load(mi, window, bsdfs[0], light=emitter(mi, part), integrator=integrator)
+        response = _response(mi, window, part)
+        for node, bsdf in enumerate(bsdfs):
+            if isinstance(bsdf, dict):
+                _set_index(mi, scene, bsdf)
+            else:
+                scene = _load(mi, window, bsdf, light=emitter(mi, part), integrator=integrator)
+            for batch in range(batches):
+                # The same seed for every node: noise is a smooth function of the index.
+                seed = (sampling.seed * BATCHES + batch) * 2 + stream
+                raw = np.asarray(mi.render(scene, spp=sampling.samples // batches, seed=seed))
+                images[batch, node] += _stokes(raw).reshape(-1, 3) / response
+    return images
+
+
+def _set_index(mi: ModuleType, scene: Any, bsdf: dict[str, Any]) -> None:
+    parameters = mi.traverse(scene)
+    prefix = "shape.bsdf."
+    values = {"eta.value": bsdf.get("int_ior")}
+    if bsdf["type"] == "roughconductor":
+        values = {f"{name}.value": bsdf[name]["value"] for name in ("eta", "k")}
+    for key, value in values.items():
+        if prefix + key in parameters:
+            parameters[prefix + key] = value
+    parameters.update()
+
+
+def _stokes(raw: Floats) -> Floats:
+    """s0, s1, s2 of the green channel, the one with the largest response at 555 nm.
+
+    The integrator appends S0.R, S0.G, S0.B, S1.R, … S3.B to the film's own channels.
+    """
+    first = raw.shape[-1] - 12
+    return raw[..., [first + 1, first + 4, first + 7]]
+
+
+def _response(mi: ModuleType, window: dict[str, Any], light: Light) -> float:
+    """What the film records for a radiance of 1: the sRGB weight of the narrow window.
+
+    Environment maps come as colours and are turned into spectra in another way than plain
+    numbers, so that the weight is measured on a map of ones.
+    """
+    look = window["sensor"]
+    small = look | {"film": look["film"] | {"width": 8, "height": 8}}
+    sky: dict[str, Any] = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
+    if isinstance(light, Environment | Sky):
+        sky = {"type": "envmap", "bitmap": mi.Bitmap(np.ones((2, 4, 3), np.float32))}
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": small,
+            "sky": sky,
+            "integrator": {"type": "stokes", "direct": {"type": "path", "max_depth": 2}},
+        }
+    )
+    return float(_stokes(np.asarray(mi.render(scene, spp=64, seed=0)))[..., 0].mean())
+
+
+def _geometry(
+    mi: ModuleType, window: dict[str, Any], sampling: Sampling
+) -> tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Shading normals summed over rays (pixels, 3); pixels that are touched, and covered."""
+    views = {"type": "aov", "aovs": "normal:sh_normal,hit:shape_index"}
+    scene = _load(mi, window, {"type": "diffuse"}, integrator=views)
+    raw = np.asarray(mi.render(scene, spp=sampling.samples, seed=sampling.seed))
+    names = list(scene.integrator().aov_names())
+    channels = raw[..., raw.shape[-1] - len(names) :].reshape(-1, len(names))
+    normals = channels[:, [names.index(f"normal.{axis}") for axis in "XYZ"]]
+    hits = channels[:, names.index("hit.I")]
+    all_hit = hits > 1 - 0.5 / sampling.samples
+    return normals, hits > 0, all_hit & inside(mi, scene, window["sensor"]["film"]["width"])

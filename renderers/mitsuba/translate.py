@@ -1,0 +1,185 @@
+"""From a scene's plain data to Mitsuba objects and dictionaries."""
+
+from __future__ import annotations
+
+import functools
+import math
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from malus.renderers.mitsuba.lighting import environment_emitter
+from malus.scenes.camera import Camera
+from malus.scenes.lights.lights import Area, Distant, Light, Uniform
+from malus.scenes.lights.sky import parts
+from malus.scenes.materials.surface import AnyBody
+from malus.scenes.shapes import geometry
+from malus.scenes.shapes.geometry import TriangleMesh
+from malus.scenes.shapes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
+
+CONVEX = frozenset({"sphere"})
+"""Kinds of shape that cast no shadow on themselves: no shadow ray is traced for them."""
+
+ORTHOGRAPHIC_DISTANCE = 3.0
+LAMP_DISTANCE = 1000.0
+"""Of a lamp, over the reach of the objects: seen from them it moves by 0.06° at most."""
+
+
+def sensor(
+    mi: ModuleType, camera: Camera, distance: float = ORTHOGRAPHIC_DISTANCE
+) -> dict[str, Any]:
+    """The camera as a sensor with a box filter: pixels are independent, runs bit-identical.
+
+    `distance` is where an orthographic camera stands; its images do not depend on it.
+    """
+    if camera.distance is not None:
+        distance, lens = camera.distance, {"type": "perspective", "fov": camera.fov_deg}
+    else:
+        lens = {"type": "orthographic"}
+    look = mi.ScalarTransform4f().look_at(
+        origin=[0, 0, distance], target=[0, 0, 0], up=camera.axes[1].tolist()
+    )
+    if camera.projection == "orthographic":
+        look = look @ mi.ScalarTransform4f().scale([camera.half_width, camera.half_width, 1])
+    return lens | {
+        "to_world": look,
+        "film": {
+            "type": "hdrfilm",
+            "width": camera.resolution,
+            "height": camera.resolution,
+            "rfilter": {"type": "box"},
+            "pixel_format": "rgb",
+            "component_format": "float32",
+        },
+        "sampler": {"type": "independent"},
+    }
+
+
+def shape_object(mi: ModuleType, shape: Shape, bsdf: Any) -> Any:
+    """The shape as a Mitsuba object that carries `bsdf`."""
+    if isinstance(shape, Sphere):
+        return mi.load_dict({"type": "sphere", "bsdf": bsdf})
+    return mesh_object(mi, tessellated(shape), bsdf)
+
+
+@functools.lru_cache(maxsize=4)
+def tessellated(shape: Shape) -> TriangleMesh:
+    """The mesh of any shape but a sphere, which Mitsuba intersects analytically."""
+    match shape:
+        case Torus():
+            return geometry.torus(shape.major, shape.minor, math.radians(shape.tilt_deg))
+        case Blob():
+            return geometry.blob(shape.seed)
+        case Superquadric():
+            return geometry.superquadric(shape.e1, shape.e2)
+        case MeshFile():
+            from malus.scenes.shapes.meshes import load_mesh
+
+            return load_mesh(shape.checked(), shading=shape.shading)[0]
+    raise TypeError(f"no mesh for {shape!r}")
+
+
+def mesh_object(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
+    """The mesh as a Mitsuba object that carries `bsdf`."""
+    properties = mi.Properties()
+    properties["mesh_bsdf"] = bsdf
+    result = mi.Mesh(
+        "shape",
+        len(mesh.vertices),
+        len(mesh.faces),
+        props=properties,
+        has_vertex_normals=mesh.normals is not None,
+        has_vertex_texcoords=mesh.uv is not None,
+    )
+    parameters = mi.traverse(result)
+    parameters["vertex_positions"] = np.ravel(mesh.vertices)
+    parameters["faces"] = np.ravel(mesh.faces)
+    if mesh.normals is not None:
+        parameters["vertex_normals"] = np.ravel(mesh.normals)
+    if mesh.uv is not None:
+        parameters["vertex_texcoords"] = np.ravel(mesh.uv)
+    parameters.update()
+    return result
+
+
+def emitters(mi: ModuleType, light: Light, reach: float = 1.0) -> dict[str, Any]:
+    """The parts of a light as emitters of a scene, by name; arguments as those of `emitter`."""
+    return {f"light{k}": emitter(mi, part, reach) for k, part in enumerate(parts(light))}
+
+
+def emitter(mi: ModuleType, light: Light, reach: float = 1.0) -> dict[str, Any]:
+    """A light of one part as an emitter with a flat spectrum.
+
+    No object is farther from the origin than `reach`.
+    """
+    if isinstance(light, Uniform):
+        return {"type": "constant", "radiance": _flat(light.radiance)}
+    if isinstance(light, Distant):
+        return {
+            "type": "directional",
+            "direction": [-c for c in light.direction],
+            "irradiance": _flat(light.irradiance),
+        }
+    if isinstance(light, Area):
+        return _lamp(mi, light, LAMP_DISTANCE * reach)
+    return environment_emitter(mi, light)
+
+
+def _lamp(mi: ModuleType, light: Area, distance: float) -> dict[str, Any]:
+    """A disk so far away that it looks the same from all over the objects."""
+    away = [distance * c for c in light.direction]
+    radius = distance * math.tan(math.radians(light.half_angle_deg))
+    look = mi.ScalarTransform4f().look_at(origin=away, target=[0, 0, 0], up=_upward(light))
+    return {
+        "type": "disk",
+        "to_world": look @ mi.ScalarTransform4f().scale([radius, radius, 1]),
+        "emitter": {"type": "area", "radiance": _flat(light.radiance)},
+    }
+
+
+def _upward(light: Area) -> list[float]:
+    """Any direction that is not that of the lamp."""
+    return [1.0, 0.0, 0.0] if abs(light.direction[1]) > 0.9 else [0.0, 1.0, 0.0]
+
+
+def interface_bsdf(eta: float | complex, alpha: float) -> dict[str, Any]:
+    """The specular lobe alone: `pplastic` over a black body; of a metal, `roughconductor`."""
+    if isinstance(eta, complex):
+        return {
+            "type": "roughconductor",
+            "eta": _flat(eta.real),
+            "k": _flat(eta.imag),
+            "alpha": float(alpha),
+            "distribution": "beckmann",
+        }
+    return _pplastic(eta, alpha) | {"diffuse_reflectance": _flat(0.0)}
+
+
+def body_bsdf(eta: float | complex, alpha: float, body: AnyBody) -> dict[str, Any]:
+    """The body lobe alone at albedo 1; both bodies are linear in the albedo.
+
+    'polarised' is `pplastic` without its mirror term; 'unpolarised' is Lambertian, which is the
+    paper's assumption. A conductor has none: its albedo is zero, and so is what is rendered here.
+    """
+    if body != "polarised":
+        return {"type": "diffuse", "reflectance": _flat(1.0)}
+    assert not isinstance(eta, complex)
+    return _pplastic(eta, alpha) | {
+        "diffuse_reflectance": _flat(1.0),
+        "specular_reflectance": _flat(0.0),
+    }
+
+
+def _pplastic(eta: float, alpha: float) -> dict[str, Any]:
+    return {
+        "type": "pplastic",
+        "int_ior": float(eta),
+        "ext_ior": 1.0,
+        "alpha": float(alpha),
+        "distribution": "beckmann",
+    }
+
+
+def _flat(value: float) -> dict[str, Any]:
+    return {"type": "uniform", "value": float(value)}

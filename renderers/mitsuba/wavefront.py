@@ -1,0 +1,143 @@
+"""Both lobes of a whole family from one trace, on Mitsuba's vectorised variants.
+
+One kernel traces the primary rays once and lets Mitsuba's own BSDFs shade each hit for every node
+in η and for both lobes. A thread serves one pixel and one half of its samples and sums them in a
+fixed order: results do not depend on the number of threads.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.renderers.mitsuba.coverage import inside
+from malus.renderers.mitsuba.lighting import Sampler, sampler
+from malus.renderers.mitsuba.lobe_samples import HALVES, Floats, Lobes, lobes_from_sums
+from malus.renderers.mitsuba.rays import Film, stream_number, streams
+from malus.renderers.mitsuba.shading import Shading, Threads, View, shade
+from malus.renderers.mitsuba.translate import CONVEX, sensor, shape_object
+from malus.renderers.variant import Variant, mitsuba
+from malus.scenes.camera import Camera
+from malus.scenes.lights.lights import Light
+from malus.scenes.scene import Sampling
+from malus.scenes.shapes.shapes import Shape
+
+PIXELS_A_LAUNCH = 1 << 16
+"""Bounds the memory of one launch to a few hundred megabytes, whatever the image's size."""
+RECORDINGS = 16
+"""Kinds of light, body and number of nodes whose calls a stage remembers."""
+
+
+@functools.lru_cache(maxsize=4)
+def stage(variant: Variant, shape: Shape, camera: Camera) -> Stage:
+    """The stage for a shape and a camera; the last ones are kept, so that nothing is reloaded."""
+    return Stage(mitsuba(variant), shape, camera)
+
+
+@dataclass(frozen=True)
+class Touched:
+    """Pixels with at least one hit among the very rays to be shaded.
+
+    Attributes
+    ----------
+    pixels : (P,)
+        Flat indices into the image.
+    covered : (P,) bool
+        Whether the object covers them entirely.
+    streams : Dr.Jit arrays (HALVES * pixels of a launch,)
+        Numbers of the random streams of each launch.
+    """
+
+    pixels: NDArray[np.int64]
+    covered: NDArray[np.bool_]
+    streams: list[Any]
+
+
+class Stage:
+    """A shape before a camera, ready to be lit and shaded by many BSDFs."""
+
+    def __init__(self, mi: ModuleType, shape: Shape, camera: Camera) -> None:
+        import drjit as dr
+
+        self.mi, self.dr = mi, dr
+        self.resolution = camera.resolution
+        plain = mi.load_dict({"type": "diffuse"})
+        self.scene = mi.load_dict(
+            {
+                "type": "scene",
+                "shape": shape_object(mi, shape, plain),
+                "sensor": sensor(mi, camera),
+            }
+        )
+        film = Film.of(self.scene.sensors()[0], camera.resolution)
+        self.view = View(self.scene, film, shape.kind in CONVEX)
+        self.inside = inside(mi, self.scene, self.resolution)
+        # New kinds of light and body are no reason to warn.
+        self._replay = dr.freeze(shade, limit=RECORDINGS, warn_after=1 << 30)
+        self._touched: dict[Sampling, Touched] = {}
+
+    def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:
+        """Shade every hit with every BSDF of `shading` under `light`."""
+        touched, lit_by = self._hits(sampling), sampler(self.mi, light)
+        half_samples = sampling.samples // HALVES
+        blocks = [
+            self._shade(stream, lit_by, shading, sampling.seed, half_samples)
+            for stream in touched.streams
+        ]
+        return lobes_from_sums(
+            blocks, shading.layout, half_samples, touched.pixels, touched.covered
+        )
+
+    def _hits(self, sampling: Sampling) -> Touched:
+        if sampling in self._touched:
+            return self._touched[sampling]
+        total = self.resolution**2
+        hits = np.zeros(total, dtype=np.int64)
+        for start in range(0, total, PIXELS_A_LAUNCH):
+            block = slice(start, min(start + PIXELS_A_LAUNCH, total))
+            stream = self._streams(np.arange(total)[block])
+            counts = np.asarray(self._count_hits(stream, sampling), np.int64)
+            hits[block] = counts.reshape(HALVES, -1).sum(axis=0)
+        pixels = np.flatnonzero(hits)
+        covered = self.inside & (hits == sampling.samples)
+        launches = range(0, max(len(pixels), 1), PIXELS_A_LAUNCH)
+        streams = [self._streams(pixels[i : i + PIXELS_A_LAUNCH]) for i in launches]
+        # Lights and surfaces share the rays.
+        self._touched = {sampling: Touched(pixels, covered[pixels], streams)}
+        return self._touched[sampling]
+
+    def _streams(self, pixels: NDArray[np.int64]) -> Any:
+        """Numbers of the random streams of both halves, in memory of Dr.Jit's own."""
+        numbers = [stream_number(pixels, half) for half in range(HALVES)]
+        result = self.mi.UInt32(np.concatenate(numbers).astype(np.uint32))
+        self.dr.eval(result)
+        return result
+
+    def _count_hits(self, stream: Any, sampling: Sampling) -> Any:
+        mi, dr = self.mi, self.dr
+        random, _ = streams(mi, stream, dr.opaque(mi.UInt32, sampling.seed))
+        pixel = stream // HALVES
+
+        def step(i: Any, hits: Any, random: Any) -> tuple[Any, Any, Any]:
+            hit = self.scene.ray_test(self.view.film.ray(mi, pixel, random))
+            return i + 1, hits + dr.select(hit, mi.UInt32(1), mi.UInt32(0)), random
+
+        count = dr.opaque(mi.UInt32, sampling.samples // HALVES)
+        state = (mi.UInt32(0), mi.UInt32(0), random)
+        _, hits, _ = dr.while_loop(state, lambda i, *_: i < count, step)
+        return hits
+
+    def _shade(
+        self, stream: Any, light: Sampler, shading: Shading, seed: int, samples: int
+    ) -> Floats:
+        """Sums over the samples, in the order of `Layout`."""
+        mi, dr = self.mi, self.dr
+        count = dr.width(stream)
+        opaque = (dr.opaque(mi.UInt32, number) for number in (count // HALVES, seed, samples))
+        run = self._replay if shading.replay else shade
+        return np.asarray(run(mi, self.view, light, shading, Threads(count, stream, *opaque)))

@@ -1,0 +1,40 @@
+"""render(scene) -> Truth, by Mitsuba or from the Torrance-Sparrow formulas."""
+
+from __future__ import annotations
+
+from malus.renderers.torrance_sparrow import render_torrance_sparrow
+from malus.renderers.truth import Truth
+from malus.scenes.core.errors import InputError
+from malus.scenes.scene import Sampling, Scene
+
+
+def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mitsuba") -> Truth:
+    """The truth of one scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    sampling : Sampling, optional
+        Samples a pixel and seed; the Torrance-Sparrow renderer has no use for it.
+    renderer : 'mitsuba' or 'torrance-sparrow'
+
+    Raises
+    ------
+    InputError
+        Unknown renderer, or a scene that it cannot render.
+
+    Examples
+    --------
+    >>> from malus.scenes import Camera, Dielectric, Scene, Sphere, Uniform
+    >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3), light=Uniform(),
+    ...               camera=Camera(resolution=8))
+    >>> render(scene).image.shape
+    (8, 8, 1)
+    """
+    if renderer == "torrance-sparrow":
+        return render_torrance_sparrow(scene)
+    if renderer != "mitsuba":
+        raise InputError("renderer", "mitsuba or torrance-sparrow", renderer, "choose one of them")
+    from malus.renderers.families.family import render_family
+
+    return render_family([scene], sampling or Sampling()).truth(scene)

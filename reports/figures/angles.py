@@ -1,0 +1,66 @@
+"""Error against the polariser's angle, for every light."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from malus.reports.figures.figure5 import Content, legend
+from malus.reports.figures.panels import bars, name_paper, shade_paper, share_height
+from malus.reports.figures.style import drawable, style
+from malus.reports.tables.tables import by_angle, in_order, methods_of
+
+_SHIFT_DEG = 1.2
+"""Distance between the methods' error bars at one angle."""
+
+
+def angle_numbers(table: pd.DataFrame) -> pd.DataFrame:
+    """Mean and standard deviation of NMSE over the scenes of a light, at every polariser angle.
+
+    Returns
+    -------
+    DataFrame
+        Columns light, method, x (degrees from the vertical), mean, std, noise and scenes.
+
+    Examples
+    --------
+    >>> from malus.reports.sample import table
+    >>> angle_numbers(table())[["method", "x", "scenes"]].values.tolist()[0]
+    ['unpolarised', 0.0, 6]
+    """
+    groups = by_angle(table, "nmse").groupby(["light", "method", "angle_deg"], sort=False)
+    result = groups.agg(
+        mean=("value", "mean"),
+        std=("value", lambda values: float(np.std(values))),
+        noise=("noise", "mean"),
+        scenes=("value", "size"),
+    )
+    return result.reset_index().rename(columns={"angle_deg": "x"})
+
+
+def figure_angles(table: pd.DataFrame, body: str) -> Figure:
+    """One panel a light: NMSE over the polariser angle, every method one line."""
+    content = Content.of(table, body)
+    values = angle_numbers(content.rows)
+    lights = in_order(content.rows["light"])
+    with style():
+        size = (max(1.4 + 1.9 * len(lights), 6.5), 3.4)
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.subplots(1, len(lights), sharey=True, squeeze=False)[0]
+        for ax, light in zip(axes, lights, strict=True):
+            ax.set_yscale("log")
+            shade_paper(ax)
+            for place, (method, look) in enumerate(content.methods.items()):
+                rows = values[(values["light"] == light) & (values["method"] == method)]
+                shift = (place - (len(content.methods) - 1) / 2) * _SHIFT_DEG
+                bars(ax, rows.assign(x=rows["x"] + shift), look)
+            ax.set_title(drawable(light))
+            ax.set_xlabel("polariser angle ϑ (°)")
+            ax.set_xticks(sorted(values["x"].unique()))
+        axes[0].set_ylabel("normalised mean squared error")
+        share_height(list(axes), content.methods)
+        name_paper(axes[0])
+        labels = methods_of(content.rows)
+        legend(figure, axes[0], content, labels)
+    return figure

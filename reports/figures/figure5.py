@@ -1,0 +1,213 @@
+"""The paper's Figure 5: error against refractive index, and against roughness."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from malus.reports.figures.panels import bars, label_above, name_paper, shade_paper, share_height
+from malus.reports.figures.style import INK, Look, drawable, looks, style
+from malus.reports.tables.tables import (
+    TRIVIAL,
+    coverage,
+    in_order,
+    methods_of,
+    only_body,
+    unverified,
+    whole,
+)
+
+X_ETA, X_ALPHA = "eta", "alpha"
+_NAMES = {X_ETA: "material", X_ALPHA: "surface"}
+_AXES = {
+    X_ETA: "refractive index η, mean over the bands (relative to air)",
+    X_ALPHA: "Beckmann roughness α (rms slope)",
+}
+_SHORT_AXES = {X_ETA: "refractive index η", X_ALPHA: "roughness α"}
+_ERROR = "normalised mean squared error"
+NOISE = "expected Monte Carlo noise, largest of any method"
+ENDLESS = "\nA dotted bar has its lower end below zero, where a logarithmic axis has no place."
+_LETTERS_AN_INCH = 15
+"""Of a caption: DejaVu Sans at 7 points has 18 of middling width."""
+_HANDLE_INCHES = 0.5
+"""What a legend's line and its margins take."""
+_SHIFT = 0.008
+"""Distance between the methods' error bars at one x, as a part of the axis' width."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a figure shows: the table's rows of one body, and its methods with their looks."""
+
+    rows: pd.DataFrame
+    methods: dict[str, Look]
+
+    @classmethod
+    def of(cls, table: pd.DataFrame, body: str) -> Content:
+        """The rows with that body."""
+        rows = only_body(table, body)
+        return cls(rows, looks(methods_of(rows)))
+
+
+def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame:
+    """Mean and standard deviation of NMSE over the dataset at every x.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of a run.
+    x : "eta" or "alpha"
+    by_light : bool
+        Every light for itself instead of all together.
+
+    Returns
+    -------
+    DataFrame
+        One row a method and x: panel, light, method, name, x, mean, std (of the population),
+        noise (expected Monte Carlo part of the mean) and scenes.
+
+    Examples
+    --------
+    >>> from malus.reports.sample import table
+    >>> numbers(table(), "alpha")[["method", "name", "scenes"]].values.tolist()[0]
+    ['unpolarised', 'obsidian', 6]
+    """
+    rows = whole(table, "nmse")
+    if not by_light:
+        rows = rows.assign(light="all")
+    groups = rows.groupby(["light", "method", _NAMES[x], x], sort=False)
+    result = groups.agg(
+        mean=("value", "mean"),
+        std=("value", _population_std),
+        noise=("noise", "mean"),
+        scenes=("value", "size"),
+    ).reset_index()
+    order = {name: place for place, name in enumerate(methods_of(table))}
+    result = result.rename(columns={_NAMES[x]: "name", x: "x"})
+    result = result.assign(panel=x, order=result["method"].map(order))
+    columns = ["panel", "light", "method", "name", "x", "mean", "std", "noise", "scenes"]
+    return result.sort_values(["light", "order", "x"], kind="stable")[columns]
+
+
+def _population_std(values: pd.Series[float]) -> float:
+    return float(values.std(ddof=0))
+
+
+def both_panels(table: pd.DataFrame, by_light: bool = False) -> pd.DataFrame:
+    """The numbers behind both panels, one below the other."""
+    return pd.concat([numbers(table, x, by_light) for x in (X_ETA, X_ALPHA)])
+
+
+def figure5(table: pd.DataFrame, body: str) -> Figure:
+    """Both panels, every method one line, averaged over shapes, lights and the other parameter."""
+    content = Content.of(table, body)
+    with style():
+        figure = Figure(figsize=(7.1, 7.6), layout="constrained")
+        axes: list[Axes] = list(figure.subplots(2, 1))
+        for ax, x in zip(axes, (X_ETA, X_ALPHA), strict=True):
+            values = numbers(content.rows, x)
+            _draw(ax, values, content)
+            ax.set_xlabel(_AXES[x] + _doubt(content.rows, x))
+            ax.set_ylabel(_ERROR)
+            label = _label_materials if x == X_ETA else _label_surfaces
+            label(ax, values)
+        share_height(axes, content.methods)
+        name_paper(axes[0])
+        legend(figure, axes[0], content, [*content.methods, NOISE])
+    return figure
+
+
+def figure5_by_light(table: pd.DataFrame, body: str) -> Figure:
+    """The same for every light apart: small multiples, lights as columns, one common scale."""
+    content = Content.of(table, body)
+    lights = in_order(content.rows["light"])
+    with style():
+        size = (max(1.4 + 1.9 * len(lights), 6.5), 5.6)
+        figure = Figure(figsize=size, layout="constrained")
+        grid = figure.subplots(2, len(lights), sharey=True, sharex="row", squeeze=False)
+        for line, x in zip(grid, (X_ETA, X_ALPHA), strict=True):
+            values = numbers(content.rows, x, by_light=True)
+            line[0].set_ylabel(_ERROR)
+            for ax, light in zip(line, lights, strict=True):
+                _draw(ax, values[values["light"] == light], content)
+                ax.set_xlabel(_SHORT_AXES[x])
+        for ax, light in zip(grid[0], lights, strict=True):
+            ax.set_title(drawable(light))
+        share_height(list(grid.flat), content.methods)
+        name_paper(grid[0, 0])
+        legend(figure, grid[0, 0], content, [*content.methods, NOISE])
+    return figure
+
+
+def _doubt(rows: pd.DataFrame, x: str) -> str:
+    return "; values are unverified stand-ins" if x == X_ALPHA and unverified(rows) else ""
+
+
+def _draw(ax: Axes, values: pd.DataFrame, content: Content) -> None:
+    ax.set_yscale("log")
+    shade_paper(ax)
+    width = float(np.ptp(values["x"])) if len(values) else 0.0
+    middle = (len(content.methods) - 1) / 2
+    for place, (method, look) in enumerate(content.methods.items()):
+        rows = values[values["method"] == method]
+        bars(ax, rows.assign(x=rows["x"] + (place - middle) * _SHIFT * width), look)
+    noise = values.groupby("x")["noise"].max()
+    ax.plot(noise.index, noise.where(noise > 0), ":", color=INK, lw=0.9, zorder=1)
+
+
+def _label_materials(ax: Axes, values: pd.DataFrame) -> None:
+    names = values.drop_duplicates("name").sort_values("x")
+    labels = [_readable(name) for name in names["name"]]
+    label_above(ax, names["x"].to_numpy(float), labels)
+
+
+def _label_surfaces(ax: Axes, values: pd.DataFrame) -> None:
+    pairs = values.drop_duplicates("name").groupby("x")["name"]
+    names = {float(str(x)): [_readable(name) for name in found] for x, found in pairs}
+    labels = ["\n".join([f"{x:g}", *found]) for x, found in names.items()]
+    ax.set_xticks(list(names), labels)
+
+
+def _readable(name: str) -> str:
+    return drawable(name).replace("_", " ")
+
+
+def legend(
+    figure: Figure, ax: Axes, content: Content, entries: Sequence[str], note: str = ENDLESS
+) -> None:
+    """Name the first lines of a panel below it; a method with the lights that its mean covers."""
+    column = int(_LETTERS_AN_INCH * (0.5 * figure.get_figwidth() - _HANDLE_INCHES))
+    labels = [textwrap.fill(_legend_label(content.rows, entry), column) for entry in entries]
+    # The caption is the legend's title, so that the layout keeps both apart from the panels.
+    caption = textwrap.fill(_caption(content.rows), int(_LETTERS_AN_INCH * figure.get_figwidth()))
+    figure.legend(
+        ax.get_lines()[: len(labels)], labels, loc="outside lower center", ncols=2,
+        title=caption + note, alignment="left",
+    )  # fmt: skip
+
+
+def _legend_label(rows: pd.DataFrame, method: str) -> str:
+    if method == NOISE:
+        return NOISE
+    guess = " (trivial guess, I/2)" if method == TRIVIAL else ""
+    partial = str(coverage(rows, method))
+    return drawable(f"{method}{guess}{f': {partial}' if partial else ''}")
+
+
+def _few(column: pd.Series[str]) -> str:
+    names = in_order(column)
+    return ", ".join(names) if len(names) <= 6 else f"{len(names)} of them"
+
+
+def _caption(rows: pd.DataFrame) -> str:
+    bodies = ", ".join(in_order(rows["body"]))
+    return drawable(
+        f"Mean ± standard deviation over {rows['scene'].nunique()} scenes:"
+        f" {_few(rows['shape'])}; light {_few(rows['light'])}; body {bodies}."
+    )

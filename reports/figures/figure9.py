@@ -1,0 +1,46 @@
+"""The paper's Figure 9: colour difference against the polariser's angle."""
+
+from __future__ import annotations
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from malus.bench.scoring.colour_error import JUST_NOTICEABLE
+from malus.reports.figures.figure5 import Content, legend
+from malus.reports.figures.style import SOFT, drawable, style
+from malus.reports.tables.colour_errors import figure9_numbers
+from malus.reports.tables.tables import in_order, methods_of
+
+_SHIFT_DEG = 1.2
+"""Distance between the methods' error bars at one angle."""
+
+
+def figure9(table: pd.DataFrame, body: str) -> Figure:
+    """One panel a light: ΔE76 over the polariser angle, every method one line."""
+    content = Content.of(table, body)
+    values = figure9_numbers(content.rows)
+    lights = in_order(values["light"])
+    with style():
+        size = (max(1.4 + 1.9 * len(lights), 6.5), 3.4)
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.subplots(1, len(lights), sharey=True, squeeze=False)[0]
+        for ax, light in zip(axes, lights, strict=True):
+            for place, (method, look) in enumerate(content.methods.items()):
+                rows = values[(values["light"] == light) & (values["method"] == method)]
+                shift = (place - (len(content.methods) - 1) / 2) * _SHIFT_DEG
+                ax.errorbar(
+                    rows["x"] + shift, rows["mean"], rows["std"], fmt=look.marker + look.line,
+                    color=look.colour, markerfacecolor=look.face, elinewidth=0.8,
+                )  # fmt: skip
+            ax.axhline(JUST_NOTICEABLE, color=SOFT, lw=0.8, ls="--")
+            ax.set_title(drawable(light))
+            ax.set_xlabel("polariser angle ϑ (°)")
+            ax.set_xticks(sorted(values["x"].unique()))
+        axes[0].set_ylim(bottom=0.0)  # of all panels, once everything is drawn
+        axes[0].set_ylabel("ΔE76, mean ± std over pixels")
+        axes[0].annotate(
+            "1 JND", (0.5, JUST_NOTICEABLE), (0, 1.5), xycoords=("axes fraction", "data"),
+            textcoords="offset points", ha="center", fontsize=6.5, color=SOFT,
+        )  # fmt: skip
+        legend(figure, axes[0], content, methods_of(content.rows), note="")
+    return figure

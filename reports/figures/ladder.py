@@ -1,0 +1,128 @@
+"""Where a method's error comes from: what each thing adds that it is no longer told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from malus.reports.figures.style import INK, PALETTE, SOFT, drawable, style
+from malus.reports.tables.tables import KNOWLEDGE, in_order, only_body, over_all
+from malus.reports.tables.text import scientific
+
+NOISE, MODEL = "Monte Carlo noise", "model form"
+
+
+def ladder_numbers(table: pd.DataFrame) -> pd.DataFrame:
+    """The error of every method in parts that add up to it.
+
+    The first part is the noise of the truth, the second what is left with everything known, and
+    every further one is what the mean NMSE grows by (or shrinks, then below zero) with the next
+    rung: the levels of knowledge in the order of the table. Only scenes on which a method has an
+    error at all of its rungs count.
+
+    Returns
+    -------
+    DataFrame
+        Columns body, method, source, increment, nmse (the sum so far) and scenes; empty where the
+        run has one level of knowledge.
+
+    Examples
+    --------
+    >>> from malus.reports.sample import laddered
+    >>> found = ladder_numbers(laddered())
+    >>> found[["source", "increment"]].round(4).values.tolist()[:3]
+    [['Monte Carlo noise', 0.0], ['model form', 0.001], ['lobes estimated', 0.002]]
+    """
+    rows = over_all(table, "nmse")
+    rungs = sorted(in_order(rows["knowledge"]), key=lambda name: name != KNOWLEDGE)
+    parts: list[dict[str, Any]] = []
+    for body in in_order(rows["body"]):
+        for method in in_order(rows["method"]):
+            found = only_body(rows, body)
+            parts += _parts(found[found["method"] == method], rungs, body, method)
+    columns = ["body", "method", "source", "increment", "nmse", "scenes"]
+    return pd.DataFrame(parts, columns=columns)
+
+
+def _parts(
+    rows: pd.DataFrame, rungs: list[str], body: str, method: str
+) -> Iterator[dict[str, Any]]:
+    errors = rows.pivot(index="scene", columns="knowledge", values="value")
+    known = [name for name in rungs if name in errors]
+    errors = errors.dropna()
+    if len(known) < 2 or KNOWLEDGE not in known or errors.empty:
+        return
+    everything = rows[rows["knowledge"] == KNOWLEDGE].set_index("scene")
+    noise = float(everything.loc[errors.index, "noise"].mean())
+    means = [noise, *(float(errors[name].mean()) for name in known)]
+    sources = [NOISE, MODEL, *known[1:]]
+    for source, before, after in zip(sources, [0.0, *means], means, strict=False):
+        yield {
+            "body": body, "method": method, "source": source,
+            "increment": after - before, "nmse": after, "scenes": len(errors),
+        }  # fmt: skip
+
+
+def figure_ladder(numbers: pd.DataFrame) -> Figure:
+    """The parts of each mean NMSE, stacked; a tick where they add up to. A row a body.
+
+    Parameters
+    ----------
+    numbers : DataFrame
+        As `ladder_numbers` returns it, with at least one row.
+    """
+    bodies = [only_body(numbers, body) for body in in_order(numbers["body"])]
+    sources = in_order(numbers["source"])
+    colours = dict(zip(sources, (SOFT, *_cycled(len(sources) - 1)), strict=True))
+    heights = [0.8 + 0.42 * rows["method"].nunique() for rows in bodies]
+    with style():
+        figure = Figure(figsize=(7.1, 0.7 + sum(heights)), layout="constrained")
+        grid = figure.subplots(len(bodies), squeeze=False, height_ratios=heights)
+        for ax, rows in zip(grid[:, 0], bodies, strict=True):
+            _panel(ax, rows, colours)
+        grid[-1, 0].set_xlabel("normalised mean squared error")
+        handles: list[Any] = [grid[0, 0].barh(0, 0, color=colours[name]) for name in sources]
+        labels = [drawable(source) for source in sources]
+        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure
+
+
+def _panel(ax: Axes, rows: pd.DataFrame, colours: dict[str, str]) -> None:
+    methods = in_order(rows["method"])
+    for place, method in enumerate(methods):
+        _bar(ax, place, rows[rows["method"] == method], colours)
+    ax.set_title(f"{rows['body'].iloc[0]} body", loc="left")
+    ax.set_yticks(range(len(methods)), [drawable(name) for name in methods])
+    ax.invert_yaxis()
+    ax.axvline(0.0, color=INK, lw=0.7)
+    ax.use_sticky_edges = False
+    ax.margins(x=0.12)
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: scientific(value)))
+    ax.grid(axis="y", visible=False)
+
+
+def _cycled(count: int) -> list[str]:
+    return [PALETTE[k % len(PALETTE)] for k in range(count)]
+
+
+def _bar(ax: Axes, place: int, rows: pd.DataFrame, colours: dict[str, str]) -> None:
+    right = left = 0.0
+    for row in rows.itertuples():
+        start = right if row.increment >= 0 else left
+        ax.barh(
+            place, row.increment, 0.62, left=start, color=colours[row.source],
+            edgecolor="white", lw=0.6, zorder=2,
+        )  # fmt: skip
+        right += max(row.increment, 0.0)
+        left += min(row.increment, 0.0)
+    total = float(rows["nmse"].iloc[-1])
+    ax.plot([total, total], [place - 0.4, place + 0.4], color=INK, lw=1.4, zorder=3)
+    ax.annotate(
+        scientific(total), (max(right, total), place), (4, 0), textcoords="offset points",
+        va="center", fontsize=7, color=INK,
+    )  # fmt: skip

@@ -1,0 +1,162 @@
+"""One look for every figure: colours that colour-blind eyes tell apart, sizes for print.
+
+Imported only where a figure is made, because Matplotlib takes its time.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
+
+from malus.scenes.core.errors import printable
+
+INK = "#23232b"
+SOFT = "#8a8a94"
+GRID = "#dcdce2"
+BAND = "#f0e3b8"
+DPI = 200
+
+# Okabe and Ito's palette, less its yellow (invisible on white) and with its black kept for text.
+PALETTE = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+_MARKERS = ("o", "s", "^", "D", "v", "P")
+_KNOWN = ("eq8", "visible", "half_vector", "shadowed")
+_TRIVIAL = "unpolarised"
+_BODY = "+body"
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+RC: Any = {
+    "font.family": ["DejaVu Sans"],
+    "font.size": 8.5,
+    "axes.labelsize": 9,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.5,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4.2,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "malus",
+    "text.parse_math": False,  # a dollar sign in a name is a dollar sign
+    "legend.title_fontsize": 7,
+    "figure.constrained_layout.h_pad": 0.06,
+}
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colour, marker and line of a method."""
+
+    colour: str
+    marker: str
+    line: str
+    filled: bool
+
+    @property
+    def face(self) -> str:
+        """Colour inside the marker."""
+        return self.colour if self.filled else "white"
+
+
+def looks(methods: Sequence[str]) -> dict[str, Look]:
+    """A look for every method; the same method looks the same in every figure of a suite.
+
+    A method that includes the body's polarisation is drawn like the one that does not, hollow.
+
+    Examples
+    --------
+    >>> looks(["eq8"])["eq8"].colour
+    '#d55e00'
+    """
+    families = list(_KNOWN)
+    for method in methods:
+        family = method.removesuffix(_BODY)
+        if family not in families and family != _TRIVIAL:
+            families.append(family)
+    return {method: _look(method, families) for method in methods}
+
+
+def _look(method: str, families: Sequence[str]) -> Look:
+    if method == _TRIVIAL:
+        return Look(SOFT, "x", "--", True)
+    place = families.index(method.removesuffix(_BODY))
+    body = method.endswith(_BODY)
+    round_, kind = divmod(place, len(PALETTE))
+    marker = _MARKERS[(kind + round_) % len(_MARKERS)]
+    return Look(PALETTE[kind], marker, ":" if body else "-", not body)
+
+
+def style() -> AbstractContextManager[None]:
+    """Matplotlib's settings for everything drawn inside the `with` block."""
+    return mpl.rc_context(RC)
+
+
+def drawable(name: str) -> str:
+    r"""A name with the characters that the font lacks replaced, so that none is lost unseen.
+
+    Examples
+    --------
+    >>> drawable("η \U00013000")
+    'η \ufffd'
+    """
+    known = _characters()
+    return "".join(c if ord(c) in known else "\ufffd" for c in printable(name))
+
+
+@cache
+def _characters() -> frozenset[int]:
+    font = get_font(findfont(FontProperties(family=RC["font.family"])))
+    return frozenset(font.get_charmap())
+
+
+def power_of_ten(value: float, _place: int | None = None) -> str:
+    """A tick label of a logarithmic axis, in plain characters: text in an SVG stays text.
+
+    Examples
+    --------
+    >>> power_of_ten(0.001)
+    '10⁻³'
+    """
+    exponent = round(math.log10(value))
+    return "10" + str(exponent).translate(_SUPERSCRIPTS)
+
+
+def svg(figure: Figure) -> str:
+    """A figure as SVG text: letters stay letters, equal figures give equal bytes."""
+    buffer = io.StringIO()
+    with style():
+        metadata = {"Date": None, "Creator": "malus"}
+        figure.savefig(buffer, format="svg", metadata=metadata, transparent=True)
+    return re.sub(r"[ \t]+\n", "\n", buffer.getvalue())
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as PNG, 200 dots an inch."""
+    buffer = io.BytesIO()
+    with style():
+        figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": "malus"})
+    return buffer.getvalue()

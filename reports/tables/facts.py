@@ -1,0 +1,98 @@
+"""Sentences that the summary and the page share, with the numbers of the run in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pandas as pd
+
+from malus.reports.tables.tables import PAPER_METHOD, PAPER_RANGE, unverified
+from malus.reports.tables.text import counted, listed, scientific
+
+PAPER = f"The paper's Figure 5: NMSE in {PAPER_RANGE} for every material and surface."
+SKILL = (
+    "NMSE alone says little: that of the trivial guess I(ϑ) = I/2 is small too. Skill is"
+    " 1 − NMSE / NMSE of that guess: 1 is perfect, 0 no better than doing nothing, negative is"
+    " worse."
+)
+NOISE = (
+    "Monte Carlo noise of the truth adds to every NMSE: the expected part stands beside it, and is"
+    " subtracted from the method's and the trivial guess's NMSE before their skill is formed."
+)
+ERROR_MAPS = (
+    "Colour difference of every pixel between reconstruction and truth, scaled as in the paper's"
+    " Figures 6 to 8: black is no error, white is 10 just noticeable differences of 2.3 each."
+)
+TABLE1 = (
+    "Colour difference in CIELAB, mean ± standard deviation over the pixels of all scenes, each"
+    " scene counted alike, and normalised mean squared error; in brackets the standard deviation"
+    " of the scenes' means. A ΔE76 of 2.3 is one just noticeable difference. White is the"
+    " brightest pixel of the true unpolarised image. The paper's scenes are photographs and not"
+    " known in detail; nor is over what its deviations are taken."
+)
+LADDER = (
+    "A method is told everything, then has one thing after another estimated for it, down to the"
+    " single image. Each part is what its error grows by at that step."
+)
+PLAN = (
+    "Before anything is rendered, what the scenes do not need is left out; no result changes by it."
+    " Without a plan there would be one render for every scene, band, polariser angle and lobe; its"
+    " time is the measured time of one render, times their number."
+)
+PRECISION = (
+    "Every point is a setting that somebody could choose. Filled and joined: nothing else is both"
+    " faster and more accurate. Seconds are medians of several runs on one machine."
+)
+STRESS = (
+    "Limits, singular points and hostile inputs: each with its error against a slow reference where"
+    " there is one, and the rule that it must not break."
+)
+NO_SKILL = "The trivial guess does not rise above the Monte Carlo noise in these scenes."
+ALL_SKILLS = "Every scene has a skill: the trivial guess rises above the noise everywhere."
+NEVER_NEGATIVE = f"The skill of {PAPER_METHOD} is negative nowhere in this suite."
+
+
+def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
+    """Scenes, sampling, interpolation error, doubts and versions, one sentence each."""
+    suite, sampling = run["suite"], run["suite"]["sampling"]
+    axes = ("shape", "material", "surface", "light")
+    counts = ", ".join(
+        counted(table[name].nunique(), name, many)
+        for name, many in [*((name, "") for name in axes), ("body", "bodies")]
+    )
+    bands = suite["wavelengths_nm"]
+    yield (
+        f"{counted(table['scene'].nunique(), 'scene')}: {counts}; {counted(len(bands), 'band')}"
+        f" from {bands[0]:g} to {bands[-1]:g} nm; {suite['camera']['resolution']} pixels square."
+    )
+    yield (
+        f"Renderer {suite['renderer']}, variant {run['variant']['name']}"
+        f" ({run['variant']['reason']}), {sampling['samples']} samples a pixel,"
+        f" seed {sampling['seed']}."
+    )
+    yield (
+        "Interpolation in η instead of one render a material and band: error at most"
+        f" {scientific(run['interpolation_rms'])} of the peak (rms, measured)."
+    )
+    yield from doubts(table)
+    versions = listed([f"{name} {version}" for name, version in run["versions"].items()])
+    yield f"Finished {run['finished']}; {versions}."
+    taken = run.get("families_taken_over", 0)
+    if taken:
+        yield (
+            f"{taken} of {run['families']} families were taken over from an earlier run: their"
+            " time is not among the stages."
+        )
+
+
+def doubts(table: pd.DataFrame) -> Iterator[str]:
+    """What the reader must know about the roughness values, if any is in doubt."""
+    names = unverified(table)
+    if names:
+        yield (
+            f"{counted(len(names), 'roughness value is an', 'roughness values are')} unverified"
+            f" {'stand-in' if len(names) == 1 else 'stand-ins'} ({listed(names)}): nobody has"
+            " compared them with the printed source, and they are rendering parameters rather"
+            " than measurements."
+        )

@@ -1,0 +1,168 @@
+"""The tables of a report as plain cells; Markdown and HTML each escape them their own way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import pandas as pd
+
+from malus.reports.tables.skills import by_light_and_body, negative, unreported
+from malus.reports.tables.tables import PAPER_NMSE, TRIVIAL, in_order, methods_of, whole
+from malus.reports.tables.text import NOTHING, scientific, worth
+
+
+@dataclass(frozen=True)
+class Listing:
+    """Heads and lines of cells, not escaped."""
+
+    heads: tuple[str, ...]
+    lines: list[list[str]]
+
+    def __bool__(self) -> bool:
+        """Whether there is a line."""
+        return bool(self.lines)
+
+
+def beside_paper(table: pd.DataFrame) -> Listing:
+    """NMSE of every method and body as the paper's Figure 5 averages it.
+
+    Examples
+    --------
+    >>> from malus.reports.sample import table
+    >>> beside_paper(table()).lines[1][:3]
+    ['unpolarised', 'eq8', '6.7e-5 … 8.0e-5']
+    """
+    rows = whole(table, "nmse")
+    lines = []
+    for body, method in product(in_order(rows["body"]), methods_of(table)):
+        found = rows[(rows["method"] == method) & (rows["body"] == body)]
+        if len(found):
+            below = bool(found["value"].max() < PAPER_NMSE[0])
+            ranges = [range_of_means(found, by) for by in ("material", "surface")]
+            worst = scientific(float(found["value"].max()))
+            lines.append([body, method, *ranges, worst, "yes" if below else "no"])
+    heads = ("body", "method", "mean by material", "mean by surface", "worst scene")
+    return Listing((*heads, f"every scene below {PAPER_NMSE[0]:g}"), lines)
+
+
+def by_method(numbers: pd.DataFrame) -> Listing:
+    """A line a place on a figure's axis, a column a method: mean ± standard deviation."""
+    cells = numbers["mean"].map(scientific) + " ± " + numbers["std"].map(scientific)
+    keys = [name for name in ("panel", "light", "name", "x") if name in numbers]
+    wide = numbers.assign(cell=cells).pivot(index=keys, columns="method", values="cell")
+    methods = in_order(numbers["method"])
+    wide = wide[methods].fillna("not applicable").reset_index()
+    wide["x"] = wide["x"].map("{:.4g}".format)
+    return Listing((*keys, *methods), [[str(v) for v in line] for line in wide.to_numpy()])
+
+
+def budget(numbers: pd.DataFrame) -> Listing:
+    """A line a body and method, a column a part of its error."""
+    sources = in_order(numbers["source"])
+    lines = []
+    for (body, method), rows in numbers.groupby(["body", "method"], sort=False):
+        parts = dict(zip(rows["source"], rows["increment"], strict=True))
+        cells = [scientific(parts[name]) if name in parts else NOTHING for name in sources]
+        last = rows.iloc[-1]
+        lines.append([body, method, *cells, scientific(float(last["nmse"])), str(last["scenes"])])
+    return Listing(("body", "method", *sources, "sum", "scenes"), lines)
+
+
+def points(numbers: pd.DataFrame) -> Listing:
+    """A line a setting of the work-precision diagrams."""
+    lines = [
+        [
+            row["diagram"], row["method"], row["setting"],
+            f"{scientific(row['seconds'])} ± {scientific(row['spread'])}", row["unit"],
+            scientific(row["error"]), "yes" if row["pareto"] else "no",
+        ]
+        for row in _records(numbers)
+    ]  # fmt: skip
+    heads = ("diagram", "method", "setting", "seconds", "for", "error", "on the front")
+    return Listing(heads, lines)
+
+
+def range_of_means(rows: pd.DataFrame, by: str) -> str:
+    """Smallest and largest mean of the groups of a column, as text."""
+    means = rows.groupby(by)["value"].mean()
+    return f"{scientific(float(means.min()))} … {scientific(float(means.max()))}"
+
+
+def errors(table: pd.DataFrame) -> Listing:
+    """NMSE and skill of every method per light and body."""
+    heads = (
+        "body", "light", "method", "scenes", "NMSE mean", "NMSE max", "noise in it",
+        "skill median", "skill min", "skill < 0", "no skill to report",
+    )  # fmt: skip
+    return Listing(heads, [_error_line(row) for row in _records(by_light_and_body(table))])
+
+
+def _error_line(row: dict[str, Any]) -> list[str]:
+    names = [str(row[name]) for name in ("body", "light", "method")]
+    if row["inapplicable"] == row["scenes"]:
+        return [*names, "0", "not applicable", *[NOTHING] * 6]
+    numbers = [scientific(row[name]) for name in ("nmse_mean", "nmse_max", "noise")]
+    skills = [worth(row[name]) for name in ("skill_median", "skill_min")]
+    if row["method"] == TRIVIAL:  # it is what skill is measured against
+        skills = [NOTHING, NOTHING]
+    counts = [str(row[name]) for name in ("negative", "unreported")]
+    return [*names, str(row["scenes"] - row["inapplicable"]), *numbers, *skills, *counts]
+
+
+def left_out(table: pd.DataFrame) -> Listing:
+    """Methods that could not work on some scenes, and why."""
+    groups = whole(table, "inapplicable").groupby(["method", "note"], sort=False)["scene"]
+    lines = [[str(method), str(note), str(found.nunique())] for (method, note), found in groups]
+    return Listing(("method", "reason", "scenes left out"), lines)
+
+
+def negatives(table: pd.DataFrame, method: str) -> Listing:
+    """Where a method's skill is below zero, the worst places first."""
+    heads = ("light", "surface (α)", "body", "scenes", "worst skill", "worst scene")
+    lines = [
+        [
+            row["light"], f"{row['surface']} ({row['alpha']:g})", row["body"],
+            f"{row['negative']} of {row['scenes']}", worth(row["worst"]),
+            f"{row['material']}, {row['shape']}",
+        ]
+        for row in _records(negative(table, method))
+    ]  # fmt: skip
+    return Listing(heads, lines)
+
+
+def without_skill(table: pd.DataFrame) -> Listing:
+    """Where the trivial guess is inside the noise, for every method."""
+    lines = [
+        [name, row["light"], row["surface"], row["body"], f"{row['unreported']} of {row['scenes']}"]
+        for name in methods_of(table)
+        if name != TRIVIAL
+        for row in _records(unreported(table, name))
+    ]
+    return Listing(("method", "light", "surface", "body", "scenes"), lines)
+
+
+def savings(plan: dict[str, Any]) -> Listing:
+    """What the plan of a run left out, the largest saving first."""
+    left_out = [part for part in plan["left_out"] if part["done"] < part["instead_of"]]
+    lines = [
+        [
+            part["what"],
+            f"{part['done']:,} of {part['instead_of']:,}",
+            f"{part['renders']:,}" if part["renders"] else "only rays",
+            part["why"],
+        ]
+        for part in sorted(left_out, key=lambda part: -part["renders"])
+    ]
+    return Listing(("what", "done", "renders saved", "why nothing is lost"), lines)
+
+
+def stages(run: dict[str, Any]) -> Listing:
+    """Seconds of every stage."""
+    lines = [[name, f"{value:.2f}"] for name, value in run["seconds"].items()]
+    return Listing(("stage", "seconds"), lines)
+
+
+def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]

@@ -1,0 +1,140 @@
+"""What the figures and pages take from a results table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import pandas as pd
+
+from malus.scenes.materials.materials import surfaces
+
+KNOWLEDGE = "everything"
+"""What a method is told in the paper's synthetic experiment."""
+
+PAPER_NMSE = (4e-3, 6e-3)
+"""Range of the paper's Figure 5 (its Section IV-A)."""
+
+PAPER_RANGE = "4e-3 … 6e-3"
+
+TRIVIAL = "unpolarised"
+"""The method that guesses I(ϑ) = I/2."""
+
+PAPER_METHOD = "eq8"
+PAPER_BODY = "unpolarised"
+
+
+class ResultsLike(Protocol):
+    """A table and how it came about, as `malus.bench.Results` holds them."""
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a scene × method × knowledge × metric."""
+
+    @property
+    def run(self) -> dict[str, Any]:
+        """Suite, versions, seeds, machine, seconds of every stage."""
+
+
+def whole(table: pd.DataFrame, metric: str) -> pd.DataFrame:
+    """Rows of a metric over all bands and angles, everything known to the method.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"metric": ["nmse", "nmse"], "band_nm": [None, 550.0],
+    ...                       "angle_deg": [None, None], "knowledge": ["everything"] * 2})
+    >>> len(whole(table, "nmse"))
+    1
+    """
+    rows = over_all(table, metric)
+    return rows[rows["knowledge"] == KNOWLEDGE]
+
+
+def over_all(table: pd.DataFrame, metric: str) -> pd.DataFrame:
+    """Rows of a metric over all bands and angles, at every level of knowledge."""
+    chosen = (table["metric"] == metric) & table["band_nm"].isna() & table["angle_deg"].isna()
+    return table[chosen]
+
+
+def by_angle(table: pd.DataFrame, metric: str) -> pd.DataFrame:
+    """Rows of a metric at one polariser angle, over all bands, everything known."""
+    chosen = (table["metric"] == metric) & (table["knowledge"] == KNOWLEDGE)
+    return table[chosen & table["band_nm"].isna() & table["angle_deg"].notna()]
+
+
+def in_order(column: pd.Series[str]) -> list[str]:
+    """Distinct values in the order in which they first come.
+
+    Examples
+    --------
+    >>> in_order(pd.Series(["b", "a", "b"]))
+    ['b', 'a']
+    """
+    return [str(value) for value in column.unique()]
+
+
+def methods_of(table: pd.DataFrame) -> list[str]:
+    """Methods with an error on at least one scene, in the order of the suite."""
+    scored = set(whole(table, "nmse")["method"])
+    return [method for method in in_order(table["method"]) if method in scored]
+
+
+def unverified(table: pd.DataFrame) -> list[str]:
+    """Surfaces of the table whose roughness nobody compared with its printed source.
+
+    Examples
+    --------
+    >>> unverified(pd.DataFrame({"surface": ["carbon", "alpha 0.3"]}))
+    ['carbon']
+    """
+    known = surfaces()
+    names = in_order(table["surface"])
+    return [name for name in names if name in known and known[name].status != "verified"]
+
+
+def only_body(table: pd.DataFrame, body: str) -> pd.DataFrame:
+    """Rows of scenes with that body."""
+    return table[table["body"] == body]
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Lights on all, on some and on none of whose scenes a method could work."""
+
+    whole: tuple[str, ...]
+    part: tuple[str, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether the method worked on every scene."""
+        return not self.part and not self.missing
+
+    def __str__(self) -> str:
+        """In words, for a legend; empty where the coverage is complete."""
+        if self.complete:
+            return ""
+        covered = [*self.whole, *(f"part of {light}" for light in self.part)]
+        return f"only {', '.join(covered)}" if covered else "no scene"
+
+
+def coverage(table: pd.DataFrame, method: str) -> Coverage:
+    """On which lights a method has an error, compared with all scenes of the table.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"metric": ["nmse", "inapplicable"], "light": ["distant", "uniform"],
+    ...     "scene": ["a", "b"], "method": ["half_vector"] * 2, "knowledge": ["everything"] * 2,
+    ...     "band_nm": [None] * 2, "angle_deg": [None] * 2})
+    >>> str(coverage(table, "half_vector"))
+    'only distant'
+    """
+    worked = whole(table, "nmse")
+    worked = worked[worked["method"] == method]
+    wanted = table.groupby("light", sort=False)["scene"].nunique()
+    done = worked.groupby("light")["scene"].nunique().reindex(wanted.index, fill_value=0)
+    return Coverage(
+        whole=tuple(map(str, wanted.index[done == wanted])),
+        part=tuple(map(str, wanted.index[(done > 0) & (done < wanted)])),
+        missing=tuple(map(str, wanted.index[done == 0])),
+    )

@@ -1,0 +1,126 @@
+"""Names and numbers as text that is safe where it is printed: Markdown, HTML, figures."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+from typing import Any
+
+from malus.scenes.core.errors import printable
+
+_MARKDOWN = r"\`*[]|~$"
+_MARKDOWN_FIRST = _MARKDOWN + "#+-=_"
+_REFERENCES = {"<": "&lt;", ">": "&gt;", "&": "&amp;"}
+
+NOTHING = "–"
+"""Stands where a table has no number."""
+
+
+def markdown(name: str) -> str:
+    r"""A name as it is, in Markdown: nothing in it becomes markup.
+
+    Examples
+    --------
+    >>> markdown("a|b *c* <i>")
+    'a\\|b \\*c\\* &lt;i&gt;'
+    """
+    first, rest = printable(name)[:1], printable(name)[1:]
+    # Inside a word a hyphen or an underscore is harmless, and most names contain one.
+    return _marked(first, _MARKDOWN_FIRST) + _marked(rest, _MARKDOWN)
+
+
+def _marked(text: str, special: str) -> str:
+    return "".join("\\" + c if c in special else _REFERENCES.get(c, c) for c in text)
+
+
+def markup(name: object) -> str:
+    """A name or number as HTML text or as a quoted attribute.
+
+    Examples
+    --------
+    >>> markup("<script>")
+    '&lt;script&gt;'
+    """
+    return html.escape(printable(str(name)), quote=True)
+
+
+def script_json(value: Any) -> str:
+    """JSON that can stand inside an HTML script element, whatever its strings contain.
+
+    Examples
+    --------
+    >>> script_json(["</script>"])
+    '["\\\\u003c/script\\\\u003e"]'
+    """
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    for c in "<>&\u2028\u2029":
+        text = text.replace(c, f"\\u{ord(c):04x}")
+    return text
+
+
+def scientific(value: float) -> str:
+    """Two significant digits, short exponent; a dash where there is no number.
+
+    Examples
+    --------
+    >>> scientific(0.000412), scientific(0.0), scientific(float("nan"))
+    ('4.1e-4', '0', '–')
+    """
+    if not math.isfinite(value):
+        return NOTHING
+    if value == 0.0:
+        return "0"
+    mantissa, exponent = f"{value:.1e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def worth(value: float) -> str:
+    """A skill: more digits the closer it is to 1; a dash where there is none to report.
+
+    Examples
+    --------
+    >>> worth(0.99974), worth(0.5), worth(-63.8), worth(float("nan"))
+    ('0.9997', '0.50', '−64', '–')
+    """
+    if not math.isfinite(value):
+        return NOTHING
+    digits = 4 if value > 0.99 else 2 if value > -10 else 0
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
+def duration(seconds: float) -> str:
+    """Seconds in the unit that people would use.
+
+    Examples
+    --------
+    >>> duration(0.5), duration(90.4), duration(600.0), duration(86400.0)
+    ('0.50 s', '90 s', '10 min', '24.0 h')
+    """
+    if seconds < 10.0:
+        return f"{seconds:.2f} s"
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200.0 else f"{seconds / 3600:.1f} h"
+
+
+def counted(number: int, one: str, many: str = "") -> str:
+    """A number with its noun.
+
+    Examples
+    --------
+    >>> counted(1, "scene"), counted(2, "body", "bodies")
+    ('1 scene', '2 bodies')
+    """
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def listed(words: list[str]) -> str:
+    """Words with commas and an "and".
+
+    Examples
+    --------
+    >>> listed(["a", "b", "c"])
+    'a, b and c'
+    """
+    return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))

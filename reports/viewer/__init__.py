@@ -1,0 +1,1 @@
+"""The interactive viewer of the page and the images that it shows."""

@@ -1,0 +1,1 @@
+"""What every package stands on: errors, strict models, files that are whole or absent."""

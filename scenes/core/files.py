@@ -1,0 +1,229 @@
+"""Files and folders that are whole or not there, and that are checked before they are believed."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import socket
+import stat
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.remote import is_here, put_file, put_folder, put_mark
+
+TEMPORARY = ".part-"
+_PURPOSE = "-for-"
+
+
+def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
+    """Call `write` with an empty folder beside `final`, then rename it: whole or not at all.
+
+    Examples
+    --------
+    >>> base = Path(tempfile.mkdtemp())
+    >>> replace_folder(base / "a", lambda folder: (folder / "b").touch())
+    >>> [path.name for path in base.iterdir()]
+    ['a']
+    """
+    if not is_here(final):
+        put_folder(final, write)
+        return
+    temporary, aside = _own_folder(final.parent), None
+    try:
+        write(temporary)
+        temporary.chmod(0o755)
+        if final.is_dir() and not final.is_symlink():
+            # A folder that is not empty cannot be replaced by renaming: it steps aside first.
+            aside = _own_folder(final.parent)
+            os.rename(final, aside / final.name)
+        os.rename(temporary, final)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        if aside is not None:
+            shutil.rmtree(aside, ignore_errors=True)
+
+
+def replace_file(final: Path, write: Callable[[Path], object]) -> None:
+    """Call `write` with a temporary name beside `final`, then rename: whole or not at all.
+
+    Raises
+    ------
+    InputError
+        Where there is no room, or no permission to write.
+
+    Examples
+    --------
+    >>> base = Path(tempfile.mkdtemp())
+    >>> replace_file(base / "a.txt", lambda path: path.write_text("whole"))
+    >>> [path.name for path in base.iterdir()]
+    ['a.txt']
+    """
+    temporary = None
+    try:
+        if not is_here(final):
+            put_file(final, write)
+            return
+        # The suffix stays: writers choose a format by it, or append it where it is missing.
+        handle, name = tempfile.mkstemp(dir=final.parent, prefix=_prefix(), suffix=final.suffix)
+        os.close(handle)
+        temporary = Path(name)
+        write(temporary)
+        temporary.chmod(0o644)
+        os.replace(temporary, final)
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise InputError(
+            str(final), "a file that can be written", reason, "mend that and give the command again"
+        ) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def replace_text(final: Path, text: str) -> None:
+    """Write a text file under a temporary name, then rename it: whole or not at all."""
+    replace_file(final, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove temporary files and folders of processes of this machine that are gone."""
+    mine = f"{TEMPORARY}{socket.gethostname()}-"
+    for entry in _temporary(folder, mine):
+        owner = entry.name.removeprefix(mine).split("-")[0]
+        if not owner.isdigit() or _runs(int(owner)) or entry.is_symlink():
+            continue
+        if entry.is_dir():
+            shutil.rmtree(entry, ignore_errors=True)
+        else:
+            # Of two runs that clean up at once, one comes too late.
+            entry.unlink(missing_ok=True)
+
+
+@contextmanager
+def owned(folder: Path, purpose: str) -> Iterator[None]:
+    """Mark a folder as being written for a purpose; any number of processes may share that.
+
+    The mark is an empty file, named as temporary ones are: `remove_abandoned` removes those of
+    processes that are gone.
+
+    Raises
+    ------
+    InputError
+        While a process writes the folder for another purpose.
+
+    Examples
+    --------
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with owned(folder, "a"), owned(folder, "a"):
+    ...     [path.name.endswith("-for-a") for path in folder.iterdir()]
+    [True, True]
+    """
+    mark = put_mark(folder, f"{_prefix()}*{_PURPOSE}{purpose}")
+    try:
+        for other in _temporary(folder):
+            if _PURPOSE in other.name and not other.name.endswith(f"{_PURPOSE}{purpose}"):
+                hint = f"choose another --out, wait, or if that process is gone remove {other}"
+                raise InputError(
+                    str(folder), "a folder that nothing else is made in", "another suite's", hint
+                )
+        yield
+    finally:
+        mark.unlink(missing_ok=True)
+
+
+def read_json(path: Path, limit: int) -> tuple[Any, str]:
+    """The content of a JSON file of at most `limit` bytes, and the SHA-256 of its bytes.
+
+    Raises
+    ------
+    InputError
+        Missing, a link, too large, or no JSON.
+    """
+    with open_regular(path) as file:
+        raw = file.read(limit + 1)
+    if len(raw) > limit:
+        raise InputError(str(path), f"at most {limit} bytes", "more", "is this file from malus?")
+    try:
+        return json.loads(raw), hashlib.sha256(raw).hexdigest()
+    except (ValueError, RecursionError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(str(path), "a JSON file", reason, "write it again") from None
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a regular file for reading; no link is followed and no pipe is waited for.
+
+    Raises
+    ------
+    InputError
+        If there is no such file.
+    """
+    try:
+        if not is_here(path):
+            return cast(BinaryIO, path.open("rb"))
+        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        found = "a link" if path.is_symlink() else error.strerror or "no such file"
+        raise InputError(str(path), "a readable file", found, "check the path") from None
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise InputError(str(path), "a regular file", "something else", "check the path")
+    return os.fdopen(handle, "rb")
+
+
+def digest(path: Path) -> tuple[int, str]:
+    """Size and SHA-256 of a regular file."""
+    with open_regular(path) as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
+        return file.seek(0, os.SEEK_END), sha256
+
+
+def check_digest(path: Path, size: int, sha256: str, hint: str) -> None:
+    """Compare a file with what is known of it, its size first.
+
+    Raises
+    ------
+    InputError
+        If it is missing, cut or changed.
+    """
+    with open_regular(path) as file:
+        found = file.seek(0, os.SEEK_END)
+        if found != size:
+            raise InputError(str(path), f"{size} bytes", f"{found} bytes", hint)
+        file.seek(0)
+        actual = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
+    if actual != sha256:
+        raise InputError(str(path), f"SHA-256 {sha256}", actual, hint)
+
+
+def _temporary(folder: Path, beginning: str = TEMPORARY) -> list[Path]:
+    """What lies in a folder under temporary names; nothing where there is no folder."""
+    try:
+        return [entry for entry in folder.iterdir() if entry.name.startswith(beginning)]
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+
+
+def _own_folder(parent: Path) -> Path:
+    return Path(tempfile.mkdtemp(dir=parent, prefix=_prefix()))
+
+
+def _prefix() -> str:
+    """How temporary names of this process begin: `remove_abandoned` knows whose they are."""
+    return f"{TEMPORARY}{socket.gethostname()}-{os.getpid()}-"
+
+
+def _runs(process: int) -> bool:
+    with contextlib.suppress(PermissionError):
+        try:
+            os.kill(process, 0)
+        except (ProcessLookupError, OverflowError):
+            return False
+    return True

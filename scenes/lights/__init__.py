@@ -1,0 +1,1 @@
+"""Lights, radiance maps and the sky."""

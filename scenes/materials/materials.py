@@ -1,0 +1,227 @@
+"""The materials and their dispersion, the surfaces and their roughness.
+
+The numbers, with their sources, are in `data/materials.toml` and `data/surfaces.toml`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.registry import lookup, table
+from malus.scenes.materials.dispersion import FORMULAS, Numbers
+
+FloatArray = NDArray[np.float64]
+Kind = Literal["plastic", "liquid"]
+
+FRAUNHOFER_F_NM, FRAUNHOFER_D_NM, FRAUNHOFER_C_NM = 486.1, 587.6, 656.3
+"""Lines of hydrogen (F, C) and helium (d) that define the Abbe number."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """A transparent substance and its refractive index n(λ).
+
+    `dispersion` names a formula of refractiveindex.info with its `coefficients`, or is "table"
+    with `table_nm` and `table_n`. `source` is the publication, `valid_range_nm` the wavelengths
+    that the data cover.
+    """
+
+    id: str
+    name: str
+    kind: Kind
+    source: str
+    valid_range_nm: tuple[float, float]
+    dispersion: str
+    coefficients: Numbers = ()
+    table_nm: Numbers = ()
+    table_n: Numbers = ()
+
+    def eta(self, wavelength_nm: ArrayLike) -> FloatArray:
+        """Refractive index at wavelengths in nm, same shape, relative to vacuum or air.
+
+        Raises
+        ------
+        InputError
+            For a wavelength that is not positive and finite, outside a table, or where the
+            formula has no real index. A formula outside its range extrapolates: `extrapolated`.
+
+        Examples
+        --------
+        >>> float(material("water").eta(587.6).round(3))
+        1.333
+        """
+        wavelengths = np.asarray(wavelength_nm, dtype=np.float64)
+        self._require(
+            wavelengths,
+            (wavelengths > 0) & np.isfinite(wavelengths),
+            "positive finite wavelengths in nm",
+        )
+        if self.dispersion == "table":
+            return self._from_table(wavelengths)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            eta = np.asarray(FORMULAS[self.dispersion](wavelengths * 1e-3, self.coefficients))
+        self._require(wavelengths, np.isfinite(eta) & (eta > 0), "wavelengths with a real index")
+        return eta
+
+    def extrapolated(self, wavelength_nm: ArrayLike) -> NDArray[np.bool_]:
+        """Whether a wavelength in nm lies outside the range of the data; same shape.
+
+        Examples
+        --------
+        >>> material("pmma").extrapolated([400.0, 550.0]).tolist()
+        [True, False]
+        """
+        wavelengths = np.asarray(wavelength_nm, dtype=np.float64)
+        low, high = self.valid_range_nm
+        return ~((wavelengths >= low) & (wavelengths <= high))
+
+    @property
+    def eta_d(self) -> float:
+        """Refractive index at the helium d line, 587.6 nm."""
+        return float(self.eta(FRAUNHOFER_D_NM))
+
+    @property
+    def abbe(self) -> float:
+        """Abbe number (n_d − 1) / (n_F − n_C): small where dispersion is strong."""
+        n_f, n_d, n_c = self.eta([FRAUNHOFER_F_NM, FRAUNHOFER_D_NM, FRAUNHOFER_C_NM])
+        return float((n_d - 1.0) / (n_f - n_c))
+
+    def _from_table(self, wavelengths: FloatArray) -> FloatArray:
+        low, high = self.table_nm[0], self.table_nm[-1]
+        inside = (wavelengths >= low) & (wavelengths <= high)
+        self._require(wavelengths, inside, f"wavelengths within its table, {low:g} to {high:g} nm")
+        return np.asarray(np.interp(wavelengths, self.table_nm, self.table_n), dtype=np.float64)
+
+    def _require(self, wavelengths: FloatArray, good: NDArray[np.bool_], expected: str) -> None:
+        if not good.all():
+            found = f"{wavelengths[~good].flat[0]:g} nm"
+            raise InputError(
+                f"material {self.id}", expected, found, "choose other bands or another material"
+            )
+
+
+@dataclass(frozen=True)
+class NamedSurface:
+    """A rough surface that a name stands for.
+
+    `alpha` is the Beckmann roughness (rms slope m), `albedo` the diffuse fraction; `status`
+    is "recalled_unverified" for a stand-in nobody compared with the printed source.
+    """
+
+    id: str
+    alpha: float
+    albedo: float
+    source: str
+    status: str
+
+    @property
+    def sigma(self) -> float:
+        """Exponent σ = 1/m² of the paper's Equation 2.
+
+        Examples
+        --------
+        >>> round(surface("carbon").sigma, 9)
+        6.25
+        """
+        return 1.0 / self.alpha**2
+
+
+def materials() -> dict[str, Material]:
+    """All materials by id, in the order of the data file.
+
+    Examples
+    --------
+    >>> len(materials())
+    24
+    """
+    return {item.id: item for item in _load_materials()}
+
+
+def material(name: str) -> Material:
+    """The material of that id.
+
+    Raises
+    ------
+    InputError
+        For an unknown id; names the closest ones.
+
+    Examples
+    --------
+    >>> material("water").kind
+    'liquid'
+    """
+    return lookup(name, materials(), "material")
+
+
+def surfaces() -> dict[str, NamedSurface]:
+    """All surfaces by id, in the order of the data file.
+
+    Examples
+    --------
+    >>> list(surfaces())
+    ['carbon', 'rubber', 'obsidian', 'olive_drab', 'rust']
+    """
+    return {item.id: item for item in _load_surfaces()}
+
+
+def surface(name: str) -> NamedSurface:
+    """The surface of that id.
+
+    Raises
+    ------
+    InputError
+        For an unknown id; names the closest ones.
+
+    Examples
+    --------
+    >>> surface("rubber").alpha
+    0.3
+    """
+    return lookup(name, surfaces(), "surface")
+
+
+def _nanometres(micrometres: Iterable[float]) -> Numbers:
+    # Rounded to a femtometre, so that 0.58 µm is the 580 nm that a user writes.
+    return tuple(round(value * 1e3, 6) for value in micrometres)
+
+
+@cache
+def _load_materials() -> tuple[Material, ...]:
+    return tuple(_material(entry) for entry in table("materials.toml")["material"])
+
+
+def _material(entry: dict[str, Any]) -> Material:
+    low, high = _nanometres(entry["valid_range_um"])
+    return Material(
+        id=entry["id"],
+        name=entry["name"],
+        kind=entry["kind"],
+        source=entry["source"],
+        valid_range_nm=(low, high),
+        dispersion=entry["dispersion"],
+        coefficients=tuple(entry.get("coefficients", ())),
+        table_nm=_nanometres(entry.get("wavelength_um", ())),
+        table_n=tuple(entry.get("n", ())),
+    )
+
+
+@cache
+def _load_surfaces() -> tuple[NamedSurface, ...]:
+    data = table("surfaces.toml")
+    return tuple(
+        NamedSurface(
+            id=entry["id"],
+            alpha=entry["rms_slope_m"],
+            albedo=entry["diffuse_fraction"],
+            source=data["source"],
+            status=entry["status"],
+        )
+        for entry in data["surface"]
+    )

@@ -1,0 +1,203 @@
+"""Measured materials: tables of polarised BRDFs (pBRDF), as Baek et al. published them.
+
+"Image-Based Acquisition and Modeling of Polarimetric Reflectance", ACM Transactions on Graphics
+39(4), 2020. The tables are in Mitsuba's tensor files; Mitsuba's own plugin evaluates them. Here
+their shape is checked, before anything is rendered, and one band is cut out of them.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.named_file import NamedFile
+
+AXES = ("phi_d", "theta_d", "theta_h")
+"""Rusinkiewicz' angles, radians, in the order of the table's first axes."""
+
+_MAGIC = b"tensor_file\0\1\0"
+_HEADER_BYTES = 1 << 16
+_TYPES = ("none", "u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8")
+"""By their number in a tensor file; all are little-endian."""
+
+
+class Measured(NamedFile):
+    """A material whose polarised BRDF was measured.
+
+    Nothing in such a table tells the light that the interface mirrored from the light that came
+    from inside: methods that must be told both do not apply. `eta` and `alpha` are what methods
+    are told of index and Beckmann roughness, known from elsewhere; without them, methods that need
+    them do not apply either. `path` leads to a `.pbsdf` file, and `digest` is its hash, which a
+    suite fills in.
+    """
+
+    kind: Literal["measured"] = "measured"
+    path: str = Field(min_length=1, max_length=4096)
+    eta: float | None = Field(default=None, gt=1, le=4)
+    alpha: float | None = Field(default=None, gt=0, le=1)
+    what: ClassVar[str] = "pBRDF file"
+
+    @property
+    def file_name(self) -> str:
+        """The file's path."""
+        return self.path
+
+    @property
+    def label(self) -> str:
+        """Stands for a roughness in tables."""
+        return "measured"
+
+    @property
+    def material_label(self) -> str:
+        """Name of the material in tables."""
+        return Path(self.path).stem
+
+    @property
+    def roughness(self) -> None:
+        """No name: it is what it is."""
+
+    @property
+    def body(self) -> str:
+        """What is inside is not known."""
+        return "unknown"
+
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+        """What is known of the index of every band; NaN where nothing is.
+
+        Examples
+        --------
+        >>> Measured(path="gold.pbsdf").indices((450.0, 550.0)).tolist()
+        [nan, nan]
+        """
+        return np.full(len(wavelengths_nm), math.nan if self.eta is None else self.eta)
+
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+        """No light is told to come from inside, in no band."""
+        return np.zeros(len(wavelengths_nm))
+
+
+@dataclass(frozen=True)
+class PBRDF:
+    """A table of Mueller matrices over Rusinkiewicz' angles and wavelengths.
+
+    Attributes
+    ----------
+    axes : dict of (N,)
+        By the names of `AXES`, radians, increasing.
+    wavelengths_nm : (W,)
+        Increasing.
+    mueller : (phi_d, theta_d, theta_h, W, 4, 4)
+        1/sr, mapped from the file.
+    """
+
+    path: Path
+    axes: dict[str, NDArray[np.float32]]
+    wavelengths_nm: NDArray[np.uint16]
+    mueller: NDArray[np.float32]
+
+    def check_bands(self, wavelengths_nm: Iterable[float]) -> None:
+        """Check that all bands lie within the table.
+
+        Raises
+        ------
+        InputError
+            Naming the first one that does not.
+        """
+        low, high = int(self.wavelengths_nm[0]), int(self.wavelengths_nm[-1])
+        for wavelength in wavelengths_nm:
+            if not low <= wavelength <= high:
+                expected = f"bands within its table, {low} to {high} nm"
+                hint = "choose other bands"
+                raise InputError(str(self.path), expected, f"{wavelength:g} nm", hint)
+
+    def at(self, wavelength_nm: float) -> NDArray[np.float32]:
+        """Mueller matrices (phi_d, theta_d, theta_h, 4, 4) of one band, linear between two."""
+        place = np.interp(wavelength_nm, self.wavelengths_nm, range(len(self.wavelengths_nm)))
+        below, part = int(place), np.float32(place % 1)
+        lower = self.mueller[:, :, :, below]
+        if part == 0:  # what lies beyond may be invalid, which is NaN
+            return np.array(lower)
+        return np.asarray(lower + part * (self.mueller[:, :, :, below + 1] - lower))
+
+
+def open_pbrdf(path: Path) -> PBRDF:
+    """The table in a tensor file, whose numbers stay on disk until they are asked for.
+
+    Raises
+    ------
+    InputError
+        A file that is missing, cut or no tensor file, a field that is missing or of another type
+        or shape, an axis that does not increase.
+    """
+    fields = _fields(path)
+    types = dict.fromkeys(AXES, ("float32", 2)) | {"wvls": ("uint16", 1), "M": ("float32", 6)}
+    for name, (dtype, dimensions) in types.items():
+        field = fields.get(name)
+        if field is None:
+            expected = f"a polarised BRDF, with the fields {', '.join(types)}"
+            raise _wrong(path, expected, ", ".join(fields) or "none")
+        if field.dtype != np.dtype(dtype) or field.ndim != dimensions:
+            expected = f"field {name} as {dtype} of {dimensions} dimensions"
+            raise _wrong(path, expected, f"{field.dtype} {field.shape}")
+    axes = {name: np.array(fields[name].ravel()) for name in AXES}
+    bands = np.array(fields["wvls"])
+    for name, axis in {**axes, "wvls": bands}.items():
+        if not (np.isfinite(axis).all() and (axis[1:] > axis[:-1]).all()):
+            raise _wrong(path, f"field {name} to increase", str(axis.tolist()))
+    shape = (*(len(axis) for axis in axes.values()), len(bands), 4, 4)
+    if fields["M"].shape != shape:
+        raise _wrong(path, f"field M of shape {shape}", str(fields["M"].shape))
+    return PBRDF(path, axes, bands, fields["M"])
+
+
+def _fields(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of a tensor file by name, mapped from it."""
+    try:
+        with path.open("rb") as file:
+            head, size = file.read(_HEADER_BYTES), file.seek(0, 2)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(str(path), "a readable pBRDF file", reason, "check the path") from None
+    if not head.startswith(_MAGIC):
+        raise _wrong(path, "a tensor file (.pbsdf)", "another file")
+    try:
+        header = _header(head)
+    except (struct.error, ValueError, IndexError, TypeError):
+        raise _wrong(path, "a whole header of a tensor file", "a damaged one") from None
+    for dtype, shape, offset in header.values():
+        end = offset + math.prod(shape) * dtype.itemsize
+        if end > size:
+            raise _wrong(path, f"a file of at least {end} bytes", f"{size} bytes")
+    return {
+        name: np.memmap(path, dtype, "r", offset, shape)
+        for name, (dtype, shape, offset) in header.items()
+    }
+
+
+def _header(head: bytes) -> dict[str, tuple[np.dtype[Any], tuple[int, ...], int]]:
+    """Type, shape and place of every array; raises what parsing raises."""
+    (count,), at = struct.unpack_from("<I", head, len(_MAGIC)), len(_MAGIC) + 4
+    found = {}
+    for _ in range(count):
+        (length,) = struct.unpack_from("<H", head, at)
+        name = head[at + 2 : at + 2 + length].decode()
+        dimensions, number, offset = struct.unpack_from("<HBQ", head, at + 2 + length)
+        shape = struct.unpack_from(f"<{dimensions}Q", head, at + length + 13)
+        if dimensions > 6 or 0 in shape:
+            raise ValueError(f"shape {shape}")
+        found[name] = (np.dtype(_TYPES[number]).newbyteorder("<"), shape, offset)
+        at += length + 13 + 8 * dimensions
+    return found
+
+
+def _wrong(path: Path, expected: str, found: str) -> InputError:
+    return InputError(str(path), expected, found, "copy the file again, or choose another")

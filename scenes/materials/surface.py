@@ -1,0 +1,228 @@
+"""Surfaces: what a scene's object is made of."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from malus.scenes.core.model import Model
+from malus.scenes.materials.albedo import Albedo, reflectance
+from malus.scenes.materials.materials import material, surface
+from malus.scenes.materials.measured import Measured
+from malus.scenes.materials.metals import metal
+from malus.scenes.shapes.patterns import Pattern
+
+Body = Literal["unpolarised", "polarised"]
+AnyBody = Literal["unpolarised", "polarised", "none"]
+"""What is inside the interface; nothing in a conductor."""
+
+
+class Rough(Model):
+    """What rough surfaces share: Beckmann facets of roughness `alpha`, and its name."""
+
+    roughness: str | None = None
+    alpha: float = Field(gt=0, le=1)
+
+    @property
+    def sigma(self) -> float:
+        """Exponent σ = 1/m² of the paper's Equation 2."""
+        return 1.0 / self.alpha**2
+
+    @property
+    def label(self) -> str:
+        """Name of the roughness in tables."""
+        return self.roughness or f"alpha {self.alpha:g}"
+
+
+class Dielectric(Rough):
+    """A rough dielectric over a body that scatters.
+
+    Exactly one of `material` (a name with dispersion) and `eta` (one relative index for every
+    band). `alpha` is the Beckmann roughness, `albedo` the reflectance of the body inside the
+    interface: a number, the name of a swatch, or one number a band. An `unpolarised` body is
+    Lambertian: the paper's assumption.
+    """
+
+    kind: Literal["dielectric"] = "dielectric"
+    material: str | None = None
+    eta: float | None = Field(default=None, gt=1, le=4)
+    albedo: Albedo = 0.5
+    body: Body = "polarised"
+
+    @model_validator(mode="after")
+    def _one_index(self) -> Self:
+        if (self.material is None) == (self.eta is None):
+            raise ValueError("exactly one of material and eta")
+        if self.material is not None:
+            material(self.material)
+        return self
+
+    @property
+    def label(self) -> str:
+        """Name of the roughness in tables, with the body's colour where it has one."""
+        name = super().label
+        if isinstance(self.albedo, float):
+            return name
+        return f"{name}, {self.albedo if isinstance(self.albedo, str) else 'coloured'}"
+
+    @property
+    def material_label(self) -> str:
+        """Name of the material in tables."""
+        return self.material or f"eta {self.eta:g}"
+
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+        """Relative refractive index of every band.
+
+        Examples
+        --------
+        >>> Dielectric(eta=1.5, alpha=0.3).indices((450.0, 550.0)).tolist()
+        [1.5, 1.5]
+        """
+        if self.material is None:
+            return np.full(len(wavelengths_nm), self.eta, dtype=np.float64)
+        return material(self.material).eta(np.asarray(wavelengths_nm))
+
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+        """Reflectance of the body in every band.
+
+        Examples
+        --------
+        >>> Dielectric(eta=1.5, alpha=0.3, albedo="blue").albedos((450.0, 650.0)).tolist()
+        [0.309, 0.042]
+        """
+        return reflectance(self.albedo, wavelengths_nm)
+
+    @classmethod
+    def named(cls, material: str, roughness: str, body: Body) -> Self:
+        """One of the suite's 24 materials with one of its 5 surfaces.
+
+        Examples
+        --------
+        >>> Dielectric.named("water", "carbon", "polarised").alpha
+        0.4
+        """
+        rough = surface(roughness)
+        return cls(
+            material=material,
+            roughness=roughness,
+            alpha=rough.alpha,
+            albedo=rough.albedo,
+            body=body,
+        )
+
+
+class Conductor(Rough):
+    """A rough metal: light is mirrored or absorbed, and there is no body.
+
+    Either `material`, a metal with dispersion, or one complex index `eta` + i `k` for every band.
+    """
+
+    kind: Literal["conductor"] = "conductor"
+    material: str | None = None
+    eta: float | None = Field(default=None, gt=0, le=20)
+    k: float | None = Field(default=None, ge=0, le=20)
+
+    @model_validator(mode="after")
+    def _one_index(self) -> Self:
+        numbers = (self.eta is not None, self.k is not None)
+        if numbers not in ((True, True), (False, False)) or all(numbers) == bool(self.material):
+            raise ValueError("either material, or eta and k")
+        if self.material is not None:
+            metal(self.material)
+        return self
+
+    @property
+    def body(self) -> AnyBody:
+        """There is none."""
+        return "none"
+
+    @property
+    def material_label(self) -> str:
+        """Name of the material in tables."""
+        return self.material or f"eta {self.eta:g} + {self.k:g}i"
+
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.complex128]:
+        """Complex index n + ik of every band.
+
+        Examples
+        --------
+        >>> Conductor(eta=0.2, k=3.0, alpha=0.1).indices((450.0, 550.0)).tolist()
+        [(0.2+3j), (0.2+3j)]
+        """
+        if self.material is not None:
+            return metal(self.material).eta(wavelengths_nm)
+        assert self.eta is not None
+        assert self.k is not None
+        return np.full(len(wavelengths_nm), complex(self.eta, self.k))
+
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+        """No light comes back from inside, in no band."""
+        return np.zeros(len(wavelengths_nm))
+
+
+def _kind(value: Any) -> Any:
+    if isinstance(value, dict):
+        return value.get("kind", "dielectric")
+    return getattr(value, "kind", None)
+
+
+Plain = Annotated[
+    Annotated[Dielectric, Tag("dielectric")] | Annotated[Conductor, Tag("conductor")],
+    Discriminator(_kind),
+]
+"""The same material, roughness and colour all over."""
+
+
+class Patterned(Model):
+    """Several surfaces on one object, where a pattern puts them."""
+
+    kind: Literal["patterned"] = "patterned"
+    pattern: Pattern
+    surfaces: tuple[Plain, ...] = Field(min_length=2, max_length=8)
+
+    @property
+    def label(self) -> str:
+        """Pattern and roughnesses in tables."""
+        return f"{self.pattern.label} of {' and '.join(part.label for part in self.surfaces)}"
+
+    @property
+    def material_label(self) -> str:
+        """Names of the materials in tables."""
+        return " and ".join(dict.fromkeys(part.material_label for part in self.surfaces))
+
+    @property
+    def roughness(self) -> None:
+        """No name: there are several."""
+
+    @property
+    def alpha(self) -> float:
+        """Mean roughness, for tables; where each is, a truth's `alpha` says."""
+        return float(np.mean([part.alpha for part in self.surfaces]))
+
+    @property
+    def body(self) -> str:
+        """That of all surfaces, or 'mixed'."""
+        bodies = {part.body for part in self.surfaces}
+        return bodies.pop() if len(bodies) == 1 else "mixed"
+
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.inexact[Any]]:
+        """Mean index of every band, for tables; where each is, a truth's `eta` says."""
+        found = [part.indices(wavelengths_nm) for part in self.surfaces]
+        return np.asarray(np.mean(found, axis=0))
+
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+        """Mean albedo of every band."""
+        found = [part.albedos(wavelengths_nm) for part in self.surfaces]
+        return np.asarray(np.mean(found, axis=0))
+
+
+Surface = Annotated[
+    Annotated[Dielectric, Tag("dielectric")]
+    | Annotated[Conductor, Tag("conductor")]
+    | Annotated[Measured, Tag("measured")]
+    | Annotated[Patterned, Tag("patterned")],
+    Discriminator(_kind),
+]

@@ -1,0 +1,1 @@
+"""Shapes of objects, their meshes, and the patterns on them."""

@@ -1,0 +1,244 @@
+"""Mesh files, read through trimesh and made fit to render; what is wrong with them, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from malus.scenes.core.errors import InputError
+from malus.scenes.shapes.geometry import TriangleMesh
+from malus.scenes.shapes.shapes import Shading
+from malus.scenes.shapes.tessellation import fitted
+from malus.scenes.shapes.topology import (
+    angle_weighted_normals,
+    defects_of_edges,
+    merged_indices,
+    outward_normals,
+    signed_volume,
+    thin,
+)
+
+FloatArray = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+LARGEST_FILE_BYTES = 2 << 30
+HUGE_FACES = 5_000_000
+
+_MERGE_DISTANCE = 2e-6
+"""Of the unit sphere: some thirty float32 steps, a thousandth of a pixel of an image 1000 wide."""
+
+_THINNEST = 1e-7
+"""Height of a triangle in the unit sphere below which float32 cannot hold its orientation."""
+
+
+@dataclass(frozen=True)
+class _Raw:
+    """A file's corners (n, 3), triangles (m, 3), and its normals (n, 3) and uv (n, 2), if any."""
+
+    vertices: FloatArray
+    faces: Indices
+    normals: FloatArray | None
+    uv: FloatArray | None
+
+
+def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMesh, list[str]]:
+    """A mesh file, centred and scaled to the unit sphere, and its defects in words.
+
+    Parameters
+    ----------
+    path : str or Path
+        Any mesh format trimesh reads: OBJ, PLY, STL, GLB, ... Files that it refers to (materials,
+        textures, buffers) are never opened.
+    shading : {"smooth", "flat", "file"}
+        Normals: averages over the faces round a vertex weighted by their angles, none, or the
+        file's own.
+
+    Returns
+    -------
+    The mesh and a list of defects, empty for a sound one. Degenerate faces are dropped and closed
+    meshes that are inside out are turned, both reported; everything else is only reported.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing, too large, unreadable or no mesh; a mesh without faces or
+        extent, with NaN, infinite or missing vertices; "file" where the file has no usable normals.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "one.obj")
+    ...     _ = file.write_text("v 0 0 0\\nv 1 0 0\\nv 0 1 0\\nf 1 2 3\\n")
+    ...     mesh, defects = load_mesh(file)
+    >>> len(mesh.faces), defects[0]
+    (1, 'open: 3 edges have only one face')
+    """
+    file = Path(path)
+    if shading not in get_args(Shading):
+        hint = "choose one of these"
+        raise InputError(f"mesh {file}", "shading smooth, flat or file", repr(shading), hint)
+    raw = _centred(_read(file), file)
+    if shading == "file" and raw.normals is None:
+        raise InputError(f"mesh {file}", "normals in the file", "none", "choose shading smooth")
+    return _cleaned(raw, shading, file)
+
+
+def _read(file: Path) -> _Raw:
+    from trimesh.exchange.load import load_scene, mesh_formats
+
+    kind = file.suffix.lower().lstrip(".")
+    formats = sorted(mesh_formats())
+    _check_file(file)
+    if kind not in formats:
+        expected = f"a mesh file ({', '.join(formats)})"
+        raise InputError(f"mesh {file}", expected, repr(file.suffix), "convert it, to PLY say")
+    try:
+        # NaN and infinity pass here without a warning: _centred refuses them by name.
+        with file.open("rb") as stream, np.errstate(all="ignore"):
+            # An empty resolver: nothing outside this one file is opened.
+            scene = load_scene(stream, file_type=kind, resolver={}, process=False)
+            parts = list(_parts(scene))
+    except Exception as error:  # a foreign parser raises anything on a broken file
+        found = f"{type(error).__name__}: {error}"
+        hint = "check that the file is whole and needs no other file"
+        raise InputError(f"mesh {file}", f"a readable {kind} file", found, hint) from None
+    if not parts:
+        hint = "give a file that holds triangles"
+        raise InputError(f"mesh {file}", "a mesh with faces", "no faces", hint)
+    return _joined(parts)
+
+
+def _parts(scene: Any) -> Iterator[_Raw]:
+    """Every mesh of a trimesh scene, placed; trimesh's own Scene.to_mesh loses the normals."""
+    for node in scene.graph.nodes_geometry:
+        placement, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if len(getattr(mesh, "faces", ())):
+            # Asking for vertex_normals would compute some; the cache tells the file's own.
+            own = mesh.vertex_normals if "vertex_normals" in mesh._cache else None
+            uv = getattr(mesh.visual, "uv", None)
+            yield _placed(np.asarray(placement), mesh.vertices, mesh.faces, own, uv)
+
+
+def _placed(placement: FloatArray, vertices: Any, faces: Any, normals: Any, uv: Any) -> _Raw:
+    linear, shift = placement[:3, :3], placement[:3, 3]
+    mirrored = np.linalg.det(linear) < 0
+    faces = np.asarray(faces, dtype=np.int64)
+    return _Raw(
+        np.asarray(vertices, dtype=np.float64) @ linear.T + shift,
+        faces[:, ::-1] if mirrored else faces,
+        # A normal is a covector: it goes with the inverse transpose.
+        None if normals is None else np.asarray(normals, dtype=np.float64) @ np.linalg.inv(linear),
+        uv if np.shape(uv) == (len(vertices), 2) and np.isfinite(uv).all() else None,
+    )
+
+
+def _joined(parts: list[_Raw]) -> _Raw:
+    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
+    normals = [part.normals for part in parts if part.normals is not None]
+    uv = [part.uv for part in parts if part.uv is not None]
+    return _Raw(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
+        np.concatenate(normals) if len(normals) == len(parts) else None,
+        np.concatenate(uv) if len(uv) == len(parts) else None,
+    )
+
+
+def _check_file(file: Path) -> None:
+    where = f"mesh {file}"
+    try:
+        found = "a folder or device" if file.exists() and not file.is_file() else None
+        size = file.stat().st_size
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(where, "a readable file", reason, "check the path") from None
+    if found:
+        raise InputError(where, "a file", found, "check the path")
+    if size > LARGEST_FILE_BYTES:
+        limit = f"at most {LARGEST_FILE_BYTES / 2**30:g} GiB"
+        raise InputError(where, limit, f"{size / 2**30:.1f} GiB", "simplify the mesh")
+
+
+def _centred(raw: _Raw, file: Path) -> _Raw:
+    """Only the vertices that faces use, checked and moved into the unit sphere."""
+    where, count = f"mesh {file}", len(raw.vertices)
+    if raw.faces.min() < 0 or raw.faces.max() >= count:
+        found = f"faces that refer to others than its {count}"
+        raise InputError(where, "faces between existing vertices", found, "export it again")
+    used, faces = np.unique(raw.faces, return_inverse=True)
+    vertices = raw.vertices[used]
+    bad = ~np.isfinite(vertices).all(axis=1)
+    if bad.any():
+        found = f"{bad.sum()} of {len(vertices)} vertices with NaN or infinity"
+        raise InputError(where, "finite coordinates", found, "export it again")
+    try:
+        vertices = fitted(vertices)
+    except ValueError as error:
+        found = str(error).rpartition("found ")[2]
+        hint = "give a mesh that is larger than a point"
+        raise InputError(where, "a positive finite extent", found, hint) from None
+    normals = None if raw.normals is None else raw.normals[used]
+    uv = None if raw.uv is None else raw.uv[used]
+    return _Raw(vertices, faces.reshape(-1, 3), normals, uv)
+
+
+def _cleaned(raw: _Raw, shading: Shading, file: Path) -> tuple[TriangleMesh, list[str]]:
+    defects: list[str] = []
+    same = merged_indices(raw.vertices, _MERGE_DISTANCE)
+    merged = same[raw.faces]
+    sound = ~thin(raw.vertices, merged, _THINNEST)
+    if not sound.all():
+        defects.append(f"degenerate: {(~sound).sum()} faces without area dropped")
+    if not sound.any():
+        raise InputError(f"mesh {file}", "faces with area", "none", "give another mesh")
+    merged, own = merged[sound], raw.faces[sound]
+    of_edges = defects_of_edges(merged)
+    defects += of_edges
+    if not of_edges and signed_volume(raw.vertices, merged) < 0:
+        defects.append("inverted: the faces pointed inwards and were turned")
+        merged, own = merged[:, ::-1], own[:, ::-1]
+    if raw.normals is None:
+        defects.append("no normals in the file")
+    if len(merged) > HUGE_FACES:
+        defects.append(f"huge: {len(merged)} faces")
+    if shading == "file":
+        assert raw.normals is not None  # load_mesh refused it
+        chosen = outward_normals(_unit_normals(raw.normals, own, file), raw.vertices, own, defects)
+        return _compact(raw.vertices, own, chosen, raw.uv), defects
+    normals = angle_weighted_normals(raw.vertices, merged) if shading == "smooth" else None
+    if raw.uv is None:
+        return _compact(raw.vertices, merged, normals), defects
+    # At a seam of the texture one place has several coordinates: there its corners stay apart.
+    normals = None if normals is None else normals[same]
+    return _compact(raw.vertices[same], own, normals, raw.uv), defects
+
+
+def _unit_normals(normals: FloatArray, faces: Indices, file: Path) -> FloatArray:
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    bad = ~(np.isfinite(length[faces]) & (length[faces] > 0)).all(axis=(1, 2))
+    if bad.any():
+        found = f"{bad.sum()} faces with a normal that is zero, NaN or infinite"
+        raise InputError(f"mesh {file}", "usable normals", found, "choose shading smooth")
+    return np.asarray(normals / np.where(length > 0, length, 1.0))
+
+
+def _compact(
+    vertices: FloatArray,
+    faces: Indices,
+    normals: FloatArray | None,
+    uv: FloatArray | None = None,
+) -> TriangleMesh:
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return TriangleMesh(
+        vertices[used].astype(np.float32),
+        renumbered.reshape(-1, 3).astype(np.uint32),
+        None if normals is None else normals[used].astype(np.float32),
+        None if uv is None else uv[used].astype(np.float32),
+    )

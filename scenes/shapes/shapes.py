@@ -1,0 +1,104 @@
+"""Shapes: all fit the unit sphere at the origin."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from malus.scenes.core.model import Model
+from malus.scenes.core.named_file import NamedFile
+
+Shading = Literal["smooth", "flat", "file"]
+
+
+class Sphere(Model):
+    """The unit sphere, intersected analytically."""
+
+    kind: Literal["sphere"] = "sphere"
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return self.kind
+
+
+class Torus(Model):
+    """A torus about the viewing axis, tilted; radii before scaling to the unit sphere."""
+
+    kind: Literal["torus"] = "torus"
+    major: float = Field(default=0.7, gt=0, le=1)
+    minor: float = Field(default=0.3, gt=0, le=1)
+    tilt_deg: float = Field(default=50.0, ge=-180, le=180)
+
+    @model_validator(mode="after")
+    def _ring(self) -> Self:
+        if self.minor >= self.major:
+            raise ValueError("minor radius below the major one")
+        return self
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return self.kind
+
+
+class Blob(Model):
+    """A smooth closed star-shaped blob with exact normals."""
+
+    kind: Literal["blob"] = "blob"
+    seed: int = Field(default=0, ge=0)
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return self.kind if self.seed == 0 else f"{self.kind}-{self.seed}"
+
+
+class Superquadric(Model):
+    """A superquadric with exact normals; exponents of 1 make a sphere."""
+
+    kind: Literal["superquadric"] = "superquadric"
+    e1: float = Field(default=0.5, ge=0.1, le=2)
+    e2: float = Field(default=0.5, ge=0.1, le=2)
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return f"{self.kind}-{self.e1:g}-{self.e2:g}"
+
+
+class MeshFile(NamedFile):
+    """A mesh file, centred and scaled to the unit sphere; `digest` is the hash of its bytes."""
+
+    kind: Literal["mesh"] = "mesh"
+    path: str = Field(min_length=1)
+    shading: Shading = "smooth"
+    what: ClassVar[str] = "mesh file"
+
+    @property
+    def file_name(self) -> str:
+        """The file's path."""
+        return self.path
+
+    @property
+    def label(self) -> str:
+        """Name in tables: the file's name without its folder and suffix."""
+        return self.path.replace("\\", "/").rsplit("/", 1)[-1].rsplit(".", 1)[0]
+
+
+class Plane(Model):
+    """A square of half width 1 that faces up (+y): a floor, or tilted by 90° a wall."""
+
+    kind: Literal["plane"] = "plane"
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return self.kind
+
+
+Shape = Annotated[Sphere | Torus | Blob | Superquadric | MeshFile, Field(discriminator="kind")]
+ShapeOrPlane = Annotated[
+    Sphere | Torus | Blob | Superquadric | MeshFile | Plane, Field(discriminator="kind")
+]

@@ -1,0 +1,223 @@
+"""The command line as a user meets it: what it prints, where, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from made_up import made_up_truth
+
+from malus.bench import read_results
+from malus.bench.cli import main
+from malus.bench.running.output_folder import FOLDERS, prepare_folder
+from malus.bench.running.results import HEADLINES, PARTS, RUN, TABLE
+from malus.renderers.datasets.dataset import DatasetWriter
+from malus.scenes import InputError
+
+TINY = ["--resolution", "12", "--samples", "4"]
+
+
+def malus(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", "from malus.bench.cli import main; main()", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | environment,
+    )
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "quick"
+    done = malus("run", "quick", "--out", str(out), *TINY)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_a_run_leaves_results_report_and_record(finished: Path) -> None:
+    names = {path.name for path in finished.iterdir()}
+    assert {TABLE, HEADLINES, RUN, "summary.md", "figure5.svg", "figure5.png"} <= names
+    results = read_results(finished)
+    assert set(results.table.method) == {"unpolarised", "eq8", "visible", "half_vector"}
+    assert results.run["suite"]["sampling"]["samples"] == 4
+    assert results.run["versions"]["mitsuba"].startswith("3.9")
+    assert results.run["seconds"]["total"] > 0
+    inapplicable = results.table[results.table.metric == "inapplicable"]
+    assert set(inapplicable.light) == {"uniform"}
+    assert set(inapplicable.method) == {"half_vector"}
+    assert "distant" in inapplicable.note.iloc[0]
+    assert not list(finished.rglob(".*")), "temporary files left behind"
+
+
+def test_a_second_run_takes_over_what_is_there(finished: Path) -> None:
+    before = pd.read_parquet(finished / TABLE)
+    part = next((finished / PARTS).glob("*.parquet"))
+    part.unlink()
+    done = malus("run", "quick", "--out", str(finished), *TINY, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["methods"]
+    pd.testing.assert_frame_equal(pd.read_parquet(finished / TABLE), before)
+    run = json.loads((finished / RUN).read_text("utf-8"))
+    assert run["families_taken_over"] == run["families"] - 1
+
+
+def test_another_seed_is_another_run(finished: Path) -> None:
+    done = malus("run", "quick", "--out", str(finished), *TINY, "--seed", "9")
+    assert done.returncode == 0
+    assert json.loads((finished / RUN).read_text("utf-8"))["families_taken_over"] == 0
+
+
+def bad_mesh(folder: Path, content: str) -> str:
+    mesh = folder / "mesh.obj"
+    mesh.write_text(content, "utf-8")
+    suite = folder / "suite.toml"
+    suite.write_text(
+        'name = "m"\nshapes = [{ kind = "mesh", path = "mesh.obj" }]\nmaterials = ["water"]\n'
+        'surfaces = ["carbon"]\nlights = [{ kind = "uniform" }]\nwavelengths_nm = [500]\n'
+        'methods = ["eq8"]\ncamera = { resolution = 8 }\nsampling = { samples = 2 }\n',
+        "utf-8",
+    )
+    return str(suite)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["run", "nosuch"], "fig5"),
+        (["run", "mendet"], "did you mean mended?"),
+        (["run", "/nonexistent/suite.toml"], "No such file"),
+        (["run", "quick", "--samples", "3"], "multiple of 2"),
+        (["run", "quick", "--samples", "many"], "not a valid integer"),
+        (["run", "quick", "--method", "magic"], "eq8"),
+        (["run", "quick", "--method", "eq88"], "did you mean eq8"),
+        (["run", "quick", "--backend", "vulkan"], "llvm"),
+        (["run", "quick", "--out", "/proc/nowhere"], "output folder"),
+        (["run", "quick", "--out", ""], "expected a path, found an empty text"),
+        (["bench", "reconstruct", "--megapixels", "nan"], "a number in 1e-5..1000, found nan"),
+        (["bench", "render", "--samples", "3"], "key samples: expected a multiple of 2, found 3"),
+        (["list", "sandwiches"], "materials"),
+        (["frobnicate"], "frobnicate"),
+        (["run", "quick", "--frobnicate"], "--frobnicate"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], says: str) -> None:
+    done = malus(*arguments)
+    assert done.returncode == 2
+    errors = [line for line in done.stderr.splitlines() if line.startswith("malus: ")]
+    assert len(errors) == 1
+    assert says in errors[0]
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("", "mesh.obj"),
+        ("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "mesh.obj"),
+        ("v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "mesh.obj"),
+    ],
+    ids=["empty", "NaN", "no extent"],
+)
+def test_bad_meshes_are_one_line_and_exit_code_2(tmp_path: Path, content: str, says: str) -> None:
+    done = malus("run", bad_mesh(tmp_path, content), "--out", str(tmp_path / "out"))
+    assert done.returncode == 2, done.stderr
+    assert says in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("study", ["stress", "precision"])
+def test_a_study_has_a_plan_and_takes_no_options_of_suites(study: str) -> None:
+    planned = malus("plan", study)
+    assert planned.returncode == 0, planned.stderr
+    assert f"`malus run {study}`" in planned.stdout
+    for option, value in (("--samples", "4"), ("--seed", "0")):
+        refused = malus("run", study, option, value)
+        assert refused.returncode == 2
+        assert f"found {option}; leave it out" in refused.stderr
+
+
+def test_a_run_into_a_dataset_is_refused_and_loses_nothing(tmp_path: Path) -> None:
+    with DatasetWriter(tmp_path) as writer:
+        writer.add(made_up_truth())
+    before = contents(tmp_path)
+    done = malus("run", "quick", *TINY, "--out", str(tmp_path))
+    assert done.returncode == 2
+    assert "expected a new folder, or a run, found a dataset; choose another --out" in done.stderr
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("what", sorted(set(FOLDERS.values())))
+@pytest.mark.parametrize("mark", FOLDERS)
+def test_a_folder_takes_what_one_command_writes(tmp_path: Path, mark: str, what: str) -> None:
+    (tmp_path / mark).write_text("all that there is", "utf-8")
+    before = contents(tmp_path)
+    if FOLDERS[mark] == what:
+        assert prepare_folder(tmp_path, what) == tmp_path
+    else:
+        with pytest.raises(InputError, match=f"{what}, found {FOLDERS[mark]}"):
+            prepare_folder(tmp_path, what)
+    assert contents(tmp_path) == before
+
+
+def test_too_little_memory_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def needs_much(**_: object) -> None:
+        raise MemoryError("Unable to allocate 10.7 PiB")
+
+    monkeypatch.setattr("malus.bench.cli.cli.main", needs_much)
+    monkeypatch.setattr("malus.bench.cli.signal.signal", lambda *_: None)
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert left.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith("malus: expected enough memory, found too little; ask for less at once")
+    assert said.count("\n") == 1
+
+
+def test_lists_name_everything() -> None:
+    done = malus("list", COLUMNS="200")
+    assert done.returncode == 0
+    for name in ("fig5", "half_vector", "polystyrene", "obsidian", "torus", "incidence_deg"):
+        assert name in done.stdout
+
+
+def test_doctor_tells_the_variant_as_json() -> None:
+    done = malus("doctor", "--json")
+    assert done.returncode == 0
+    found = json.loads(done.stdout)
+    assert found["variant"].endswith("_polarized")
+    assert found["packages"]["mitsuba"]
+
+
+def test_no_llvm_means_scalar_and_says_how_to_mend_it() -> None:
+    done = malus("doctor", "--json", DRJIT_LIBLLVM_PATH="/nonexistent")
+    found = json.loads(done.stdout)
+    assert found["variant"] in ("scalar_spectral_polarized", "cuda_ad_mono_polarized")
+    if found["variant"].startswith("scalar"):
+        assert "libllvm19" in found["advice"]
+
+
+def test_every_command_has_an_example_in_its_help() -> None:
+    from malus.bench.cli import cli
+
+    for name, command in cli.commands.items():
+        assert f"malus {name}" in (command.help or ""), name
+
+
+def test_version() -> None:
+    done = malus("--version")
+    assert done.returncode == 0
+    assert version("malus") in done.stdout

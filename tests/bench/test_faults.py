@@ -1,0 +1,264 @@
+"""Native crashes and hangs cost the family that they happened in, and no more."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from test_robust import NOBODY, SUITE
+
+import malus.bench.running.work
+from malus.bench import run
+from malus.bench.datasets.render import Order, render_dataset
+from malus.bench.running.cluster import engine
+from malus.bench.running.status import status
+from malus.bench.running.task import Made, Task
+from malus.bench.running.work import Engine, apart, truths
+from malus.bench.running.worker_process import Child, Died
+from malus.reconstruct import Components, Observation, get_method
+from malus.renderers import Truth
+from malus.renderers.datasets.dataset import open_dataset
+from malus.scenes import InputError, Scene
+
+ROUGH = max(surface.alpha for surface in (scene.surface for scene in SUITE.scenes()))
+UNPOLARISED = get_method("unpolarised")
+
+
+def crashes_on_the_rough(seen: Observation) -> Components:
+    if seen.alpha == ROUGH:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return UNPOLARISED.reconstruct(seen)
+
+
+def hangs_on_the_rough(seen: Observation) -> Components:
+    while seen.alpha == ROUGH:
+        time.sleep(60)
+    return UNPOLARISED.reconstruct(seen)
+
+
+CRASHES = dataclasses.replace(
+    UNPOLARISED, name="bad", needs=frozenset({"alpha"}), reconstruct=crashes_on_the_rough
+)
+HANGS = dataclasses.replace(CRASHES, reconstruct=hangs_on_the_rough)
+
+
+def with_method(name: str) -> Any:
+    return SUITE.model_copy(update={"methods": ("eq8", f"{__name__}:{name}")})
+
+
+def own_process(timeout: float, stack: ExitStack) -> Engine:
+    return stack.enter_context(engine(NOBODY, None, None, timeout))
+
+
+def two_workers(timeout: float, stack: ExitStack) -> Engine:
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    return stack.enter_context(engine(NOBODY, 2, None, timeout))
+
+
+@pytest.mark.parametrize(
+    ("start", "method", "timeout", "says"),
+    [
+        (own_process, "CRASHES", 60.0, "died of SIGSEGV"),
+        # Long enough for a busy machine to load what a family needs.
+        (own_process, "HANGS", 12.0, "longer than the 12 seconds"),
+        (two_workers, "HANGS", 20.0, "workers died of it"),
+    ],
+)
+def test_a_crash_or_a_hang_costs_its_own_family(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    start: Any,
+    method: str,
+    timeout: float,
+    says: str,
+) -> None:
+    if method == "HANGS":
+        # The time must do for imports on a busy machine: wait for it once only.
+        monkeypatch.setattr("malus.bench.running.work.ATTEMPTS", 1)
+        monkeypatch.setattr("malus.bench.running.cluster.ATTEMPTS", 1)
+    good = run(SUITE.model_copy(update={"methods": ("eq8",)}), tmp_path / "good", NOBODY).table
+    smooth = good[good.alpha < ROUGH].reset_index(drop=True)
+    with ExitStack() as stack:
+        chosen = start(timeout, stack)
+        results = run(with_method(method), tmp_path / "bad", NOBODY, engine=chosen)
+    found = results.table[results.table.method == "eq8"].reset_index(drop=True)
+    # Names are categories, of which a table of two families has more than it shows here.
+    names = dict.fromkeys(smooth.select_dtypes("category"), "str")
+    pd.testing.assert_frame_equal(found.astype(names), smooth.astype(names), check_exact=True)
+    assert (results.run["families"], results.run["families_failed"]) == (2, 1)
+    assert pd.Series(results.run["failures"]).str.contains(says).all()
+    (reason,) = (why.reason for _, why in status(tmp_path / "bad").failed)
+    assert reason == results.run["failures"][0]
+
+    def nothing_to_do(tasks: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+        assert not list(tasks), "a crash is remembered"
+        yield from ()
+
+    run(with_method(method), tmp_path / "bad", NOBODY, engine=nothing_to_do)
+
+
+def test_a_family_that_crashed_once_is_done_by_the_next_process(tmp_path: Path) -> None:
+    """As after the kernel killed a process for memory that another one had."""
+    with Child() as child:
+        killed: list[int] = []
+
+        def kills_first(tasks: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+            (killed[:],) = child.stream(pids)
+            os.kill(killed[0], signal.SIGKILL)
+            yield from apart(NOBODY, child)(tasks)
+
+        results = run(SUITE, tmp_path / "killed", NOBODY, engine=kills_first)
+    assert killed
+    assert results.run["families_failed"] == 0
+    whole = run(SUITE, tmp_path / "whole", NOBODY)
+    pd.testing.assert_frame_equal(results.table, whole.table, check_exact=True)
+
+
+def pids() -> Iterator[list[int]]:
+    yield [os.getpid()]
+
+
+def raises() -> Iterator[int]:
+    yield 1
+    raise InputError("mesh.obj", "a mesh", "none", "mend it")
+
+
+def test_what_a_child_raises_arrives_and_it_lives_on() -> None:
+    with Child(timeout=60) as child:
+        stream = child.stream(raises)
+        assert next(stream) == 1
+        with pytest.raises(InputError, match=r"mesh\.obj: expected a mesh"):
+            next(stream)
+        assert list(child.stream(range, 2)) == [0, 1]
+        # Half a stream that nobody reads on must not be taken for the next one.
+        half = child.stream(range, 5)
+        assert next(half) == 0
+        half.close()
+        assert list(child.stream(range, 2)) == [0, 1]
+
+
+def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
+    """Also where the parent was killed and the child is busy."""
+    script = (
+        "import sys, time; sys.path[:0] = [sys.argv[1]]\n"
+        "from malus.bench.running.worker_process import Child; from test_faults import tells_and_sleeps\n"
+        "with Child() as child: print(next(child.stream(tells_and_sleeps)), flush=True); input()"
+    )
+    command = [sys.executable, "-c", script, str(Path(__file__).parent)]
+    parent = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    parent.kill()
+    parent.communicate()
+    deadline = time.monotonic() + 20
+    while Path(f"/proc/{child}").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not Path(f"/proc/{child}").exists()
+
+
+def tells_and_sleeps() -> Iterator[int]:
+    yield os.getpid()
+    time.sleep(600)
+
+
+def test_a_hang_that_holds_the_lock_of_python_ends_too() -> None:
+    with Child(timeout=1) as child, pytest.raises(Died, match="1 seconds of --timeout"):
+        list(child.stream(holds_the_lock))
+
+
+def holds_the_lock() -> Iterator[int]:
+    # One call into C that takes minutes and lets no other thread of Python run.
+    yield sum(range(10**11))
+
+
+@pytest.mark.parametrize("seconds", [0, -1, float("nan"), float("inf")])
+def test_no_time_is_one_line(seconds: float) -> None:
+    with pytest.raises(InputError, match="--timeout: expected seconds above 0"):
+        Child(timeout=seconds)
+
+
+# --- malus render ---
+
+
+def fails_to_render(error: BaseException, scene_id: str) -> Any:
+    render = malus.bench.running.work.render_torrance_sparrow
+
+    def renderer(scene: Scene) -> object:
+        if scene.id == scene_id:
+            raise error
+        return render(scene)
+
+    return renderer
+
+
+def test_a_render_records_what_fails_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good = list(SUITE.scenes())
+    bad = good.pop(1).id
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            "malus.bench.running.work.render_torrance_sparrow",
+            fails_to_render(ZeroDivisionError("made up"), bad),
+        )
+        done = render_dataset(SUITE, tmp_path, NOBODY)
+        assert (done["rendered"], done["failed"]) == (3, 1)
+    found = status(tmp_path)
+    assert (found.done, found.failed_families, found.left) == (3, 1, 0)
+    assert found.finished
+    assert [(why.scene, why.reason) for _, why in found.failed] == [
+        (bad, "ZeroDivisionError: made up")
+    ]
+    assert set(open_dataset(tmp_path).scenes) == {scene.id for scene in good}
+    # It is remembered, until it is asked for or decided by another seed.
+    assert render_dataset(SUITE, tmp_path, NOBODY)["failed"] == 1
+    mended = render_dataset(SUITE, tmp_path, NOBODY, retry_failed=True)
+    assert (mended["rendered"], mended["failed"]) == (1, 0)
+    assert not status(tmp_path).failed
+
+
+def test_a_render_tries_a_wrong_input_again_and_needs_one_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuses(_: Scene) -> object:
+        raise InputError("mesh.obj", "a mesh", "none", "mend it")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("malus.bench.running.work.render_torrance_sparrow", refuses)
+        with pytest.raises(InputError, match=r"found none; mesh\.obj: expected a mesh"):
+            render_dataset(SUITE, tmp_path, NOBODY)
+    assert status(tmp_path).failed_families == 4
+    assert render_dataset(SUITE, tmp_path, NOBODY)["rendered"] == 4
+
+
+def test_a_render_in_a_child_is_the_same_and_survives_its_death(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    render_dataset(SUITE, tmp_path / "here", NOBODY)
+    with Child() as child:
+        render_dataset(SUITE, tmp_path / "apart", NOBODY, child=child)
+        here, there = open_dataset(tmp_path / "here"), open_dataset(tmp_path / "apart")
+        assert [entry.sha256 for entry in here.record.scenes] == [
+            entry.sha256 for entry in there.record.scenes
+        ]
+        monkeypatch.setattr("malus.bench.datasets.render._rendered", dies_after_one)
+        done = render_dataset(SUITE, tmp_path / "dies", NOBODY, child=child)
+    # Each of two families has two scenes, and every process dies after one: no scene is lost.
+    assert (done["rendered"], done["failed"]) == (4, 0)
+
+
+def dies_after_one(order: Order) -> Iterator[Truth]:
+    made = Made()
+    for _, truth in truths(order.family, order.scenes, order.renderer, order.variant, made):
+        yield truth
+        os.kill(os.getpid(), signal.SIGKILL)

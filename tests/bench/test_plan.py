@@ -1,0 +1,133 @@
+"""Leaving out changes no result: a planned run beside one that leaves nothing out."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from malus.bench import score
+from malus.bench.commands import plan as command_plan
+from malus.bench.running.plan import plan
+from malus.bench.running.results import RUN
+from malus.bench.running.runner import run
+from malus.renderers import Truth
+from malus.renderers.families.family import render_family
+from malus.renderers.mitsuba import wavefront
+from malus.renderers.variant import choose
+from malus.scenes import Scene, Suite, load_suite
+
+SUITE = Suite.model_validate(
+    {
+        "name": "tiny",
+        "shapes": [{"kind": "sphere"}],
+        "materials": ["water", "pmma", "polystyrene", "carbon_disulfide"],
+        "surfaces": ["carbon"],
+        "bodies": ["unpolarised", "polarised"],
+        "lights": [{"kind": "uniform"}, {"kind": "distant", "incidence_deg": 60}],
+        "wavelengths_nm": [450, 550, 650],
+        "methods": ["eq8"],
+        "camera": {"resolution": 12},
+        "sampling": {"samples": 16, "seed": 1},
+    }
+)
+
+STOKES = ("specular", "diffuse", "specular_noise", "diffuse_noise")
+
+
+@pytest.fixture
+def shadow_rays(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Nothing is taken for convex: every hit is asked whether it lies in shadow."""
+    monkeypatch.setattr(wavefront, "CONVEX", frozenset())
+    wavefront.stage.cache_clear()
+    yield
+    wavefront.stage.cache_clear()
+
+
+def truth_without_a_plan(scene: Scene) -> Truth:
+    """Every band rendered by itself at its own index."""
+    bands = []
+    for nm in scene.wavelengths_nm:
+        alone = scene.model_copy(update={"wavelengths_nm": (nm,)})
+        bands.append(render_family([alone], SUITE.sampling).truth(alone))
+    images = {
+        name: np.concatenate([getattr(band, name) for band in bands], axis=2)
+        for name in (*STOKES, "standard_error")
+    }
+    return dataclasses.replace(bands[0], scene=scene, **images)
+
+
+def test_leaving_out_changes_no_result(shadow_rays: None) -> None:
+    seconds = {"planned": 0.0, "everything": 0.0}
+    for family in plan(SUITE):
+        started = time.perf_counter()
+        rendered = render_family(family.scenes, SUITE.sampling)
+        truths = [rendered.truth(scene) for scene in family.scenes]
+        seconds["planned"] += time.perf_counter() - started
+        for truth in truths:
+            started = time.perf_counter()
+            everything = truth_without_a_plan(truth.scene)
+            seconds["everything"] += time.perf_counter() - started
+            peak = everything.image.max()
+            for name in STOKES:
+                difference = getattr(truth, name) - getattr(everything, name)
+                # 2e-6 is what the number of nodes aims at, 1e-5 what is promised.
+                assert np.sqrt(np.mean(difference.astype(float) ** 2)) <= 1e-5 * peak, name
+            np.testing.assert_array_equal(truth.mask, everything.mask)
+            ours, theirs = score(truth, "eq8"), score(everything, "eq8")
+            # The truth and what the method makes of it move by 1e-5 of the peak each.
+            assert abs(np.sqrt(ours.nmse) - np.sqrt(theirs.nmse)) <= 2e-5
+    print(seconds)  # noqa: T201
+
+
+def test_convex_shapes_need_no_shadow_rays(shadow_rays: None) -> None:
+    """To the bit, away from the terminator, where a ray that grazes may meet its own surface."""
+    scene = next(iter(SUITE.scenes()))
+    asked = render_family([scene], SUITE.sampling).truth(scene)
+    wavefront.stage.cache_clear()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(wavefront, "CONVEX", frozenset({"sphere"}))
+        left_out = render_family([scene], SUITE.sampling).truth(scene)
+    np.testing.assert_array_equal(asked.stokes, left_out.stokes)
+
+
+def test_the_formulas_cost_is_that_of_the_formulas(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is asked of Mitsuba where a suite asks nothing of it."""
+    monkeypatch.setattr(command_plan, "render_family", None)
+    families = plan(SUITE.model_copy(update={"bodies": ("unpolarised",)}))[1:]
+    assert families[0].scenes[0].light.kind == "distant"
+    first = command_plan.predicted_seconds(families, choose(), "torrance-sparrow")
+    assert 0 < first < 10  # four scenes of 12² pixels take milliseconds
+
+
+def test_a_run_records_what_it_left_out(tmp_path: Path) -> None:
+    suite = load_suite("quick").model_copy(
+        update={
+            "camera": SUITE.camera,
+            "sampling": SUITE.sampling,
+            "methods": ("unpolarised",),
+            "surfaces": ("carbon",),
+        }
+    )
+    first = run(suite, tmp_path).run["plan"]
+    # 8 scenes, 3 bands, 5 angles, 2 lobes
+    assert first["without_plan"] == 8 * 3 * 5 * 2
+    # 4 families: six indices each, no more than nodes would be; half of the bodies need one
+    assert first["renders"] == 4 * 6 + 2 * 6 + 2
+    left_out = {saving["what"]: saving["renders"] for saving in first["left_out"]}
+    assert sum(left_out.values()) == first["without_plan"] - first["renders"]
+    assert left_out["polariser images"] == 8 * 3 * 4 * 2
+    assert all(saving["why"] for saving in first["left_out"])
+    assert first["seconds"] > 0
+    each = first["seconds"] / first["renders"]
+    # Both are rounded to milliseconds.
+    rounding = 1e-3 * first["without_plan"] / first["renders"]
+    assert first["seconds_without"] == pytest.approx(each * first["without_plan"], abs=rounding)
+    assert json.loads((tmp_path / RUN).read_text("utf-8"))["plan"] == first
+    # Taken over, the seconds are still those of the renders.
+    assert run(suite, tmp_path).run["plan"] == first

@@ -1,0 +1,132 @@
+"""The whole chain from one picture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from malus.bench.scoring.judge import Judge
+from malus.bench.scoring.observe import observe
+from malus.reconstruct import Inapplicable, Method, Observation
+from malus.reconstruct.single_image import shape
+from malus.reconstruct.single_image.blind import BLIND, blind, run_chain
+from malus.renderers import render
+from malus.renderers.truth import Truth
+from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere, Uniform
+
+METHODS = {entry[0]: Method(*entry) for entry in BLIND}
+COLOUR = np.array([0.3, 0.6, 1.0])[:, None]
+
+
+def sphere(coloured: bool = False, incidence_deg: float = 60, side: int = 32) -> Truth:
+    scene = Scene(
+        shape=Sphere(),
+        surface=Dielectric(eta=1.5, alpha=0.25, body="unpolarised"),
+        light=Distant(incidence_deg=incidence_deg),
+        camera=Camera(resolution=side),
+        wavelengths_nm=(450, 550, 650),
+    )
+    truth = render(scene, renderer="torrance-sparrow")
+    return replace(truth, diffuse=truth.diffuse * COLOUR) if coloured else truth
+
+
+@pytest.mark.parametrize("coloured", [False, True])
+@pytest.mark.parametrize(
+    ("name", "least"), [("blind", 0.8), ("blind-light", 0.9), ("blind-normals", 0.99)]
+)
+def test_more_knowledge_more_skill(name: str, least: float, coloured: bool) -> None:
+    score = Judge(sphere(coloured)).score(METHODS[name])
+    assert score.skill > least
+    assert score.violations == 0
+
+
+def test_the_way_is_told() -> None:
+    truth = sphere()
+    chain = run_chain(observe(truth, frozenset()))
+    told = " ".join(chain.statements)
+    for stage in (
+        "grey image where colour is needed",
+        "estimated",
+        "starts ended there",
+        "eta is assumed",
+    ):
+        assert stage in told
+    assert (
+        run_chain(observe(sphere(coloured=True), frozenset()))
+        .statements[0]
+        .startswith("separated by colour")
+    )
+
+
+@pytest.mark.parametrize(("steps", "converged"), [(30, 1.0), (2, 0.0)])
+def test_a_score_says_whether_the_search_converged(
+    steps: int, converged: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shape, "_STEPS", steps)
+    values = Judge(sphere(side=24)).score(METHODS["blind-light"]).values()
+    assert [v.value for v in values if v.metric == "converged"] == [converged]
+
+
+def test_where_nothing_is_searched_nothing_is_said_of_convergence() -> None:
+    score = Judge(sphere(side=24)).score(METHODS["blind-normals"])
+    assert not [v for v in score.values() if v.metric == "converged"]
+
+
+@pytest.mark.parametrize("body", ["unpolarised", "polarised"])
+def test_the_kind_of_body_is_read_off_its_shading(body: str) -> None:
+    scene = Scene(
+        shape=Sphere(),
+        surface=Dielectric(eta=1.5, alpha=0.25, body=body),
+        light=Distant(incidence_deg=60),
+        camera=Camera(resolution=32),
+    )
+    truth = render(scene, Sampling(samples=32))
+    for needs in (frozenset({"light"}), frozenset({"light", "normals"})):
+        assert run_chain(observe(truth, needs)).body == body
+    assert Judge(truth).score(METHODS["blind-light"]).skill > 0.8
+
+
+def test_a_turned_picture_turns_the_answer() -> None:
+    truth = sphere()
+    seen = observe(truth, frozenset({"light", "normals"}))
+    light = seen.light
+    x, y, z = np.moveaxis(np.rot90(seen.normals), -1, 0)
+    turned = Observation(
+        np.rot90(seen.image),
+        np.rot90(seen.mask),
+        normals=np.stack([-y, x, z], axis=-1),
+        light=light.model_copy(update={"azimuth_deg": light.azimuth_deg + 90}),
+    )
+    plain, after = blind(seen), blind(turned)
+    # A quarter turn changes the sign of s1 and s2.
+    np.testing.assert_allclose(after.s1, -np.rot90(plain.s1), atol=1e-4)
+    np.testing.assert_allclose(after.s2, -np.rot90(plain.s2), atol=1e-4)
+
+
+def test_exposure_scales_the_answer_where_the_light_is_not_given() -> None:
+    truth = sphere()
+    seen = observe(truth, frozenset())
+    bright = blind(replace(seen, image=64.0 * seen.image))
+    np.testing.assert_allclose(bright.s1, 64.0 * blind(seen).s1, rtol=1e-3, atol=1e-3)
+
+
+def test_nothing_off_the_object_is_polarised() -> None:
+    truth = sphere()
+    seen = observe(truth, frozenset({"light"}))
+    wall = replace(seen, image=np.where(seen.mask[..., None], seen.image, 0.3))
+    found = blind(wall)
+    assert not found.s1[~seen.mask].any()
+    np.testing.assert_array_equal(found.image, wall.image)
+
+
+def test_other_lights_metals_and_dark_pictures_say_so() -> None:
+    truth = sphere()
+    seen = observe(truth, frozenset())
+    with pytest.raises(Inapplicable, match="distant light"):
+        blind(replace(seen, light=Uniform()))
+    with pytest.raises(Inapplicable, match="dark"):
+        blind(replace(seen, image=0 * seen.image))
+    with pytest.raises(Inapplicable, match="dielectric"):  # its real part alone is no index
+        blind(replace(seen, eta=np.full(3, 0.4 + 2.4j)))

@@ -1,0 +1,184 @@
+"""Maps of index and roughness: what holds for a surface holds for each pixel's own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from malus.reconstruct import Components, Observation, get_method, specular_dolp
+from malus.reconstruct.facets import maps
+from malus.reconstruct.fresnel import reflectances, smooth_dolp, transmission_dolp
+from malus.scenes import Area, Distant
+
+MEASURES = ("eq8", "visible", "shadowed")
+METHODS = [
+    f"{name}{body}"
+    for name in (*MEASURES, "smooth", "half_vector", "lights")
+    for body in ("", "+body")
+]
+METAL = np.array([0.2 + 3.4j, 1.1 + 2.3j])
+GLASS = np.array([1.52, 1.5])
+# A table and an interpolant are each within 1e-6 of the integral; I_s ≤ 1.
+TABLE = 2e-6
+
+
+def seen(height: int = 6, width: int = 8, seed: int = 0) -> Observation:
+    """Random intensities and normals in float64 and two bands."""
+    random = np.random.default_rng(seed)
+    cosine = random.uniform(0.05, 1.0, (height, width))
+    turn = random.uniform(0.0, 2.0 * np.pi, (height, width))
+    sine = np.sqrt(1.0 - cosine**2)
+    specular, diffuse = random.random((2, height, width, 2))
+    return Observation(
+        image=specular + diffuse,
+        mask=np.ones((height, width), dtype=bool),
+        specular=specular,
+        diffuse=diffuse,
+        normals=np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=-1),
+        eta=GLASS,
+        alpha=0.3,
+        light=Distant(incidence_deg=70, azimuth_deg=20),
+    )
+
+
+def reconstruct(observation: Observation, method: str) -> Components:
+    return get_method(method).reconstruct(observation)
+
+
+def filled(values: np.ndarray, height: int = 6, width: int = 8) -> np.ndarray:
+    return np.tile(values, (height, width, 1))
+
+
+def assert_same(found: Components, expected: Components, method: str) -> None:
+    bound = TABLE  # also of the weights of `lights`, float32 where the surface is uniform
+    for name in ("image", "s1", "s2"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=bound)
+    np.testing.assert_array_equal(found.valid, expected.valid)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("eta", [GLASS, METAL])
+def test_a_constant_map_is_a_uniform_surface(method: str, eta: np.ndarray) -> None:
+    picture = replace(seen(), eta=eta)
+    mapped = replace(picture, eta=filled(eta), alpha=np.full((6, 8), 0.3))
+    found, expected = reconstruct(mapped, method), reconstruct(picture, method)
+    assert_same(found, expected, method)
+    assert np.max(np.abs(found.s1)) > 0.01
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_two_halves_are_two_surfaces(method: str) -> None:
+    """Glass on the left, a metal on the right, as where two objects stand in one picture."""
+    picture = seen(20, 20)
+    eta, alpha = filled(GLASS, 20, 20).astype(complex), np.full((20, 20), 0.3)
+    eta[:, 4:], alpha[:, 4:] = METAL, 0.2
+    both = reconstruct(replace(picture, eta=eta, alpha=alpha), method)
+    left = reconstruct(picture, method)
+    right = reconstruct(replace(picture, eta=METAL, alpha=0.2), method)
+    for name in ("s1", "s2"):
+        halves = [getattr(left, name)[:, :4], getattr(right, name)[:, 4:]]
+        np.testing.assert_allclose(getattr(both, name), np.concatenate(halves, axis=1), atol=TABLE)
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+@pytest.mark.parametrize("metal", [False, True])
+def test_a_texture_of_many_surfaces_is_the_integral_everywhere(measure: str, metal: bool) -> None:
+    """2500 pixels, each with a roughness and an index of its own, and the integral of some."""
+    picture, random = seen(50, 50), np.random.default_rng(1)
+    eta = random.uniform(1.4, 1.6, (50, 50, 2)) + (3.0j if metal else 0.0)
+    alpha = random.uniform(0.2, 0.4, (50, 50))
+    found = reconstruct(replace(picture, eta=eta, alpha=alpha), measure)
+    some = (slice(None, None, 13), slice(None, None, 11))
+    zenith = np.arccos(picture.normals[..., 2][some])[..., None]  # type: ignore[index]
+    exact = specular_dolp(zenith, eta[some], alpha[some][..., None] ** -2.0, measure)  # type: ignore[arg-type]
+    degree = np.hypot(found.s1, found.s2)[some] / picture.specular[some]  # type: ignore[index]
+    np.testing.assert_allclose(degree, np.abs(exact), atol=TABLE)
+
+
+def test_few_surfaces_have_tables_and_many_an_interpolant(monkeypatch: pytest.MonkeyPatch) -> None:
+    cosine = np.linspace(0.1, 1.0, 240)
+    sigma = np.repeat([11.0, 12.0], 120)
+    tables = maps.scattered_dolp(cosine, np.array([1.5]), sigma, "visible")
+    monkeypatch.setattr(maps, "_FEW", 1)
+    interpolated = maps.scattered_dolp(cosine, np.array([1.5]), sigma, "visible")
+    assert np.any(tables != interpolated)
+    np.testing.assert_allclose(tables, interpolated, atol=TABLE)
+
+
+@pytest.mark.parametrize("method", ["eq8", "smooth+body", "half_vector", "lights"])
+@pytest.mark.parametrize(("name", "value"), [("eta", -1.5), ("eta", np.nan), ("alpha", 0.0)])
+def test_pixels_of_no_material_are_flagged(method: str, name: str, value: float) -> None:
+    picture = replace(seen(), eta=filled(GLASS), alpha=np.full((6, 8), 0.3))
+    spoilt = getattr(picture, name).copy()
+    spoilt[2, 3] = value
+    found = reconstruct(replace(picture, **{name: spoilt}), method)
+    expected = np.ones((6, 8), dtype=bool)
+    expected[2, 3] = False
+    np.testing.assert_array_equal(found.valid, expected)
+    assert not found.stokes[2, 3].any()
+    before = reconstruct(picture, method)
+    np.testing.assert_allclose(found.s1[expected], before.s1[expected], atol=TABLE)
+
+
+@pytest.mark.parametrize("method", ["smooth", "half_vector", "smooth+body"])
+def test_metals_against_fresnel(method: str) -> None:
+    """Complex indices, evaluated pixel by pixel with the reflectances themselves."""
+    picture = replace(seen(), eta=METAL, diffuse=np.zeros((6, 8, 2)))
+    found = reconstruct(picture, method)
+    half = np.array(picture.light.direction) + [0.0, 0.0, 1.0]  # type: ignore[union-attr]
+    mirror = picture.normals if "smooth" in method else half / np.linalg.norm(half)
+    perpendicular, parallel = reflectances(mirror[..., 2:], METAL)  # type: ignore[index]
+    rho = (perpendicular - parallel) / (perpendicular + parallel)
+    twice = 2.0 * np.arctan2(mirror[..., 1], mirror[..., 0])[..., None]  # type: ignore[index]
+    np.testing.assert_allclose(found.s1, -picture.specular * rho * np.cos(twice), atol=TABLE)  # type: ignore[operator]
+    np.testing.assert_allclose(found.s2, -picture.specular * rho * np.sin(twice), atol=TABLE)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("method", ["eq8", "shadowed", "smooth", "half_vector", "lights"])
+def test_the_body_of_a_metal_without_body_light_changes_nothing(method: str) -> None:
+    picture = replace(seen(), eta=METAL, diffuse=np.zeros((6, 8, 2)))
+    plain, mended = reconstruct(picture, method), reconstruct(picture, f"{method}+body")
+    np.testing.assert_array_equal(plain.s1, mended.s1)
+    np.testing.assert_array_equal(plain.s2, mended.s2)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("eta", [GLASS, np.array([1.0001, 0.6]), METAL])
+@pytest.mark.parametrize("name", [*MEASURES, "smooth"])
+def test_the_loop_over_pixels_is_the_formula(name: str, eta: np.ndarray, dtype: str) -> None:
+    """Every pixel and band alone: integral, Fresnel and trigonometry in float64."""
+    picture = replace(seen(seed=4), eta=eta)
+    arrays = {
+        n: getattr(picture, n).astype(dtype) for n in ("image", "specular", "diffuse", "normals")
+    }
+    picture = replace(picture, **arrays)
+    found = reconstruct(picture, f"{name}+body")
+    for y, x, band in np.ndindex(6, 8, 2):
+        normal = picture.normals[y, x].astype(np.float64)  # type: ignore[index]
+        cosine = min(normal[2], 1.0)
+        if name == "smooth":
+            rho = float(smooth_dolp(cosine, eta[band]))
+        else:
+            rho = float(specular_dolp(np.arccos(cosine), eta[band], 0.3**-2, name))  # type: ignore[arg-type]
+        polarised = float(picture.diffuse[y, x, band]) * float(transmission_dolp(cosine, eta[band]))  # type: ignore[index]
+        polarised -= float(picture.specular[y, x, band]) * rho  # type: ignore[index]
+        twice = 2.0 * np.arctan2(normal[1], normal[0])
+        # Two tables within 1e-6 each, times intensities below 1.
+        assert found.s1[y, x, band] == pytest.approx(polarised * np.cos(twice), abs=TABLE)
+        assert found.s2[y, x, band] == pytest.approx(polarised * np.sin(twice), abs=TABLE)
+
+
+def test_the_lights_method_is_one_integral_in_either_order() -> None:
+    """A lamp over surfaces of one roughness: one product of matrices against pixel by pixel."""
+    picture = replace(seen(), light=Area(incidence_deg=50, half_angle_deg=30))
+    towards = np.broadcast_to([0.0, 0.0, 1.0], (6, 8, 3))
+    product = reconstruct(picture, "lights")
+    for other in (replace(picture, view=towards), replace(picture, eta=filled(GLASS))):
+        sums = reconstruct(other, "lights")
+        lit = np.abs(product.s1) > 1e-3  # where next to nothing is mirrored, float32 weights end
+        assert lit.sum() > 20
+        # float32 weights and Stokes vectors of 800 directions
+        np.testing.assert_allclose(sums.s1[lit], product.s1[lit], atol=1e-5)
+        np.testing.assert_allclose(sums.s2[lit], product.s2[lit], atol=1e-5)

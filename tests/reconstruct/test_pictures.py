@@ -1,0 +1,129 @@
+"""Ordinary pictures in and out: every form, profiles, orientation."""
+
+from __future__ import annotations
+
+import io
+import struct
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+import PIL.ImageCms
+import pytest
+import tifffile
+
+from malus.reconstruct.photos.picture_files import write_picture
+from malus.reconstruct.photos.read_picture import Picture, read_picture, upright
+from malus.reconstruct.photos.tone_curves import icc_transfer, srgb_transfer
+from malus.scenes import InputError
+
+RNG = np.random.default_rng(0)
+CODES_8 = RNG.integers(0, 256, (12, 18, 3), dtype=np.uint8)
+CODES_16 = RNG.integers(0, 65536, (12, 18, 3), dtype=np.uint16)
+PROFILE = PIL.ImageCms.ImageCmsProfile(PIL.ImageCms.createProfile("sRGB")).tobytes()
+
+
+def write_everything(folder: Path) -> list[Path]:
+    """The same random picture in every form."""
+    exif = PIL.Image.Exif()
+    exif[271] = "a maker"
+    picture = PIL.Image.fromarray(CODES_8)
+    picture.save(folder / "rgb.png", icc_profile=PROFILE, exif=exif, dpi=(300, 300))
+    picture.save(folder / "rgb.jpg", icc_profile=PROFILE, exif=exif, dpi=(300, 300))
+    PIL.Image.fromarray(CODES_8[..., 0]).save(folder / "grey.png")
+    PIL.Image.fromarray(CODES_16[..., 0]).save(folder / "grey16.png")
+    PIL.Image.fromarray(np.dstack([CODES_8, CODES_8[..., 0]])).save(folder / "alpha.png")
+    tifffile.imwrite(
+        folder / "rgb16.tif", CODES_16, photometric="rgb", iccprofile=PROFILE, resolution=(300, 300)
+    )
+    floats = RNG.random((12, 18, 3)).astype(np.float32)
+    tifffile.imwrite(folder / "float.tif", floats, photometric="rgb")
+    write_picture(folder / "float.exr", Picture(floats, "EXR", None))
+    return sorted(folder.iterdir())
+
+
+def test_a_picture_goes_out_as_it_came_in(tmp_path: Path) -> None:
+    for path in write_everything(tmp_path):
+        picture = read_picture(path)
+        copy = path.with_name("copy_" + path.name)
+        write_picture(copy, picture)
+        again = read_picture(copy)
+        assert again.metadata == picture.metadata, path.name
+        assert again.linear.shape == picture.linear.shape
+        # JPEG is lossy, most of all on noise; everything else keeps every code.
+        if picture.kind != "JPEG":
+            np.testing.assert_array_equal(again.linear, picture.linear)
+        if picture.alpha is not None:
+            np.testing.assert_array_equal(again.alpha, picture.alpha)
+        assert not list(tmp_path.glob(".part-*"))
+
+
+def test_sixteen_bit_colour_png_keeps_bits_and_metadata(tmp_path: Path) -> None:
+    imagecodecs = pytest.importorskip("imagecodecs")
+    plain, rich = tmp_path / "a.png", tmp_path / "b.png"
+    plain.write_bytes(imagecodecs.png_encode(CODES_16))
+    picture = read_picture(plain)
+    np.testing.assert_array_equal(picture.transfer.encoded(picture.linear), CODES_16)
+    metadata = {"icc_profile": PROFILE, "dpi": (300.0, 300.0), "text": {"Title": "noise"}}
+    write_picture(rich, Picture(picture.linear, "PNG", picture.transfer, None, metadata))
+    with PIL.Image.open(rich) as image:
+        assert image.info["icc_profile"] == PROFILE
+        assert image.info["dpi"] == pytest.approx((300, 300), rel=1e-3)
+        assert image.text["Title"] == "noise"
+
+
+def grey_profile(curve: bytes) -> bytes:
+    """The least that `icc_transfer` reads: a signature, and one tone curve."""
+    table = struct.pack(">I4sII", 1, b"kTRC", 144, len(curve))
+    return b"\0" * 36 + b"acsp" + b"\0" * 88 + table + curve
+
+
+def parametric(kind: int, *numbers: float) -> bytes:
+    stored = [int(number * 65536) for number in numbers]
+    return struct.pack(f">4s4xH2x{len(stored)}i", b"para", kind, *stored)
+
+
+def test_curves_of_a_profile_are_used(tmp_path: Path) -> None:
+    x = np.linspace(0, 1, 256)
+    np.testing.assert_allclose(
+        icc_transfer(PROFILE, 8, "x").table[0], srgb_transfer(8).table[0], atol=2e-5
+    )
+    profile = grey_profile(struct.pack(">4s4xIH2x", b"curv", 1, int(2.2 * 256)))
+    # 2.2 is stored in 1/256.
+    expected = x ** (int(2.2 * 256) / 256)
+    np.testing.assert_allclose(icc_transfer(profile, 8, "x").table[0], expected, rtol=1e-12)
+    PIL.Image.fromarray(CODES_8[..., 0]).save(tmp_path / "g.png", icc_profile=profile)
+    read = read_picture(tmp_path / "g.png")
+    np.testing.assert_allclose(read.linear[..., 0], expected[CODES_8[..., 0]], rtol=1e-6)
+    assert "embedded" in read.assumption
+
+
+@pytest.mark.parametrize(
+    "profile",
+    [
+        b"nonsense",
+        PROFILE[:200],
+        PROFILE[:132],
+        grey_profile(parametric(1, 2.0, 0.0, 0.5)),  # breaks at −b/a
+    ],
+)
+def test_a_damaged_profile_says_so(profile: bytes) -> None:
+    with pytest.raises(InputError, match="profile"):
+        icc_transfer(profile, 8, "x")
+
+
+def test_a_curve_that_is_infinite_says_so_and_warns_of_nothing() -> None:
+    with pytest.raises(InputError, match="rising tone curves"):
+        icc_transfer(grey_profile(parametric(0, -1.0)), 8, "x")
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_orientation_is_what_pillow_makes_of_it(orientation: int) -> None:
+    import PIL.ImageOps
+
+    exif = PIL.Image.Exif()
+    exif[274] = orientation
+    data = io.BytesIO()
+    PIL.Image.fromarray(CODES_8).save(data, "PNG", exif=exif)
+    expected = PIL.ImageOps.exif_transpose(PIL.Image.open(data))
+    np.testing.assert_array_equal(upright(CODES_8, orientation), np.asarray(expected))

@@ -1,0 +1,95 @@
+"""Recorded calls into Mitsuba, played again for other families, give what tracing them gives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from malus.renderers.mitsuba import shading, wavefront
+from malus.renderers.mitsuba.bsdfs import bsdfs
+from malus.renderers.mitsuba.lobe_samples import Lobes
+from malus.renderers.variant import Variant, choose, mitsuba
+from malus.scenes import Area, Camera, Distant, Environment, Sampling, Sky, Sphere, Uniform
+from malus.scenes.lights.lights import Light
+from malus.scenes.materials.surface import Body
+
+CAMERA = Camera(resolution=12)
+FAMILIES: list[tuple[Light, Body]] = [
+    (Distant(incidence_deg=60), "polarised"),
+    (Uniform(), "unpolarised"),
+    (Area(incidence_deg=30), "polarised"),
+    (Environment(), "unpolarised"),
+    (Environment(turn_deg=70.0), "unpolarised"),
+    (Sky(sun=False), "unpolarised"),  # a map of another resolution
+]
+
+
+@pytest.fixture
+def variant() -> Variant:
+    best = choose()
+    if not best.vectorised:
+        pytest.skip("only the scalar variant runs here")
+    return best
+
+
+def lobes(
+    stage: wavefront.Stage, variant: Variant, light: Light, body: Body, turn: int, samples: int
+) -> Lobes:
+    etas, alpha = (1.4 + 0.1 * turn, 1.6), 0.2 + 0.1 * turn
+    lit = shading.Shading(*bsdfs(variant, etas, alpha, body), errors=True)
+    return stage.render(light, lit, Sampling(samples=samples, seed=turn))
+
+
+def arrays(found: Lobes) -> dict[str, Any]:
+    return {name: values.copy() for name, values in vars(found).items()}
+
+
+def test_what_is_played_again_is_what_is_traced(variant: Variant) -> None:
+    """To the bit, with other indices, roughness, seeds and numbers of samples and pixels.
+
+    Lights and bodies take turns, so that a recording of another kind would be found out, and what
+    was rendered first is looked at last, so that nobody writes over it.
+    """
+    recording, tracing = (wavefront.Stage(mitsuba(variant), Sphere(), CAMERA) for _ in range(2))
+    tracing._replay = shading.shade
+    found = []
+    for turn, samples in enumerate((2, 2, 6)):
+        for light, body in FAMILIES:
+            once = lobes(recording, variant, light, body, turn, samples)
+            found.append((once, arrays(lobes(tracing, variant, light, body, turn, samples))))
+    assert len({len(once.pixels) for once, _ in found}) > 1  # samples of the rim hit more pixels
+    for once, traced in found:
+        for name, values in traced.items():
+            np.testing.assert_array_equal(getattr(once, name), values, err_msg=name)
+
+
+def test_other_parameters_are_traced_only_once(
+    variant: Variant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    traced = []
+    sample = shading._sample
+    monkeypatch.setattr(shading, "_sample", lambda *a: traced.append(1) or sample(*a))
+    stage = wavefront.Stage(mitsuba(variant), Sphere(), CAMERA)
+    counts = []
+    for turn in range(5):
+        light = Distant(incidence_deg=10.0 * turn, azimuth_deg=30.0 * turn, irradiance=1.0 + turn)
+        stage.render(
+            light,
+            shading.Shading(
+                *bsdfs(variant, (1.4 + 0.1 * turn,), 0.1 + 0.1 * turn, "polarised"), False
+            ),
+            Sampling(samples=2),
+        )
+        counts.append(len(traced))
+    assert counts[-1] == counts[1]  # the second call may find that a constant varies
+    assert stage._replay.n_cached_recordings <= 2
+
+
+def test_a_stage_remembers_only_so_many(variant: Variant, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wavefront, "RECORDINGS", 2)
+    stage = wavefront.Stage(mitsuba(variant), Sphere(), CAMERA)
+    for light, body in FAMILIES:
+        lobes(stage, variant, light, body, 0, 2)
+    assert stage._replay.n_cached_recordings <= 2

@@ -1,0 +1,94 @@
+"""Standard errors of scenes whose objects light each other: what they say, and what they pool."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_room import needs_arrays, table
+
+from malus.renderers.mitsuba.path_traced import Room
+from malus.renderers.mitsuba.pooled import OBJECT_WEIGHT, pooled
+from malus.renderers.truth import Truth
+from malus.renderers.variant import choose, mitsuba
+from malus.scenes import Area, Distant, Light, Sampling
+
+SEEDS = 20
+
+
+def truths(light: Light, body: str, samples: int) -> list[Truth]:
+    """One scene from independent samples; the room is kept, so that its kernel is."""
+    room = Room(mitsuba(choose()), table(light, body), Sampling(samples=samples))
+    found = []
+    for seed in range(SEEDS):
+        room.sampling = Sampling(samples=samples, seed=seed)
+        found.append(room.truth())
+    return found
+
+
+def scaled_squares(found: list[Truth]) -> np.ndarray:
+    """Squares (seeds, pixels, 3) of residuals over their own errors, of mean 1."""
+    mask = found[0].mask
+    stokes = np.stack([truth.stokes[mask][:, 0] for truth in found]).astype(np.float64)
+    error = np.stack([truth.standard_error[mask][:, 0] for truth in found])
+    assert (error > 0).all()
+    return (stokes - stokes.mean(axis=0)) ** 2 / error**2 * SEEDS / (SEEDS - 1)
+
+
+@needs_arrays
+@pytest.mark.parametrize(
+    ("light", "body", "samples", "components"),
+    [
+        (Distant(incidence_deg=60, azimuth_deg=60), "unpolarised", 256, 1),
+        (Area(incidence_deg=60, azimuth_deg=60), "polarised", 64, 2),
+    ],
+    ids=["distant", "area"],
+)
+def test_standard_errors_of_rooms_are_honest(
+    light: Light, body: str, samples: int, components: int
+) -> None:
+    """Twenty seeds: residuals over each seed's own error have a mean square of 1, and few outliers.
+
+    Under the distant light the floor's own light is the same in all samples, so that what comes
+    from other objects, rarely, is all its noise: errors from a pixel's own samples are zero there
+    in many seeds. Components that come to most pixels by such ways only are no test.
+    """
+    found = truths(light, body, samples)
+    squares = scaled_squares(found)
+    for component in range(components):
+        square = squares[:, :, component]
+        # 6500 squares of heavy tails, of 327 independent pixels: one deviation of the mean is
+        # 0.03. The weight of the object's mean makes errors larger by up to a tenth.
+        assert 0.82 < square.mean() < 1.12
+        # Of Gaussian noise 0.046 lie beyond two errors and 0.0027 beyond three. What comes rarely
+        # is not Gaussian, and a pixel's neighbours are not quite like it.
+        assert 0.03 < (square > 4).mean() < 0.06
+        assert (square > 9).mean() < 0.01
+    # The half differences say the same. Sums of 6500 squares that bright paths lead: a few
+    # times 2 %.
+    mask = found[0].mask
+    noise = np.stack([(t.specular_noise + t.diffuse_noise)[mask] for t in found])[..., :components]
+    error = np.stack([t.standard_error[mask] for t in found])[..., :components]
+    expected = pytest.approx((error**2).mean(axis=(0, 1, 2)), rel=0.12)
+    assert (noise**2).mean(axis=(0, 1, 2)) == expected
+
+
+def test_variances_are_pooled_over_neighbours_of_one_object() -> None:
+    """Against a loop over the pixels."""
+    random = np.random.default_rng(1)
+    variance = random.exponential(size=(6, 7, 2, 3)).astype(np.float32)
+    owner = random.integers(-1, 3, size=(6, 7))
+    found = pooled(variance, owner)
+    assert found.dtype == variance.dtype
+    for y, x in np.ndindex(owner.shape):
+        if owner[y, x] < 0:
+            assert (found[y, x] == variance[y, x]).all()
+            continue
+        window = [
+            variance[j, i]
+            for j in range(max(y - 1, 0), min(y + 2, 6))
+            for i in range(max(x - 1, 0), min(x + 2, 7))
+            if owner[j, i] == owner[y, x]
+        ]
+        whole = variance[owner == owner[y, x]].mean(axis=0)
+        mean = (np.sum(window, axis=0) + OBJECT_WEIGHT * whole) / (len(window) + OBJECT_WEIGHT)
+        assert found[y, x] == pytest.approx(mean, rel=1e-6)  # float32 sums of nine

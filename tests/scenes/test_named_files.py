@@ -1,0 +1,168 @@
+"""Meshes, pictures and measured materials: a dataset keeps those that scenes name, and no others.
+
+Radiance maps have the same tests in test_dataset.py.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up import made_up_truth
+from PIL import Image
+
+from malus.renderers.datasets import dataset as dataset_module
+from malus.renderers.datasets import dataset_files
+from malus.renderers.datasets.dataset import Dataset, DatasetWriter, open_dataset
+from malus.renderers.datasets.dataset_files import with_own_files
+from malus.renderers.mitsuba.translate import tessellated
+from malus.scenes import Distant, InputError
+from malus.scenes.core.named_file import digest_of
+from malus.scenes.materials.measured import Measured
+from malus.scenes.materials.surface import Dielectric, Patterned
+from malus.scenes.scene import Scene
+from malus.scenes.shapes.patterns import ImageTexture
+from malus.scenes.shapes.shapes import MeshFile, Sphere
+from malus.scenes.surroundings import Placed, Surroundings
+
+NAMES = {"picture": "a.png", "material": "a.pbsdf"}
+FOLDERS = {"picture": "pictures", "material": "materials"}
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def naming(kind: str, path: str, digest: str) -> Scene:
+    """A scene that names a file: its mesh, pattern's picture, material, a mesh beside it."""
+    scene = made_up_truth().scene
+    if kind == "material":
+        return scene.model_copy(update={"surface": Measured(path=path, digest=digest)})
+    mesh = MeshFile(path=path, digest=digest, shading="flat")
+    if kind == "mesh":
+        return scene.model_copy(update={"shape": mesh})
+    if kind == "picture":
+        paint = scene.surface
+        assert isinstance(paint, Dielectric)
+        texture = ImageTexture(path=path, digest=digest)
+        patterned = Patterned(pattern=texture, surfaces=(paint, paint))
+        return scene.model_copy(update={"surface": patterned})
+    beside = (Placed(shape=Sphere(), surface=scene.surface),)
+    beside += (Placed(shape=mesh, surface=scene.surface, position=(3, 0, 0)),)
+    around = Surroundings(name="room", objects=beside)
+    return scene.model_copy(update={"surroundings": around})
+
+
+def opened(scene: Scene) -> object:
+    """What rendering reads of the file that a scene names."""
+    tessellated.cache_clear()
+    if isinstance(scene.surface, Measured):
+        return scene.surface.checked().read_bytes()
+    if isinstance(scene.surface, Patterned):
+        assert isinstance(scene.surface.pattern, ImageTexture)
+        return scene.surface.pattern.grey()
+    shape = scene.surroundings.objects[1].shape if scene.surroundings else scene.shape
+    return tessellated(shape).vertices
+
+
+def holding(kind: str, folder: Path) -> tuple[Path, str]:
+    """A file for `naming`, and its digest."""
+    path = folder / NAMES.get(kind, "a.obj")
+    if kind == "picture":
+        Image.fromarray(np.eye(4, dtype=np.uint8)).save(path)
+    else:
+        path.write_text(OBJ, "utf-8")
+    return path, digest_of(path, kind)
+
+
+def stored_scene(folder: Path, scene: Scene) -> Dataset:
+    with DatasetWriter(folder) as writer:
+        writer.add(dataclasses.replace(made_up_truth(), scene=scene))
+    return open_dataset(folder)
+
+
+@pytest.mark.parametrize("kind", ["mesh", "picture", "material", "beside"])
+def test_a_dataset_keeps_its_meshes_and_pictures(tmp_path: Path, kind: str) -> None:
+    path, digest = holding(kind, tmp_path)
+    scene = naming(kind, str(path), digest)
+    expected = opened(scene)
+    stored_scene(tmp_path / "data", scene)
+    path.unlink()
+    (tmp_path / "data").rename(tmp_path / "moved")
+    found = open_dataset(tmp_path / "moved").truth(scene.id).scene
+    assert found.id == scene.id
+    np.testing.assert_array_equal(opened(found), expected)
+    (kept,) = (tmp_path / "moved").glob("[mp]*s/*")
+    kept.write_bytes(b"another")
+    with pytest.raises(InputError, match=f"expected digest {digest}"):
+        open_dataset(tmp_path / "moved").truth(scene.id)
+
+
+@pytest.mark.parametrize("digest", [None, "", "../../a", "0123456789abcdef"])
+@pytest.mark.parametrize("name", ["../{name}", "{folder}/{name}", "link{suffix}", "pipe{suffix}"])
+@pytest.mark.parametrize("kind", ["mesh", "picture", "material", "beside"])
+def test_a_foreign_scene_opens_no_mesh_or_picture_outside_its_dataset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, name: str, digest: str | None
+) -> None:
+    """Not even one of the right digest (None), and a pipe is not waited for."""
+    path, right = holding(kind, tmp_path)
+    evil = tmp_path / "evil"
+    name = name.format(name=path.name, folder=tmp_path, suffix=path.suffix)
+    scene = naming(kind, name, right if digest is None else digest)
+    monkeypatch.setattr(dataset_module, "keep_files", lambda scene, folder: None)
+    dataset = stored_scene(evil, scene)
+    (evil / f"link{path.suffix}").symlink_to(path)
+    os.mkfifo(evil / f"pipe{path.suffix}")
+    monkeypatch.chdir(evil)
+    found = dataset.truth(scene.id).scene  # what reading, scoring and exporting begin with
+    with pytest.raises(
+        InputError, match=r"evil/(meshes|pictures|materials)/\w+\.(obj|png|pbsdf): expected a read"
+    ):
+        opened(found)
+    unknown = evil / FOLDERS.get(kind, "meshes") / f"unknown{path.suffix}"
+    unknown.parent.mkdir()
+    for other in (unknown, unknown.with_stem(right)):
+        other.symlink_to(path)
+    if digest != "0123456789abcdef":
+        with pytest.raises(InputError, match="found a link"):
+            dataset.truth(scene.id)
+        unknown.unlink()
+        unknown.write_bytes(path.read_bytes())
+    if digest in ("", "../../a"):
+        with pytest.raises(InputError, match=f"expected digest {digest}, found {right}"):
+            dataset.truth(scene.id)
+
+
+def test_a_suffix_leads_out_of_no_dataset(tmp_path: Path) -> None:
+    for name in ("a.\0", "a.obj/../../b", "a. ", "a.\n", "a.\u0601"):
+        scene = with_own_files(naming("mesh", name, "0" * 16), tmp_path, set())
+        assert isinstance(scene.shape, MeshFile)
+        assert scene.shape.file == tmp_path / "meshes" / ("0" * 16)
+
+
+def test_a_picture_that_changed_since_is_refused(tmp_path: Path) -> None:
+    path, digest = holding("picture", tmp_path)
+    Image.fromarray(np.zeros((4, 4), np.uint8)).save(path)
+    with pytest.raises(InputError, match=f"a picture with digest {digest}"):
+        opened(naming("picture", str(path), digest))
+
+
+def test_an_open_dataset_reads_a_file_of_many_scenes_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, digest = holding("material", tmp_path)
+    scenes = [naming("material", str(path), digest)]
+    scenes.append(scenes[0].model_copy(update={"light": Distant(incidence_deg=30)}))
+    with DatasetWriter(tmp_path / "data") as writer:
+        for scene in scenes:
+            writer.add(dataclasses.replace(made_up_truth(), scene=scene))
+    read: list[Path] = []
+    hashed = dataset_files.digest
+    monkeypatch.setattr(dataset_files, "digest", lambda p: read.append(p) or hashed(p))
+    found = list(open_dataset(tmp_path / "data"))
+    assert len(found) == 2
+    assert len(read) == 1
+    # Whoever opens the file still sees that it is another.
+    read[0].write_bytes(b"another")
+    with pytest.raises(InputError, match=f"a pBRDF file with digest {digest}"):
+        opened(found[1].scene)
