@@ -23,7 +23,7 @@ BLOCK_PIXELS = 1 << 17
 
 
 def from_lobes(
-    observation: Observation, specular_model: LobeModel, body_model: LobeModel | None
+    observation: Observation, specular_model: LobeModel, diffuse_model: LobeModel | None
 ) -> Components:
     """Polarised parts of both lobes, added as Stokes vectors.
 
@@ -51,8 +51,8 @@ def from_lobes(
     from malus.reconstruct import kernels
 
     lobes: dict[str, Lobe] = {"specular": specular_model(observation)}
-    if body_model is not None:
-        lobes["diffuse"] = body_model(observation)
+    if diffuse_model is not None:
+        lobes["diffuse"] = diffuse_model(observation)
     tabled = {name: lobe for name, lobe in lobes.items() if isinstance(lobe, AboutNormals)}
     others = {name: lobe for name, lobe in lobes.items() if not isinstance(lobe, AboutNormals)}
     table = _joined(list(tabled.values()))

@@ -41,7 +41,7 @@ def known_lights(observation: Observation) -> Ratio:
     eta, alpha = uniform_eta(observation), uniform_alpha(observation)
     lamp = quadrature(light, _finest(observation) if alpha is None else alpha)
     shared = None
-    if eta is not None and alpha is not None and observation.view is None:
+    if eta is not None and alpha is not None and observation.view_direction is None:
         shared = _mirrored(lamp, eta)
 
     def ratio(block: Block) -> Image:

@@ -34,7 +34,7 @@ class Observation:
         I_s and I_d, radiance of both lobes.
     normals : (height, width, 3) or None
         Unit surface normals in the image frame: x right, y up, z towards the viewer.
-    view : (height, width, 3) or None
+    view_direction : (height, width, 3) or None
         Unit vectors from the surface to the camera in the image frame; None is an orthographic
         camera, (0, 0, 1) everywhere.
     eta : (bands,) or (height, width, bands) or None
@@ -51,7 +51,7 @@ class Observation:
     specular: Image | None = None
     diffuse: Image | None = None
     normals: Image | None = None
-    view: Image | None = None
+    view_direction: Image | None = None
     eta: NDArray[np.inexact[Any]] | None = None
     alpha: float | Image | None = None
     light: Light | None = None
@@ -72,7 +72,7 @@ class Observation:
             "specular": [(height, width, bands)],
             "diffuse": [(height, width, bands)],
             "normals": [(height, width, 3)],
-            "view": [(height, width, 3)],
+            "view_direction": [(height, width, 3)],
             "eta": [(bands,), (height, width, bands)],
             "alpha": [(), (height, width)],
         }

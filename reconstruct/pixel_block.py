@@ -57,7 +57,7 @@ class Block:
     @functools.cached_property
     def _raw(self) -> dict[str, Image]:
         """What loops read, in order and in one precision; no normals are (0, 3)."""
-        known, view = self.observation, self.observation.view
+        known, view = self.observation, self.observation.view_direction
         values = {name: self._flat(known.require(name)) for name in ("specular", "diffuse")}
         if known.normals is None:
             values["normals"] = np.empty((0, 3))
@@ -76,9 +76,9 @@ class Block:
         most = self.dtype.type(np.finfo(self.dtype).max / 2)  # both lobes add up to a number
         accept(self._raw["specular"], self._raw["diffuse"], self._raw["normals"], most, good)
         known = self.observation
-        if known.view is not None:
+        if known.view_direction is not None:
             # A frame of three unit vectors shows the image's z axis at its full length.
-            axis = viewing_frame(np.array([0.0, 0.0, 1.0]), self._flat(known.view))
+            axis = viewing_frame(np.array([0.0, 0.0, 1.0]), self._flat(known.view_direction))
             good &= np.abs(np.sum(np.square(axis), axis=-1) - 1.0) < 1e-3
         if known.eta is not None and np.ndim(known.eta) > 1:
             good &= physical(self._flat(known.eta)).all(axis=-1)
@@ -116,9 +116,9 @@ class Block:
     def basis(self) -> NDArray[np.float64]:
         """Matrices (pixels, 3, 3), or one (1, 3, 3), from the image frame to that of the pixel."""
         image_frame = np.eye(3)[None]
-        if self.observation.view is None:
+        if self.observation.view_direction is None:
             return image_frame
-        view = self._flat(self.observation.view).astype(np.float64)
+        view = self._flat(self.observation.view_direction).astype(np.float64)
         axes = [viewing_frame(axis, view) for axis in image_frame[0]]
         return self._filled(np.stack(axes, axis=-1), image_frame)
 

@@ -95,12 +95,12 @@ class Truth:
         return self.specular[..., 0] + self.diffuse[..., 0]
 
     @property
-    def view(self) -> Image | None:
+    def view_direction(self) -> Image | None:
         """Unit vectors (height, width, 3) towards the camera in the image frame.
 
         None for an orthographic camera: (0, 0, 1) everywhere.
         """
-        view = self.scene.camera.view()
+        view = self.scene.camera.view_directions()
         return None if view is None else view.astype(self.normals.dtype)
 
     def polarised(self, angle_deg: float) -> Image:

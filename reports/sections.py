@@ -12,12 +12,12 @@ import pandas as pd
 
 from malus.reports.html import folded, join, table, tag
 from malus.reports.section import Section, figure
+from malus.reports.skill_map import maps as skill_maps
 from malus.reports.source import Source
 from malus.reports.studies import read_study
 from malus.reports.tables import facts, listing
 from malus.reports.tables.colour_errors import table1_listing
 from malus.reports.tables.listing import range_of_means
-from malus.reports.tables.skill_map import maps as skill_maps
 from malus.reports.tables.tables import (
     PAPER_BODY,
     PAPER_METHOD,

@@ -9,15 +9,14 @@ from typing import Any
 
 import pandas as pd
 
-from malus.bench.running.results import RUN
-from malus.bench.studies.stress import cells
 from malus.reports.figures.drawings import Drawing, precision_drawing
 from malus.reports.html import Markup, folded, join, table, tag
 from malus.reports.section import Section, figure
 from malus.reports.tables import facts
-from malus.reports.tables.listing import Listing
+from malus.reports.tables.listing import Listing, stress_cells
 from malus.reports.tables.text import counted, listed, scientific
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.result_files import RUN
 
 _COLUMNS = {
     "precision.csv": [
@@ -129,4 +128,6 @@ def _groups(found: pd.DataFrame) -> Listing:
 
 
 def _cases(found: pd.DataFrame) -> Listing:
-    return Listing(tuple(map(str, found.columns)), [cells(row) for _, row in found.iterrows()])
+    return Listing(
+        tuple(map(str, found.columns)), [stress_cells(row) for _, row in found.iterrows()]
+    )

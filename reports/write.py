@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from malus.bench.running.results import write_whole
 from malus.reports.figures.drawings import Drawing, drawings, ladders
 from malus.reports.page import PAGE, page
 from malus.reports.sections import of_run
@@ -16,6 +15,7 @@ from malus.reports.summary import summary
 from malus.reports.tables.colour_errors import table1
 from malus.reports.tables.skills import by_light_and_body
 from malus.reports.tables.tables import ResultsLike
+from malus.scenes.core.files import write_whole
 
 
 def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -> list[Path]:

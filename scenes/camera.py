@@ -38,7 +38,7 @@ class Camera(Model):
     Examples
     --------
     >>> wide = Camera(resolution=64, projection="perspective", fov_deg=60, distance=2.5)
-    >>> wide.view().shape
+    >>> wide.view_directions().shape
     (64, 64, 3)
     """
 
@@ -94,14 +94,15 @@ class Camera(Model):
             math.sqrt(0.5) if self.resolution % 2 else math.sqrt(2)
         )
 
-    def view(self) -> Floats | None:
+    def view_directions(self) -> Floats | None:
         """Unit vectors (height, width, 3) from what a pixel's centre sees towards the camera.
 
         In the image frame; None for an orthographic camera: (0, 0, 1) everywhere.
 
         Examples
         --------
-        >>> Camera(resolution=1, projection="perspective", fov_deg=40, distance=3).view().tolist()
+        >>> narrow = Camera(resolution=1, projection="perspective", fov_deg=40, distance=3)
+        >>> narrow.view_directions().tolist()
         [[[0.0, 0.0, 1.0]]]
         """
         if self.fov_deg is None:

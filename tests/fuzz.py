@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from malus.bench.running.worker_process import Child
+    from malus.bench.running.worker_process import WorkerProcess
 
 SEEDS = Path(__file__).parent / "reference" / "fuzz"
 MEMORY_BYTES = 3 << 30
@@ -78,7 +78,7 @@ def limited_verdict(name: str, content: bytes) -> Iterator[str | None]:
 
 
 def search(
-    child: Child, name: str, valid: bytes, known: set[str], seed: int
+    child: WorkerProcess, name: str, valid: bytes, known: set[str], seed: int
 ) -> tuple[int, str, bytes]:
     """One round on a reader: the executions, and what was found anew, shrunk."""
     from hypothesis import HealthCheck, Phase, given, settings
@@ -123,12 +123,12 @@ def fuzz(minutes: float, names: list[str], seed: int) -> int:
     """Rounds over all readers until the time is over; the number of findings."""
     from fuzz_readers import READERS
 
-    from malus.bench.running.worker_process import Child
+    from malus.bench.running.worker_process import WorkerProcess
 
     executions = dict.fromkeys(names, 0)
     known: dict[str, set[str]] = {name: set() for name in names}
     ends = time.monotonic() + 60 * minutes
-    child = Child(SECONDS)
+    child = WorkerProcess(SECONDS)
     while time.monotonic() < ends:
         for name in names:
             seed += 1

@@ -8,9 +8,8 @@ import numpy as np
 
 from malus.renderers import Truth
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
-from malus.scenes.shapes.geometry import TriangleMesh
-from malus.scenes.shapes.tessellation import icosahedral_grid
-from malus.scenes.shapes.topology import signed_volume
+from malus.scenes.shapes.geometry import TriangleMesh, icosahedral_grid
+from malus.scenes.shapes.meshes import signed_volume
 
 BANDS = (450.0, 532.1234567, 650.0)
 

@@ -375,15 +375,19 @@ def test_files_md_has_every_key_of_a_suite() -> None:
 
 
 def test_the_reference_is_that_of_the_docstrings() -> None:
-    writer = runpy.run_path(str(DOCS / "api_reference.py"), run_name="reference")
+    writer = runpy.run_path(
+        str(ROOT / "bench" / "documents" / "api_reference.py"), run_name="reference"
+    )
     text = API.read_text("utf-8")
-    hint = "api.md is out of date: run `python reports/docs/api_reference.py`"
+    hint = "api.md is out of date: run `python bench/documents/api_reference.py`"
     assert text == writer["reference"](), hint
     assert inspect.getdoc(Suite.scenes) is not None
 
 
 def test_the_picture_of_the_conventions_can_be_drawn() -> None:
-    script = runpy.run_path(str(DOCS / "conventions_picture.py"), run_name="picture")
+    script = runpy.run_path(
+        str(ROOT / "bench" / "documents" / "conventions_picture.py"), run_name="picture"
+    )
     figure = script["picture"](script["mirror_ball"](resolution=16, samples=4))
     assert len(figure.axes) >= 8
 

@@ -128,7 +128,7 @@ def _tell(lines: list[str], out: Path | None, name: str, figures: list[dict[str,
     import json
 
     from malus.bench.running.output_folder import prepare_folder
-    from malus.bench.running.results import write_whole
+    from malus.scenes.core.files import write_whole
 
     text = json.dumps(figures, indent=2, sort_keys=True) + "\n"
     path = prepare_folder(out) / f"{name}.json"

@@ -40,7 +40,7 @@ def render_command(
     Example:
       malus render quick --out quick-dataset
     """
-    from malus.bench.datasets.render import render_for_command_line
+    from malus.bench.commands.render import render_for_command_line
 
     overrides = {"samples": samples, "resolution": resolution, "seed": seed}
     if render_for_command_line(suite, out, overrides, backend, as_json, timeout, retry_failed):
@@ -71,7 +71,7 @@ def export_command(dataset: Path, layout: str, out: Path, pixels: str, as_json: 
     Example:
       malus export quick-dataset --format numpy --out quick-numpy
     """
-    from malus.bench.datasets.export import export_for_command_line
+    from malus.bench.commands.export import export_for_command_line
 
     export_for_command_line(dataset, layout, out, pixels, as_json)
 
@@ -103,7 +103,7 @@ def score_command(
       malus score quick-dataset --method eq8 --method shadowed+body
       malus score quick-dataset --predictions my-network --name mine
     """
-    from malus.bench.datasets.score import score_for_command_line
+    from malus.bench.commands.score import score_for_command_line
 
     folder = out if out is not None else Path("results") / "scores"
     score_for_command_line(dataset, methods, predictions, name, folder, as_json)

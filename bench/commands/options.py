@@ -20,9 +20,9 @@ class Place(click.ParamType[Path]):
             self.fail("expected a path, found an empty text; is a variable unset?")
         if isinstance(value, Path) or "://" not in str(value):
             return Path(value)
-        from malus.scenes.core.remote import place
+        from malus.scenes.core.remote import as_path
 
-        return place(value)
+        return as_path(value)
 
 
 PLACE = Place()

@@ -9,8 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from malus.bench.running.plan import FamilyPlan, plan
-from malus.bench.running.savings import plan_record, savings
+from malus.bench.running.plan import FamilyPlan, plan, plan_record, savings
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
 from malus.renderers.families.adaptive import Renders, first_samples, relative_error

@@ -9,18 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
+from malus.bench.commands.results_table import final_table
 from malus.bench.running.cluster import engine
+from malus.bench.running.overrides import overridden
 from malus.bench.running.progress import with_progress
-from malus.bench.running.results import Results, read_results
+from malus.bench.running.results import Results, headline, read_results
 from malus.bench.running.runner import run
 from malus.bench.running.worker_process import TIMEOUT_SECONDS
-from malus.renderers.variant import Variant, choose
-from malus.scenes.suite import Suite, load_suite
+from malus.renderers.variant import choose
+from malus.scenes.suite import load_suite
 
 
 @dataclass(frozen=True)
@@ -97,76 +96,3 @@ def report_again(folder: Path, beside: Sequence[Path] = ()) -> None:
     else:
         written = write_report(read_results(folder), folder, beside)
     Console().print(f"{len(written)} files written to {folder}", highlight=False)
-
-
-def overridden(suite: Suite, overrides: dict[str, Any], variant: Variant) -> Suite:
-    """The suite with the user's overrides, and its own smaller sizes where no array variant runs.
-
-    Raises
-    ------
-    InputError
-        If a value is not valid.
-    """
-    data = suite.model_dump(mode="json")
-    smaller = suite.scalar if suite.scalar and not variant.vectorised else None
-    if smaller:
-        data["camera"]["resolution"] = smaller.resolution
-        data["sampling"]["samples"] = smaller.samples
-        data["description"] += f" ({smaller.note})"
-    for section, key in (("sampling", "samples"), ("camera", "resolution"), ("sampling", "seed")):
-        if overrides.get(key) is not None:
-            data[section][key] = overrides[key]
-    if overrides.get("methods"):
-        data["methods"] = list(overrides["methods"])
-    return Suite.parse(data, "command line")
-
-
-def headline(results: Results) -> list[dict[str, Any]]:
-    """NMSE and skill of every method, body and kind of light, as plain numbers.
-
-    Skill is the median over scenes that have one; `without_skill` counts the others.
-    """
-    table = results.headlines
-    table = table[table.knowledge == "everything"]
-    keys = ["body", "light", "method"]
-    rows = []
-    for group, part in table.groupby(keys, sort=False):
-        nmse = part.value[part.metric == "nmse"]
-        skill = part.value[part.metric == "skill"]
-        if nmse.empty:
-            continue
-        rows.append(
-            dict(zip(keys, group, strict=True))
-            | {
-                "nmse_mean": float(nmse.mean()),
-                "nmse_max": float(nmse.max()),
-                "skill_median": _or_none(skill.median()),
-                "skill_min": _or_none(skill.min()),
-                "scenes": len(nmse),
-                "without_skill": int(skill.isna().sum()),
-            }
-        )
-    return rows
-
-
-def _or_none(value: Any) -> float | None:
-    return None if pd.isna(value) else float(value)
-
-
-def final_table(results: Results) -> Table:
-    """One row a light, body and method; narrow enough for 80 columns."""
-    title = "skill: 1 is perfect, 0 no better than guessing “unpolarised”"
-    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in ("light", "body", "method"):
-        table.add_column(name, no_wrap=True)
-    for name in ("NMSE", "skill", "worst"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in headline(results):
-        numbers = [_skill(row["skill_median"]), _skill(row["skill_min"])]
-        nmse = f"{row['nmse_mean']:.1e}"
-        table.add_row(row["light"], row["body"], row["method"], nmse, *numbers)
-    return table
-
-
-def _skill(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3f}"

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -20,18 +19,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
 from malus.bench.running.output_folder import prepare_folder
-from malus.bench.running.progress import Progress, silent, with_progress
+from malus.bench.running.progress import Progress, silent
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset
 from malus.renderers.datasets.dataset_record import CONVENTIONS
 from malus.renderers.datasets.spectral_exr import write_exr
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 from malus.scenes.core.files import replace_folder, replace_text
-from malus.scenes.core.remote import place
+from malus.scenes.core.remote import as_path
 
 Image = NDArray[np.floating[Any]]
 Write = Callable[[Path, Truth], None]
@@ -64,21 +62,6 @@ POLANALYSER_WORDS = {
 }
 
 
-def export_for_command_line(
-    dataset: Path, layout: str, out: Path, pixels: str, as_json: bool
-) -> None:
-    """Export a dataset for the command line."""
-    console = Console(stderr=True)
-    opened = open_dataset(dataset)
-    count = with_progress(
-        console, "scenes", lambda show: export(opened, layout, out, pixels, progress=show)
-    )
-    if as_json:
-        sys.stdout.write(json.dumps({"out": str(out), "scenes": count}) + "\n")
-    else:
-        console.print(f"{count} scenes written to {out}", highlight=False)
-
-
 def export(
     dataset: Dataset,
     layout: str,
@@ -104,7 +87,7 @@ def export(
     write, words = _LAYOUTS[layout]
     if layout == "polanalyser":
         write = partial(write_polanalyser, pixels=pixels)
-    folder = prepare_folder(place(out), "an export")
+    folder = prepare_folder(as_path(out), "an export")
     replace_text(folder / "conventions.json", json.dumps(words, indent=1) + "\n")
     for done, scene_id in enumerate(dataset.scenes):
         progress(done, len(dataset), scene_id)

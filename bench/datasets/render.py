@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import platform
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,17 +10,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
-from malus.bench.commands.run import overridden
-from malus.bench.running.memory import peak_memory
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan, plan
-from malus.bench.running.progress import Progress, silent, with_progress
-from malus.bench.running.task import Made
-from malus.bench.running.work import truths
-from malus.bench.running.worker_process import ATTEMPTS, TIMEOUT_SECONDS, Child, Died
+from malus.bench.running.progress import Progress, silent
+from malus.bench.running.work import FamilyResult, truths
+from malus.bench.running.worker_process import ATTEMPTS, Died, WorkerProcess
 from malus.renderers.datasets.dataset import DatasetWriter
 from malus.renderers.datasets.dataset_record import Failed
 from malus.renderers.truth import Truth
@@ -30,49 +23,9 @@ from malus.renderers.variant import Variant, choose
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import owned
 from malus.scenes.core.model import content_id
-from malus.scenes.core.remote import place
+from malus.scenes.core.remote import as_path
 from malus.scenes.scene import Scene
-from malus.scenes.suite import Suite, load_suite
-
-
-def render_for_command_line(
-    name: str,
-    out: Path,
-    overrides: dict[str, Any],
-    backend: str,
-    as_json: bool,
-    timeout: float = TIMEOUT_SECONDS,
-    retry_failed: bool = False,
-) -> int:
-    """Render a suite for the command line; the number of scenes that could not be rendered."""
-    variant = choose(backend)
-    suite = overridden(load_suite(name), overrides, variant)
-    console = Console(stderr=True)
-    with Child(timeout) as child:
-        done = with_progress(
-            console,
-            "scenes",
-            lambda show: render_dataset(suite, out, variant, show, child, retry_failed),
-        )
-    done["peak_memory_bytes"] = memory = peak_memory()
-    failed: int = done["failed"]
-    if as_json:
-        sys.stdout.write(json.dumps(done) + "\n")
-        return failed
-    console.print(
-        f"{done['scenes']} scenes in {out}: {done['rendered']} rendered, {done['taken_over']} taken"
-        f" over; {done['seconds']:.1f} s, {done['bytes'] / 1e6:.1f} MB written,"
-        f" {memory / 1e6:.0f} MB of memory",
-        highlight=False,
-    )
-    if failed:
-        console.print(
-            f"{failed} scenes could not be rendered; `malus status {out}` tells why; a next run"
-            " leaves them out, with --retry-failed it tries them again",
-            highlight=False,
-            soft_wrap=True,
-        )
-    return failed
+from malus.scenes.suite import Suite
 
 
 def render_dataset(
@@ -80,7 +33,7 @@ def render_dataset(
     out: Path | str,
     variant: Variant | None = None,
     progress: Progress = silent,
-    child: Child | None = None,
+    child: WorkerProcess | None = None,
     retry_failed: bool = False,
 ) -> dict[str, Any]:
     """Write the truths of a suite to a folder; scenes that are there are taken over.
@@ -108,7 +61,7 @@ def render_dataset(
         A folder that cannot be written, not a single scene that can be rendered.
     """
     started = time.perf_counter()
-    folder = prepare_folder(place(out), "a dataset")
+    folder = prepare_folder(as_path(out), "a dataset")
     chosen = variant or choose()
     families = plan(suite)
     planned = {
@@ -174,7 +127,7 @@ def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
 
 def _rendered(order: Order) -> Iterator[Truth | Failure]:
     """The truth of each scene, or why there is none."""
-    made = Made()
+    made = FamilyResult()
     with made.guard():
         found = truths(order.family, order.scenes, order.renderer, order.variant, made, errors=True)
         for _, truth in found:
@@ -182,7 +135,7 @@ def _rendered(order: Order) -> Iterator[Truth | Failure]:
     yield from made.failures
 
 
-def _found(order: Order, child: Child | None) -> Iterator[Truth | Failure]:
+def _found(order: Order, child: WorkerProcess | None) -> Iterator[Truth | Failure]:
     """As `_rendered`, in the child where there is one; what crashes it is tried again."""
     if not order.scenes:
         return

@@ -18,8 +18,9 @@ from typing import Any, Literal, get_args
 import pandas as pd
 from pydantic import Field
 
-from malus.bench.running.results import Results, write_whole
+from malus.bench.running.results import Results
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import write_whole
 from malus.scenes.core.model import Model, content_id
 
 GatedMetric = Literal["gain", "rotation", "facing_skill"]

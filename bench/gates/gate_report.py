@@ -12,8 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from malus.bench.gates.gate import FALSE_ALARM, Verdict, passed
-from malus.bench.running.results import write_whole
 from malus.scenes.core.errors import printable
+from malus.scenes.core.files import write_whole
 
 _MOST_LINES = 30
 """Differences shown before the rest is only counted; the JUnit file has them all."""

@@ -20,9 +20,8 @@ from itertools import islice
 from typing import Any
 
 from malus.bench.running.parts import Failure
-from malus.bench.running.task import Made, Task
-from malus.bench.running.work import Engine, apart, work
-from malus.bench.running.worker_process import TIMEOUT_SECONDS, Child, at_most
+from malus.bench.running.work import Engine, FamilyResult, FamilyTask, apart, work
+from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, at_most
 from malus.renderers.variant import BACKENDS, Variant, choose
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import content_id
@@ -68,7 +67,7 @@ def engine(
         raise InputError("--workers, --scheduler", "one of the two", "both", "leave one out")
     if workers is not None and workers < 1:
         raise InputError("--workers", "a number of at least 1", str(workers), "leave it out")
-    with Child(timeout) as child, ExitStack() as stack:
+    with WorkerProcess(timeout) as child, ExitStack() as stack:
         if workers is None and scheduler is None:
             yield apart(variant, child)
             return
@@ -77,8 +76,8 @@ def engine(
 
 
 def spread(
-    tasks: Iterable[Task], client: Any, variant: Variant, timeout: float = TIMEOUT_SECONDS
-) -> Iterator[tuple[Task, Made]]:
+    tasks: Iterable[FamilyTask], client: Any, variant: Variant, timeout: float = TIMEOUT_SECONDS
+) -> Iterator[tuple[FamilyTask, FamilyResult]]:
     """Do tasks on a cluster, in the order in which they finish; few at a time are handed over.
 
     Raises
@@ -108,7 +107,7 @@ def spread(
         hand_over(1)
 
 
-def _remote(task: Task, variant: str, timeout: float) -> Made:
+def _remote(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
     """One task on a worker, with the worker's own library for the variant of the run."""
     backends = {name: backend for backend, name in BACKENDS.items()}
     with _one_at_a_time:
@@ -117,12 +116,12 @@ def _remote(task: Task, variant: str, timeout: float) -> Made:
             return work(task, found)
 
 
-def _key(task: Task) -> str:
+def _key(task: FamilyTask) -> str:
     """Names the work by its content: two runs on one cluster share what both need."""
     return f"malus-{content_id([task.id, task.methods, sorted(task.examples)])}"
 
 
-def _made(future: Any) -> Made:
+def _made(future: Any) -> FamilyResult:
     if future.status == "finished":
         return future.result()
     if future.status != "error":
@@ -132,8 +131,8 @@ def _made(future: Any) -> Made:
     error = future.exception()
     if type(error).__name__ == "KilledWorker":
         reason = f"{ATTEMPTS} workers died of it (memory, time, or a crash of the renderer)"
-        return Made(failures=[Failure(None, None, reason)])
-    return Made(failures=[Failure.of(error)])
+        return FamilyResult(failures=[Failure(None, None, reason)])
+    return FamilyResult(failures=[Failure.of(error)])
 
 
 @contextmanager

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from malus.bench.running.plan import FamilyPlan
-from malus.bench.running.results import write_whole
 from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method
 from malus.renderers.truth import Truth
+from malus.scenes.core.files import write_whole
 from malus.scenes.scene import Scene
 
 FOLDER = "examples"

@@ -6,11 +6,11 @@ import tempfile
 from pathlib import Path
 
 from malus.bench.running.parts import PLAN
-from malus.bench.running.results import EXAMPLES, PARTS, TABLE
 from malus.renderers.datasets.dataset import DATASET
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import TEMPORARY, remove_abandoned
 from malus.scenes.core.remote import is_here, put_mark
+from malus.scenes.core.result_files import EXAMPLES, PARTS, TABLE
 
 FOLDERS = {
     DATASET: "a dataset",

@@ -19,11 +19,11 @@ import pandas as pd
 import pyarrow.parquet as pq
 
 from malus.bench.running.plan import FamilyPlan
-from malus.bench.running.results import PARTS, write_whole
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError, printable
-from malus.scenes.core.files import open_regular, read_json
+from malus.scenes.core.files import open_regular, read_json, write_whole
 from malus.scenes.core.model import content_id
+from malus.scenes.core.result_files import PARTS
 from malus.scenes.suite import Suite
 
 PLAN = "plan.json"

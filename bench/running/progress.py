@@ -2,12 +2,33 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
+
+
+def peak_memory() -> int:
+    """Peak resident bytes of this process plus those of its largest child that has ended.
+
+    Zero on Windows, which does not tell.
+
+    Examples
+    --------
+    >>> peak_memory() >= 0
+    True
+    """
+    try:
+        import resource
+    except ImportError:
+        return 0
+    unit = 1 if sys.platform == "darwin" else 1024
+    asked = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return sum(resource.getrusage(who).ru_maxrss for who in asked) * unit
+
 
 Progress = Callable[[int, int, str], None]
 """Called with what is done, all there is, and the label of what comes next."""

@@ -4,27 +4,77 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from malus.bench.running.pieces import headlines, read_compact, stream
 from malus.bench.scoring.judge import Value
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.files import open_regular, replace_file
+from malus.scenes.core.files import open_regular, write_whole
+from malus.scenes.core.result_files import HEADLINES, RUN, TABLE
 from malus.scenes.scene import Scene
 
-TABLE = "results.parquet"
-HEADLINES = "results.csv"
-RUN = "run.json"
-PARTS = "parts"
-EXAMPLES = "examples"
+GROUP_ROWS = 100_000
+"""Rows that are held before they are written: some 30 MB."""
+
+
+def headlines(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows of a table over all bands and angles."""
+    return table[table.band_nm.isna() & table.angle_deg.isna()]
+
+
+def stream(tables: Iterable[pd.DataFrame], parquet: Path, csv: Path) -> None:
+    """Write tables as one Parquet file, and their headline rows as CSV."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    with ExitStack() as stack:
+        lines = stack.enter_context(csv.open("w", encoding="utf-8", newline=""))
+        writer = None
+        for table in _groups(tables):
+            table.attrs = {}  # those of one family
+            group = pa.Table.from_pandas(table, preserve_index=False)
+            if writer is None:
+                writer = stack.enter_context(pq.ParquetWriter(parquet, group.schema))
+            writer.write_table(group.cast(writer.schema))
+            rows = headlines(table).drop(columns=["band_nm", "angle_deg"])
+            rows.to_csv(lines, index=False, header=lines.tell() == 0)
+
+
+def read_compact(parquet: BinaryIO) -> pd.DataFrame:
+    """A table whose text is categories: few names, many times; a fifth of the memory.
+
+    Columns are read one after the other, so that one at most is held twice.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    fields = pq.read_schema(parquet)
+    texts = [
+        f.name for f in fields if pa.types.is_string(f.type) or pa.types.is_large_string(f.type)
+    ]
+    with pq.ParquetFile(parquet, read_dictionary=texts) as file:
+        columns = {name: file.read([name]).column(0).to_pandas() for name in fields.names}
+    return pd.DataFrame(columns, copy=False)
+
+
+def _groups(tables: Iterable[pd.DataFrame]) -> Iterator[pd.DataFrame]:
+    """Tables joined to some `GROUP_ROWS` rows: small groups would make a long index."""
+    waiting: list[pd.DataFrame] = []
+    for table in tables:
+        waiting.append(table)
+        if sum(map(len, waiting)) >= GROUP_ROWS:
+            yield pd.concat(waiting, ignore_index=True)
+            waiting.clear()
+    if waiting:
+        yield pd.concat(waiting, ignore_index=True)
 
 
 @dataclass(frozen=True)
@@ -136,18 +186,6 @@ def origin() -> dict[str, Any]:
     }
 
 
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary name beside `path`, then rename: whole or not at all.
-
-    Raises
-    ------
-    InputError
-        Where there is no room, or no permission to write.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, write)
-
-
 def write_results(out: Path, results: Results) -> None:
     """The table as Parquet, its headline rows as CSV, and run.json."""
     write_tables(out, [results.table])
@@ -192,3 +230,35 @@ def read_results(folder: Path) -> Results:
             "`malus run SUITE --out DIR` makes them",
         ) from None
     return Results(table, run)
+
+
+def headline(results: Results) -> list[dict[str, Any]]:
+    """NMSE and skill of every method, body and kind of light, as plain numbers.
+
+    Skill is the median over scenes that have one; `without_skill` counts the others.
+    """
+    table = results.headlines
+    table = table[table.knowledge == "everything"]
+    keys = ["body", "light", "method"]
+    rows = []
+    for group, part in table.groupby(keys, sort=False):
+        nmse = part.value[part.metric == "nmse"]
+        skill = part.value[part.metric == "skill"]
+        if nmse.empty:
+            continue
+        rows.append(
+            dict(zip(keys, group, strict=True))
+            | {
+                "nmse_mean": float(nmse.mean()),
+                "nmse_max": float(nmse.max()),
+                "skill_median": _or_none(skill.median()),
+                "skill_min": _or_none(skill.min()),
+                "scenes": len(nmse),
+                "without_skill": int(skill.isna().sum()),
+            }
+        )
+    return rows
+
+
+def _or_none(value: Any) -> float | None:
+    return None if pd.isna(value) else float(value)

@@ -11,31 +11,50 @@ from typing import Any
 
 import pandas as pd
 
-from malus.bench.running.collected import Collected
 from malus.bench.running.examples import chosen
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
-from malus.bench.running.plan import FamilyPlan, plan
+from malus.bench.running.plan import FamilyPlan, plan, plan_record
 from malus.bench.running.progress import Progress, silent
-from malus.bench.running.results import (
-    EXAMPLES,
-    Results,
-    origin,
-    read_results,
-    write_run,
-    write_tables,
-    write_whole,
-)
-from malus.bench.running.savings import plan_record
-from malus.bench.running.task import Made, Task
-from malus.bench.running.work import Engine, here
+from malus.bench.running.results import Results, origin, read_results, write_run, write_tables
+from malus.bench.running.work import Engine, FamilyResult, FamilyTask, here
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
 from malus.renderers.variant import Variant, choose
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.files import owned
-from malus.scenes.core.remote import place
+from malus.scenes.core.files import owned, write_whole
+from malus.scenes.core.remote import as_path
+from malus.scenes.core.result_files import EXAMPLES
 from malus.scenes.suite import Suite
+
+
+@dataclass
+class Collected:
+    """What the record of a run tells of its families, gathered while their tables go by.
+
+    Attributes
+    ----------
+    families : list of FamilyPlan
+        Those with a table: done at any time.
+    samples : list of int
+        Samples a pixel of each.
+    """
+
+    families: list[FamilyPlan] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    samples: list[int] = field(default_factory=list)
+    scenes: int = 0
+    interpolation_rms: float = 0.0
+    render_seconds: float = 0.0
+
+    def add(self, family: FamilyPlan, table: pd.DataFrame) -> None:
+        """Count a family's table."""
+        self.families.append(family)
+        self.samples.append(table.attrs["samples"])
+        self.scenes += table.scene.nunique()
+        self.interpolation_rms = max(self.interpolation_rms, table.attrs["interpolation_rms"])
+        self.render_seconds += table.attrs["render_seconds"]
+
 
 REASONS_KEPT = 20
 """Failures that `run.json` tells at most; the parts and `malus status` tell all."""
@@ -79,7 +98,7 @@ def run(
     families = plan(suite)
     methods = {get_method(reference).name: reference for reference in suite.methods}
     get_metrics(suite.metrics)  # whose names are checked before anything is rendered
-    folder = prepare_folder(place(out), "a run")
+    folder = prepare_folder(as_path(out), "a run")
     job = Job(suite, families, methods, folder, chosen_variant, progress, retry_failed)
     with owned(folder, suite.id):
         write_plan(folder, suite, families, methods, chosen_variant)
@@ -113,7 +132,7 @@ class Job:
         """Where the families' results are kept."""
         return Parts(self.folder)
 
-    def tasks(self) -> Iterator[Task]:
+    def tasks(self) -> Iterator[FamilyTask]:
         """What is left to do; each is looked up when it is its turn, as others may do it too."""
         examples = chosen(self.families)
         for family in self.families:
@@ -126,7 +145,7 @@ class Job:
             mine = examples & {scene.id for scene in family.scenes}
             suite = self.suite
             ladder = suite.knowledge == "ladder"
-            yield Task(name, family, suite.renderer, missing, suite.metrics, mine, ladder)
+            yield FamilyTask(name, family, suite.renderer, missing, suite.metrics, mine, ladder)
 
     def _missing(self, name: str) -> dict[str, str]:
         """The methods that a family lacks, without those that failed before."""
@@ -148,7 +167,7 @@ class Job:
             if method not in have | failed
         }
 
-    def keep(self, task: Task, made: Made) -> None:
+    def keep(self, task: FamilyTask, made: FamilyResult) -> None:
         """Store what came of a task: examples first, so that a part that is there has them."""
         for name, content in made.examples.items():
             _write_bytes(self.folder / EXAMPLES / name, content)

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import re
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from malus.bench.running.parts import PLAN, Failure, Parts
-from malus.bench.running.results import RUN
 from malus.renderers.datasets.dataset import DATASET, open_dataset
 from malus.scenes.core.errors import InputError, printable
 from malus.scenes.core.files import read_json
-from malus.scenes.core.remote import place
+from malus.scenes.core.remote import as_path
+from malus.scenes.core.result_files import RUN
 
 MAX_PLAN_BYTES = 1 << 28
-SHOWN = 20
-"""Lines of failures printed; `--json` has all."""
 
 _ID = re.compile(r"[0-9a-f]{16}")
 
@@ -90,7 +84,7 @@ def status(folder: Path | str) -> Status:
     >>> status(folder).left
     1
     """
-    folder = place(folder)
+    folder = as_path(folder)
     if (folder / PLAN).exists():
         return _of_run(folder)
     if (folder / DATASET).exists():
@@ -153,25 +147,3 @@ def _of_dataset(folder: Path) -> Status:
         for why in record.failed
     ]
     return Status(f"dataset of {name}", "scenes", record.planned, done, left, failed, not left)
-
-
-def status_for_command_line(folder: Path, as_json: bool) -> None:
-    """Print the status of a folder."""
-    found = status(folder)
-    if as_json:
-        sys.stdout.write(json.dumps(found.as_json()) + "\n")
-        return
-    console = Console(soft_wrap=True, highlight=False, markup=False)
-    console.print(
-        f"{found.what}, {found.total} {found.unit}: {found.done} done, "
-        f"{found.failed_families} failed, {found.left} left"
-    )
-    for label, why in found.failed[:SHOWN]:
-        whose = ", ".join(part for part in (why.method, why.scene and f"scene {why.scene}") if part)
-        console.print(f"  failed: {label}{f' ({whose})' if whose else ''}: {why.reason}")
-    if len(found.failed) > SHOWN:
-        console.print(f"  and {len(found.failed) - SHOWN} more failures; --json tells all")
-    if not found.finished:
-        console.print("The command that made the folder, given again, goes on where it was.")
-    elif found.failed:
-        console.print("`malus run … --retry-failed` tries the failed ones again.")

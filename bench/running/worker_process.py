@@ -38,7 +38,7 @@ class Died(Exception):
     """The child is gone; the message tells what of."""
 
 
-class Child:
+class WorkerProcess:
     """A process that does one task after the other; a context manager that ends it.
 
     It is started with the first task, and again after it died.
@@ -68,7 +68,7 @@ class Child:
         self._process: Any = None
         self._connection: Connection | None = None
 
-    def __enter__(self) -> Child:
+    def __enter__(self) -> WorkerProcess:
         """Start nothing yet."""
         return self
 

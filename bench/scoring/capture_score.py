@@ -15,6 +15,7 @@ from malus.reconstruct.photos.capture import Capture
 from malus.reconstruct.photos.capture_fit import Fit, convention
 from malus.reconstruct.photos.estimate import Knowledge, estimate
 from malus.scenes import polarisation
+from malus.scenes.colour import lab_of_linear_srgb
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
 Image = NDArray[np.floating[Any]]
@@ -79,18 +80,12 @@ def colour_differences(estimated: Image, true: Image, white: float) -> dict[str,
         views[f"{angle:g}"] = functools.partial(polarisation.polarised, angle_deg=angle)
     found = {}
     for name, view in views.items():
-        difference = np.linalg.norm(_lab(view(estimated), white) - _lab(view(true), white), axis=-1)
+        difference = np.linalg.norm(
+            lab_of_linear_srgb(view(estimated), white) - lab_of_linear_srgb(view(true), white),
+            axis=-1,
+        )
         found[name] = [float(difference.mean()), float(difference.std())]
     return found
-
-
-def _lab(linear: Image, white: float) -> Floats:
-    import colour
-
-    rgb = np.broadcast_to(np.clip(linear / white, 0, None), (*linear.shape[:-1], 3))
-    space = colour.RGB_COLOURSPACES["sRGB"]
-    xyz = rgb.astype(np.float64) @ space.matrix_RGB_to_XYZ.T
-    return np.asarray(colour.XYZ_to_Lab(xyz, space.whitepoint))
 
 
 def write_fit(out: Path, fit: Fit, results: dict[str, Any]) -> None:
@@ -104,9 +99,9 @@ def write_fit(out: Path, fit: Fit, results: dict[str, Any]) -> None:
     import json
 
     from malus.reconstruct.photos.filter import all_or_nothing
-    from malus.reconstruct.photos.picture_files import write_picture
+    from malus.reconstruct.photos.picture import Picture
     from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
-    from malus.reconstruct.photos.read_picture import Picture
+    from malus.reconstruct.photos.write_picture import write_picture
 
     i_max, i_min = polarisation.extremes(fit.stokes)
     summed = fit.stokes.sum(axis=2)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from malus.bench.scoring.colour_error import delta_e
 from malus.bench.scoring.judge import Measure, Metric, Value
-from malus.bench.scoring.metrics import cos_zenith, peak, skills
+from malus.bench.scoring.metrics import PixelSums, cos_zenith, peak, skills
 from malus.bench.scoring.polarisation_error import (
     PolarisationError,
     psnr,
@@ -25,7 +25,6 @@ from malus.bench.scoring.polarisation_error import (
     squared_error,
     ssim,
 )
-from malus.bench.scoring.sums import PixelSums
 from malus.renderers.truth import Truth
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.validation import near

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from malus.bench.scoring.field_agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreement
-from malus.bench.scoring.masked_pixels import Sight
+from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.metrics import (
     Error,
     Floats,
@@ -148,7 +148,7 @@ class Judge:
             raise InputError(truth.scene.label, "an object that covers a pixel", "none", hint)
         self.truth = truth
         self._measures: dict[Metric, Measure] = {}
-        self.sight = Sight.of(truth)
+        self.sight = MaskedPixels.of(truth)
         known = self.sight.known
         self.peak = brightest(known.image[0])
         self.facing = np.square(np.square(cos_zenith(truth)))  # see Agreement.facing_skill

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from malus.bench.scoring.masked_pixels import Sight
+from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.observe import KNOWN, observe
 from malus.reconstruct import Inapplicable, Observation
 from malus.reconstruct.single_image.blind import run_chain
@@ -29,7 +29,7 @@ RUNGS: dict[str, frozenset[str]] = {
 """What each rung no longer tells, besides what those before it did not."""
 
 
-def rungs(sight: Sight) -> Iterator[tuple[str, Observation | Inapplicable]]:
+def rungs(sight: MaskedPixels) -> Iterator[tuple[str, Observation | Inapplicable]]:
     """What methods are given at every rung below `EVERYTHING`, or why the chain finds nothing.
 
     Yields
@@ -56,7 +56,7 @@ def rungs(sight: Sight) -> Iterator[tuple[str, Observation | Inapplicable]]:
             yield name, reason
 
 
-def _estimated(sight: Sight, untold: frozenset[str]) -> Observation:
+def _estimated(sight: MaskedPixels, untold: frozenset[str]) -> Observation:
     """`sight.known` with what the chain finds in place of all that is untold."""
     truth, known = sight.truth, sight.known
     found = run_chain(observe(truth, KNOWN - untold)).observation

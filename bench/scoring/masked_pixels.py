@@ -22,7 +22,7 @@ Image = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
-class Sight:
+class MaskedPixels:
     """The mask's pixels of a truth, and everything that a method may be told about them.
 
     Attributes
@@ -43,7 +43,7 @@ class Sight:
     draw: Image
 
     @classmethod
-    def of(cls, truth: Truth) -> Sight:
+    def of(cls, truth: Truth) -> MaskedPixels:
         """The sight of a truth."""
         pixels = np.flatnonzero(truth.mask)
         bands = truth.specular.shape[2]

@@ -8,6 +8,7 @@ no image per angle is ever made.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self
@@ -18,8 +19,88 @@ from numpy.typing import NDArray
 from malus.renderers.truth import Truth
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 
-Floats = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class PixelSums:
+    """Count, sum and sum of squares of one number a pixel.
+
+    Examples
+    --------
+    >>> whole = PixelSums.of(np.array([1.0, 2.0])) + PixelSums.of(np.array([6.0]))
+    >>> whole.mean, round(whole.std, 3)
+    (3.0, 2.16)
+    """
+
+    count: int = 0
+    total: float = 0.0
+    squares: float = 0.0
+
+    @classmethod
+    def of(cls, values: Image) -> Self:
+        """Sums of an array of any shape, in float64."""
+        values = np.asarray(values, dtype=np.float64)
+        return cls(values.size, float(values.sum()), float(np.vdot(values, values)))
+
+    def __add__(self, other: Self) -> PixelSums:
+        """Sums over the pixels of both."""
+        return PixelSums(
+            self.count + other.count, self.total + other.total, self.squares + other.squares
+        )
+
+    @property
+    def mean(self) -> float:
+        """NaN without pixels."""
+        return self.total / self.count if self.count else math.nan
+
+    @property
+    def mean_square(self) -> float:
+        """NaN without pixels."""
+        return self.squares / self.count if self.count else math.nan
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square."""
+        return math.sqrt(self.mean_square)
+
+    @property
+    def std(self) -> float:
+        """Standard deviation over the pixels themselves, not of their mean."""
+        # Rounding can leave a tiny negative variance where all pixels are equal.
+        return math.sqrt(max(self.mean_square - self.mean**2, 0.0)) if self.count else math.nan
+
+
+@dataclass(frozen=True)
+class WeightedSum:
+    """Sum of weights and of weighted values.
+
+    Examples
+    --------
+    >>> WeightedSum.of(np.array([1.0, 4.0]), weights=np.array([2.0, 1.0])).mean
+    2.0
+    """
+
+    weight: float = 0.0
+    total: float = 0.0
+
+    @classmethod
+    def of(cls, values: Image, weights: Image) -> Self:
+        """Sums of arrays of one shape, in float64."""
+        weights = np.asarray(weights, dtype=np.float64)
+        return cls(float(weights.sum()), float(np.vdot(weights, np.asarray(values, np.float64))))
+
+    def __add__(self, other: Self) -> WeightedSum:
+        """Sums over the pixels of both."""
+        return WeightedSum(self.weight + other.weight, self.total + other.total)
+
+    @property
+    def mean(self) -> float:
+        """NaN without weight."""
+        return self.total / self.weight if self.weight > 0 else math.nan
+
+
+Floats = NDArray[np.float64]
 
 SIGNIFICANCE = 10.0
 """Standard deviations by which the trivial guess must rise above the noise to have a skill: the
@@ -139,8 +220,8 @@ def skills(
 def cos_zenith(truth: Truth) -> Floats:
     """Cosine of the angle between normal and direction to the camera, (pixels of the mask,)."""
     cosine = truth.normals[..., 2]
-    if truth.view is not None:
-        cosine = np.einsum("hwi,hwi->hw", truth.normals, truth.view)
+    if truth.view_direction is not None:
+        cosine = np.einsum("hwi,hwi->hw", truth.normals, truth.view_direction)
     return np.clip(cosine[truth.mask], 0.0, 1.0, dtype=np.float64)
 
 

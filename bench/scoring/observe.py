@@ -65,6 +65,6 @@ def told(truth: Truth, needs: frozenset[str]) -> dict[str, Any]:
         raise ValueError(f"needs: expected some of {sorted(_KNOWN)}, found {sorted(unknown)}")
     return {
         "wavelengths_nm": truth.scene.wavelengths_nm,
-        "view": truth.view if needs & {"normals", "light"} else None,
+        "view_direction": truth.view_direction if needs & {"normals", "light"} else None,
         **{name: _KNOWN[name](truth) for name in needs},
     }

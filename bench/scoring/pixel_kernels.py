@@ -44,18 +44,18 @@ def gather(
     field : two of (2, pixels, bands)
         Written: s1 and s2 of the sum, and of its draw.
     """
-    (light, light_noise), (body, body_noise) = specular, diffuse
+    (light, light_noise), (body, diffuse_noise) = specular, diffuse
     (mirrored, left, image), (true, draw) = seen, field
     for p in range(len(pixels)):
         at = pixels[p]
         for b in range(light.shape[1]):
             one, two = light[at, b, 0], body[at, b, 0]
             mirrored[0, p, b], left[0, p, b], image[0, p, b] = one, two, one + two
-            one, two = one + light_noise[at, b, 0], two + body_noise[at, b, 0]
+            one, two = one + light_noise[at, b, 0], two + diffuse_noise[at, b, 0]
             mirrored[1, p, b], left[1, p, b], image[1, p, b] = one, two, one + two
             for k in range(2):
                 true[k, p, b] = light[at, b, k + 1] + body[at, b, k + 1]
-                draw[k, p, b] = light_noise[at, b, k + 1] + body_noise[at, b, k + 1]
+                draw[k, p, b] = light_noise[at, b, k + 1] + diffuse_noise[at, b, k + 1]
 
 
 MOST_BANDS = 512

@@ -12,8 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.bench.scoring.metrics import peak
-from malus.bench.scoring.sums import PixelSums, WeightedSum
+from malus.bench.scoring.metrics import PixelSums, WeightedSum, peak
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 from malus.scenes.core.errors import InputError

@@ -12,9 +12,10 @@ from rich.console import Console
 from rich.table import Table
 
 from malus.bench.running.output_folder import prepare_folder
-from malus.bench.running.results import origin, write_run, write_whole
+from malus.bench.running.results import origin, write_run
 from malus.renderers.variant import choose
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import write_whole
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,12 @@ class Study:
 
 
 def _stress(out: Path, backend: str) -> bool:
-    from malus.bench.studies.stress import cells, stress_table, write_table
+    from malus.bench.studies.stress import stress_table, write_table
+    from malus.reports.tables.listing import stress_cells
 
     table = stress_table()
     write_table(out, table)
-    _show(table, cells)
+    _show(table, stress_cells)
     failed = int((~table.passed).sum())
     Console().print(f"{len(table)} cases, {failed} failed; written to {out}", highlight=False)
     return failed == 0
@@ -60,12 +62,12 @@ def _cells(row: pd.Series) -> list[str]:
     return [f"{value:.2e}" if name in numbers else str(value) for name, value in row.items()]
 
 
-def _show(table: pd.DataFrame, cells: Callable[[pd.Series], list[str]]) -> None:
+def _show(table: pd.DataFrame, to_cells: Callable[[pd.Series], list[str]]) -> None:
     shown = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in table.columns:
         shown.add_column(str(name))
     for _, row in table.iterrows():
-        shown.add_row(*cells(row))
+        shown.add_row(*to_cells(row))
     Console().print(shown)
 
 

@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from malus.bench.running.cluster import local_cluster
-from malus.bench.running.memory import peak_memory
 from malus.bench.running.plan import plan
+from malus.bench.running.progress import peak_memory
 from malus.bench.running.runner import run
-from malus.bench.running.task import Made, Task
-from malus.bench.running.work import work
-from malus.bench.running.worker_process import Child
+from malus.bench.running.work import FamilyResult, FamilyTask, work
+from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.variant import Variant
 from malus.scenes.suite import Suite
 
@@ -82,7 +81,7 @@ def measure(scenes: Sequence[int]) -> list[Scale]:
     """A run of made-up results for each number of scenes, each in a process of its own."""
     found = []
     for count in scenes:
-        with Child() as child:
+        with WorkerProcess() as child:
             found += list(child.stream(_measured, count))
     return found
 
@@ -149,20 +148,22 @@ def _measured(scenes: int) -> Iterator[Scale]:
     yield Scale(count, planned, seconds, size / _MEGABYTE, start, peak_memory() / _MEGABYTE)
 
 
-def _task(suite: Suite) -> Task:
+def _task(suite: Suite) -> FamilyTask:
     family = plan(suite)[0]
-    return Task("0" * 16, family, suite.renderer, {name: name for name in suite.methods})
+    return FamilyTask("0" * 16, family, suite.renderer, {name: name for name in suite.methods})
 
 
-def _made_up(tasks: Iterable[Task], template: Made) -> Iterator[tuple[Task, Made]]:
+def _made_up(
+    tasks: Iterable[FamilyTask], template: FamilyResult
+) -> Iterator[tuple[FamilyTask, FamilyResult]]:
     assert template.table is not None
     old = list(template.table.scene.unique())
     for task in tasks:
         names = dict(zip(old, (scene.id for scene in task.family.scenes), strict=True))
         table = template.table.assign(scene=template.table.scene.map(names))
         table.attrs = dict(template.table.attrs)
-        yield task, Made(table)
+        yield task, FamilyResult(table)
 
 
-def _answer(task: Task, made: Made, _: int) -> Any:
+def _answer(task: FamilyTask, made: FamilyResult, _: int) -> Any:
     return made

@@ -27,7 +27,7 @@ from malus.bench.studies.single_image_scenes import BANDS_NM, photo_scenes
 from malus.reconstruct import Components, Inapplicable
 from malus.reconstruct.single_image.blind import run_chain
 from malus.reconstruct.single_image.convergence import Convergence
-from malus.reconstruct.single_image.illuminant import ILLUMINANTS, mirrored_tint
+from malus.reconstruct.single_image.illuminant import ILLUMINANTS, specular_tint
 from malus.reconstruct.single_image.separation import SEPARATIONS, separate
 from malus.renderers.families.family import render_family
 from malus.renderers.truth import Truth
@@ -45,7 +45,7 @@ LEVELS = {
 def separation_row(truth: Truth) -> Row:
     """RMSE of I_s over its largest value, by method, without and with the tint of dispersion."""
     true, mask = truth.specular[..., 0], truth.mask
-    tint = mirrored_tint(BANDS_NM)
+    tint = specular_tint(BANDS_NM)
     row = _scene_columns(truth)
     for method in SEPARATIONS:
         for label, used in (("", None), ("+tint", tint)):

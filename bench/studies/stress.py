@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from malus.bench.running.results import write_whole
 from malus.bench.studies.reference import reference_dolp
 from malus.bench.studies.stress_images import (
     DTYPES,
@@ -31,6 +30,8 @@ from malus.bench.studies.stress_images import (
 from malus.bench.studies.stress_surfaces import surface_cases
 from malus.reconstruct import get_method, specular_dolp
 from malus.reconstruct.facets.breakpoints import Measure
+from malus.reports.tables.listing import stress_cells
+from malus.scenes.core.files import write_whole
 
 LARGEST_ERROR = 1e-8
 """Of ρ, by default settings, in every case of the table."""
@@ -211,19 +212,5 @@ def write_table(out: Path, table: pd.DataFrame) -> None:
 def markdown(table: pd.DataFrame) -> str:
     """The table for people who read text."""
     lines = ["| " + " | ".join(table.columns) + " |", "|---" * len(table.columns) + "|"]
-    lines += ["| " + " | ".join(cells(row)) + " |" for _, row in table.iterrows()]
+    lines += ["| " + " | ".join(stress_cells(row)) + " |" for _, row in table.iterrows()]
     return "\n".join(lines) + "\n"
-
-
-def cells(row: Any) -> list[str]:
-    """One row as text."""
-    number = {"seconds": "{:.4f}", "value": "{:.10g}", "error": "{:.1e}"}
-    texts = []
-    for name, value in row.items():
-        if name == "passed":
-            texts.append("ok" if value else "FAILED")
-        elif name in number:
-            texts.append("" if math.isnan(value) else number[name].format(value))
-        else:
-            texts.append(str(value))
-    return texts

@@ -23,7 +23,9 @@ def _from_near(observation: Observation) -> Observation:
     normals = observation.normals.copy()  # type: ignore[union-attr]
     away = np.sum(normals * view, axis=-1) <= 0.0
     normals[away] = view[away]
-    return replace(observation, view=view.astype(observation.image.dtype), normals=normals)
+    return replace(
+        observation, view_direction=view.astype(observation.image.dtype), normals=normals
+    )
 
 
 def _metal(observation: Observation) -> Observation:
@@ -64,10 +66,10 @@ def surface_cases() -> list[ImageCase]:
     near, mapped = partial(_after, _from_near), partial(_after, _mapped)
     return [
         ImageCase("perspective camera", _from_near, False),
-        ImageCase("view straight up", near(planted("view", (0, 1, 0))), True),  # type: ignore[arg-type]
-        ImageCase("view of length two", near(planted("view", (0, 0, 2))), True),  # type: ignore[arg-type]
-        ImageCase("NaN in a view", near(planted("view", np.nan, 2)), True),
-        ImageCase("view from behind", near(planted("view", (0, 0, -1))), True),  # type: ignore[arg-type]
+        ImageCase("view straight up", near(planted("view_direction", (0, 1, 0))), True),  # type: ignore[arg-type]
+        ImageCase("view of length two", near(planted("view_direction", (0, 0, 2))), True),  # type: ignore[arg-type]
+        ImageCase("NaN in a view", near(planted("view_direction", np.nan, 2)), True),
+        ImageCase("view from behind", near(planted("view_direction", (0, 0, -1))), True),  # type: ignore[arg-type]
         ImageCase("metal", _metal, False),
         ImageCase("metal seen from near", _after(_metal, _from_near), False),
         ImageCase("maps of one surface", _mapped, False),

@@ -11,7 +11,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct.photos.read_picture import MAX_PIXELS, SUFFIXES, Image, read_picture
+from malus.reconstruct.photos.picture import MAX_PIXELS, Image
+from malus.reconstruct.photos.read_picture import SUFFIXES, read_picture
 from malus.scenes.core.errors import InputError
 
 Mask = NDArray[np.bool_]

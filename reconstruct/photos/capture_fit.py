@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct.photos.capture import Capture
-from malus.reconstruct.photos.read_picture import Image
+from malus.reconstruct.photos.picture import Image
 from malus.scenes import polarisation
 
 Mask = NDArray[np.bool_]

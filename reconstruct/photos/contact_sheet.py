@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct.photos.read_picture import Picture
+from malus.reconstruct.photos.picture import Picture
 
 SHEET_SIDE = 320
 

@@ -13,7 +13,7 @@ from malus.reconstruct import Components, Inapplicable, Observation
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.lobe_models import body, microfacets
 from malus.reconstruct.photos.masks_and_normals import read_mask, read_normals
-from malus.reconstruct.photos.read_picture import Image
+from malus.reconstruct.photos.picture import Image
 from malus.reconstruct.single_image.blind import run_chain
 from malus.reconstruct.single_image.illuminant import ILLUMINANTS
 from malus.reconstruct.single_image.parameters import TYPICAL_ETA

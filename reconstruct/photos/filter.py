@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from malus.reconstruct import Components
 from malus.reconstruct.photos.contact_sheet import SHEET_SIDE, reduced, sheet, thumbnail
 from malus.reconstruct.photos.estimate import Estimate, Knowledge, estimate
-from malus.reconstruct.photos.picture_files import write_picture
+from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
-from malus.reconstruct.photos.read_picture import Picture
+from malus.reconstruct.photos.write_picture import write_picture
 from malus.scenes import polarisation
 from malus.scenes.core.errors import InputError
 

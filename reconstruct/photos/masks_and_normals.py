@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct.photos.read_picture import Image, check_size, read_picture
+from malus.reconstruct.photos.picture import Image, check_size
+from malus.reconstruct.photos.read_picture import read_picture
 from malus.scenes.core.errors import InputError
 
 Mask = NDArray[np.bool_]

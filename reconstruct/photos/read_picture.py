@@ -9,26 +9,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct.photos.tone_curves import (
-    Transfer,
-    icc_transfer,
-    linear_transfer,
-    srgb_transfer,
+from malus.reconstruct.photos.picture import (
+    ORIENTATION,
+    Picture,
+    check_size,
+    from_codes,
+    transfer_of,
+    upright,
 )
+from malus.reconstruct.photos.read_tiff_exr import read_exr, read_tiff
 from malus.scenes.core.errors import InputError
 
-Image = NDArray[np.float32]
-
-MAX_PIXELS = 64_000_000
-"""Largest picture: about 13 GB of working memory for its light and polarisation, measured at
-2.1 GB for 10 megapixels."""
 SUFFIXES = {
     ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF", ".tiff": "TIFF", ".exr": "EXR",
 }  # fmt: skip
@@ -41,56 +38,6 @@ _REFUSED = {
     "YCCK": "CMYK inks",
     "LAB": "CIELAB",
 }
-ORIENTATION = 274
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A picture in linear light, and what is needed to write another one like it.
-
-    Attributes
-    ----------
-    linear : (height, width, channels) float32
-        1 is the largest value of the file, channels are 1 or 3.
-    alpha : (height, width) codes or None
-        Opacity, as it was.
-    kind : 'PNG', 'JPEG', 'TIFF' or 'EXR'
-    transfer : Transfer or None
-        None where the file holds linear floats.
-    metadata : dict
-        What the format's writer puts back.
-    """
-
-    linear: Image
-    kind: str
-    transfer: Transfer | None
-    alpha: NDArray[Any] | None = None
-    metadata: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def suffix(self) -> str:
-        """Suffix of files of this kind."""
-        return {"PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "EXR": ".exr"}[self.kind]
-
-    @property
-    def assumption(self) -> str:
-        """How values became light, in words."""
-        if self.transfer is None:
-            return "values are linear light"
-        if self.transfer.source == "sRGB":
-            return "no colour profile is embedded: values are taken for sRGB"
-        return f"tone curves: {self.transfer.source}"
-
-    @property
-    def clipped(self) -> float:
-        """Share of the pixels with a channel at the file's largest value."""
-        if self.transfer is None:
-            return 0.0
-        return float(np.mean(np.any(self.linear >= self.transfer.table.max(), axis=-1)))
-
-    def showing(self, linear: NDArray[np.floating[Any]]) -> Picture:
-        """The same picture with other light."""
-        return replace(self, linear=linear.astype(np.float32, copy=False))
 
 
 def read_picture(path: Path, linear: bool = False) -> Picture:
@@ -108,11 +55,9 @@ def read_picture(path: Path, linear: bool = False) -> Picture:
         Missing, damaged or truncated file, an unknown format, too many pixels, CMYK, a palette or
         1 bit a pixel: one line that says what to do.
     """
-    from malus.reconstruct.photos import picture_files
-
     readers: dict[str, Callable[[Path, bool], Picture]] = {
-        "EXR": picture_files.read_exr,
-        "TIFF": picture_files.read_tiff,
+        "EXR": read_exr,
+        "TIFF": read_tiff,
     }
     kind = SUFFIXES.get(path.suffix.lower())
     if kind is None:
@@ -123,24 +68,6 @@ def read_picture(path: Path, linear: bool = False) -> Picture:
     if kind in readers:
         return readers[kind](path, linear)
     return _read_common(path, linear)
-
-
-def check_size(path: Path, width: int, height: int) -> None:
-    """Refuse pictures that are too large, or empty, before a pixel is decoded."""
-    if not 0 < width * height <= MAX_PIXELS:
-        raise InputError(
-            str(path),
-            f"at most {MAX_PIXELS / 1e6:g} megapixels",
-            f"{width} x {height} = {width * height / 1e6:.0f} megapixels",
-            "make it smaller or cut it",
-        )
-
-
-def transfer_of(profile: bytes | None, bits: int, linear: bool, path: Path) -> Transfer:
-    """Tone curves of a file with that profile."""
-    if linear:
-        return linear_transfer(bits)
-    return icc_transfer(profile, bits, str(path)) if profile else srgb_transfer(bits)
 
 
 def _read_common(path: Path, linear: bool) -> Picture:
@@ -173,33 +100,6 @@ def _read_common(path: Path, linear: bool) -> Picture:
         codes = _deep_png(path)
     transfer = transfer_of(metadata.get("icc_profile"), bits, linear, path)
     return from_codes(upright(codes, orientation), kind, transfer, metadata)
-
-
-def upright(codes: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """A picture as it is displayed, for a value of the EXIF tag Orientation (1 to 8).
-
-    Examples
-    --------
-    >>> upright(np.array([[1, 2]]), 6).tolist()
-    [[1], [2]]
-    """
-    if orientation in (5, 6, 7, 8):
-        codes = np.swapaxes(codes, 0, 1)
-    if orientation in (3, 4, 7, 8):
-        codes = codes[::-1]
-    if orientation in (2, 3, 6, 7):
-        codes = codes[:, ::-1]
-    return np.ascontiguousarray(codes)
-
-
-def from_codes(
-    codes: NDArray[Any], kind: str, transfer: Transfer, metadata: dict[str, Any]
-) -> Picture:
-    """A picture from codes (height, width) or (height, width, channels), alpha last if any."""
-    planes = codes if codes.ndim == 3 else codes[..., None]
-    colours = 3 if planes.shape[-1] >= 3 else 1
-    alpha = planes[..., -1] if planes.shape[-1] in (2, 4) else None
-    return Picture(transfer.linear(planes[..., :colours]), kind, transfer, alpha, metadata)
 
 
 def _check_mode(path: Path, mode: str) -> None:

@@ -20,13 +20,13 @@ from malus.reconstruct import lobe_models as lobes
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.observation import Components, Image, Inapplicable, Observation
 from malus.reconstruct.single_image.convergence import Convergence
-from malus.reconstruct.single_image.illuminant import mirrored_tint
+from malus.reconstruct.single_image.illuminant import specular_tint
 from malus.reconstruct.single_image.light_direction import estimate_direction
 from malus.reconstruct.single_image.outline import outline_of
 from malus.reconstruct.single_image.parameters import Parameters, fit_parameters
 from malus.reconstruct.single_image.reduced import reduce
 from malus.reconstruct.single_image.separation import separate
-from malus.reconstruct.single_image.shading import BodyKind, body_shading, mirrored_shading
+from malus.reconstruct.single_image.shading import BodyKind, diffuse_shading, specular_shading
 from malus.reconstruct.single_image.shape import Known, recover_shape
 from malus.scenes.lights.lights import Distant
 
@@ -135,7 +135,7 @@ def _require_light(observation: Observation) -> None:
 def _by_colour(observation: Observation) -> tuple[Image | None, tuple[str, ...]]:
     """I_s by colour where the picture has any, otherwise None and the reason."""
     bands = observation.wavelengths_nm
-    tint = mirrored_tint(bands) if bands is not None and len(bands) > 1 else None
+    tint = specular_tint(bands) if bands is not None and len(bands) > 1 else None
     try:
         parts = separate(observation.image, observation.mask, tint=tint)
     except Inapplicable as reason:
@@ -199,8 +199,8 @@ def _by_model(
     """I_s as the fitted model's share of mirrored light in what was seen."""
     mask = observation.mask
     unit = normals[mask].astype(np.float64)
-    mirrored = np.outer(mirrored_shading(unit, direction, found.alpha), found.level)
-    body = np.outer(body_shading(unit, direction, found.body, found.eta), found.albedo)
+    mirrored = np.outer(specular_shading(unit, direction, found.alpha), found.level)
+    body = np.outer(diffuse_shading(unit, direction, found.body, found.eta), found.albedo)
     total = mirrored + body
     share = np.divide(mirrored, total, out=np.zeros_like(total), where=total > 0)
     specular = np.zeros_like(observation.image)

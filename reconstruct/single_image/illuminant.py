@@ -133,7 +133,7 @@ def from_highlights(image: Image, mask: Mask | None = None) -> Illuminant:
     )
 
 
-def mirrored_tint(
+def specular_tint(
     wavelengths_nm: tuple[float, ...], eta: float = 1.5, abbe: float = 45.0
 ) -> Floats:
     """Colour (bands,), mean 1, that dispersion gives to light mirrored by a typical dielectric.

@@ -18,10 +18,10 @@ from scipy.optimize import minimize, minimize_scalar
 from malus.reconstruct.single_image.shading import (
     ETA_RANGE,
     BodyKind,
-    body_shading,
+    diffuse_shading,
     facet_reflectance,
     index_of,
-    mirrored_shading,
+    specular_shading,
 )
 
 Floats = NDArray[np.float64]
@@ -101,10 +101,10 @@ def fit_parameters(
     roughness = alpha
     if body == "polarised" and eta is None and irradiance is not None:
         index = _index(pixels, normals, direction, irradiance, alpha)
-    shading = body_shading(normals, direction, body, index)
+    shading = diffuse_shading(normals, direction, body, index)
     if roughness is None:
         roughness = _roughness(pixels, normals, direction, shading)
-    weights, error = _weights(pixels, shading, mirrored_shading(normals, direction, roughness))
+    weights, error = _weights(pixels, shading, specular_shading(normals, direction, roughness))
     if body == "unpolarised" and eta is None and irradiance is not None:
         index = index_of(direction, float(weights[1].mean()) / irradiance)
     peak = max(float(pixels.max()), np.finfo(np.float64).tiny)
@@ -123,9 +123,9 @@ def _index(
 
     def cost(x: Floats) -> float:
         eta, roughness = float(x[0]), alpha if alpha is not None else float(np.exp(x[1]))
-        body = body_shading(normals, direction, "polarised", eta)
+        body = diffuse_shading(normals, direction, "polarised", eta)
         level = irradiance * facet_reflectance(direction, eta)
-        rest = pixels - level * mirrored_shading(normals, direction, roughness)[:, None]
+        rest = pixels - level * specular_shading(normals, direction, roughness)[:, None]
         albedo = np.maximum(body @ rest, 0) / max(float(body @ body), 1e-300)
         return float(np.sqrt(np.mean((rest - np.outer(body, albedo)) ** 2)))
 
@@ -141,7 +141,7 @@ def _roughness(pixels: Floats, normals: Floats, direction: Floats, shading: Floa
     """The alpha of least residual: a bounded search in each of several intervals of ln alpha."""
 
     def cost(log_alpha: float) -> float:
-        mirrored = mirrored_shading(normals, direction, float(np.exp(log_alpha)))
+        mirrored = specular_shading(normals, direction, float(np.exp(log_alpha)))
         return _weights(pixels, shading, mirrored)[1]
 
     edges = np.log(np.geomspace(ALPHA_RANGE[0], ALPHA_RANGE[1], _STARTS + 1))

@@ -46,7 +46,7 @@ class SeparationMethod(NamedTuple):
     """How κ is found: a function of the source space that returns m_d (height, width)."""
 
     name: str
-    body_light: Callable[[SourceSpace], Image]
+    diffuse_light: Callable[[SourceSpace], Image]
     summary: str
 
 
@@ -114,9 +114,9 @@ def separate(
     if tint is not None:
         colour = colour * _light_colour(image, tint)
         space = source_space(image, mask, colour)
-    body_light = SEPARATIONS[method].body_light(space)
+    diffuse_light = SEPARATIONS[method].diffuse_light(space)
     # Neither lobe can be negative, and both add up to what was seen.
-    mirrored = np.clip(space.intensity - body_light, 0, None)[..., None] * colour
+    mirrored = np.clip(space.intensity - diffuse_light, 0, None)[..., None] * colour
     # Where it is too dark to have a colour, noise would pass for highlights: all is the body's.
     specular = np.where(space.lit[..., None], np.minimum(mirrored, np.maximum(image, 0)), 0)
     specular = specular.astype(image.dtype, copy=False)

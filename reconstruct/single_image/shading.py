@@ -48,7 +48,7 @@ def half_vector(direction: Floats) -> Floats:
     return np.asarray(half / length)
 
 
-def body_shading(normals: Floats, direction: Floats, kind: BodyKind, eta: float = 1.5) -> Floats:
+def diffuse_shading(normals: Floats, direction: Floats, kind: BodyKind, eta: float = 1.5) -> Floats:
     """Body light of a white body per unit irradiance, 1/sr.
 
     Parameters
@@ -72,7 +72,7 @@ def body_shading(normals: Floats, direction: Floats, kind: BodyKind, eta: float 
     return np.asarray(n_l / math.pi * _transmitted(n_l, eta) * _transmitted(n_v, eta))
 
 
-def mirrored_shading(normals: Floats, direction: Floats, alpha: float) -> Floats:
+def specular_shading(normals: Floats, direction: Floats, alpha: float) -> Floats:
     """Light mirrored by facets of reflectance 1 per unit irradiance, 1/sr; shapes as above.
 
     Examples

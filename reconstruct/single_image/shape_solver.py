@@ -31,7 +31,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from malus.reconstruct.single_image.jacobian_pattern import Pattern
 from malus.reconstruct.single_image.outline import Outline
 from malus.reconstruct.single_image.parameters import ALPHA_RANGE
-from malus.reconstruct.single_image.shading import BodyKind, body_shading, mirrored_shading
+from malus.reconstruct.single_image.shading import BodyKind, diffuse_shading, specular_shading
 from malus.reconstruct.single_image.stereographic import normals_of, plane_slopes, to_rim
 
 Floats = NDArray[np.float64]
@@ -180,8 +180,8 @@ class ShapeProblem:
     def _shadings(self, f: Floats, g: Floats, alpha: float) -> tuple[Floats, Floats]:
         normals = normals_of(*to_rim(f, g))
         return (
-            body_shading(normals, self.direction, self.body, self.eta),
-            mirrored_shading(normals, self.direction, alpha),
+            diffuse_shading(normals, self.direction, self.body, self.eta),
+            specular_shading(normals, self.direction, alpha),
         )
 
     def _differences(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from malus.renderers.mitsuba.lobe_samples import Floats
-from malus.renderers.mitsuba.translate import emitter, interface_bsdf, sensor, shape_object
+from malus.renderers.mitsuba.translate import emitter, sensor, shape_object, specular_bsdf
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.polarisation import polarised
 from malus.scenes.scene import Sampling, Scene
@@ -26,7 +26,7 @@ def _bsdf(scene: Scene, band: int) -> dict[str, Any]:
     surface = scene.surface
     assert surface.alpha is not None
     albedo = {"type": "uniform", "value": float(surface.albedos(scene.wavelengths_nm)[band])}
-    return interface_bsdf(float(scene.eta[band]), surface.alpha) | {"diffuse_reflectance": albedo}
+    return specular_bsdf(float(scene.eta[band]), surface.alpha) | {"diffuse_reflectance": albedo}
 
 
 def plate_image(

@@ -33,7 +33,7 @@ from malus.renderers.datasets.scene_folder import (
 from malus.renderers.truth import Truth
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import read_json, remove_abandoned, replace_text
-from malus.scenes.core.remote import place
+from malus.scenes.core.remote import as_path
 
 DATASET = "dataset.json"
 MAX_DATASET_BYTES = 1 << 28
@@ -129,7 +129,7 @@ def open_dataset(path: Path | str) -> Dataset:
     >>> open_dataset(folder).truth(scene.id).scene == scene
     True
     """
-    folder = place(path)
+    folder = as_path(path)
     file = folder / DATASET
     content, sha256 = read_json(file, MAX_DATASET_BYTES)
     return Dataset(folder, DatasetRecord.parse(content, str(file)), sha256)
@@ -162,7 +162,7 @@ class DatasetWriter:
         planned: Mapping[str, str] | None = None,
         about: Mapping[str, Any] | None = None,
     ) -> None:
-        self.folder = place(folder)
+        self.folder = as_path(folder)
         self.planned = planned
         self.about = dict(about or {})
         self.done: dict[str, Entry] = {}

@@ -21,13 +21,13 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from malus.renderers.datasets.preview import preview
 from malus.renderers.datasets.stokes_channels import (
     Channels,
     channel_name,
     stokes_channels,
     stokes_from_channels,
 )
+from malus.scenes.colour import preview
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.quiet import quiet
 from malus.scenes.core.remote import lstat, readable

@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 
 from malus.renderers.families.adaptive import Repeated, render_until
-from malus.renderers.families.interpolated import Family, FamilyKey, interpolate
+from malus.renderers.families.interpolated import Family, interpolate
 from malus.renderers.families.nodes import Nodes, family_nodes
-from malus.renderers.families.patterned import (
-    PatternedFamily,
-    check_coordinates,
-    chosen,
-    place,
-    shares,
-    with_part,
-)
+from malus.renderers.families.patterned import PatternedFamily, with_part
+from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba import stokes_integrator as stock
 from malus.renderers.mitsuba import wavefront
 from malus.renderers.mitsuba.bsdfs import bsdfs
 from malus.renderers.mitsuba.lobe_samples import Floats, Lobes
 from malus.renderers.mitsuba.path_traced import Rendered, render_room
+from malus.renderers.mitsuba.patterns import (
+    check_coordinates,
+    has_surface,
+    surface_number,
+    surface_shares,
+)
 from malus.renderers.mitsuba.shading import Shading
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes.core.errors import InputError
@@ -112,12 +112,12 @@ def _patterned(
     families = []
     for index in range(count):
         parts = [with_part(scene, index) for scene in scenes]
-        only_here = replace(options, where=chosen(mi, key.pattern, count, index))
+        only_here = replace(options, where=has_surface(mi, key.pattern, count, index))
         families.append(_plain(FamilyKey.of(parts[0]), parts, sampling, variant, only_here))
     stage = wavefront.stage(variant, key.shape, key.camera)
     side = key.camera.resolution
-    at = place(mi, key.pattern, count)
-    seen = shares(mi, stage.scene, side, at, count).reshape(side, side, count)
+    at = surface_number(mi, key.pattern, count)
+    seen = surface_shares(mi, stage.scene, side, at, count).reshape(side, side, count)
     return PatternedFamily(key, tuple(families), seen, sampling.samples)
 
 
@@ -130,9 +130,9 @@ def _render(
 ) -> Lobes:
     if not variant.vectorised:
         return stock.render_lobes(variant, key, nodes, sampling)
-    interface, body = bsdfs(variant, nodes, key.alpha, key.body, key.measured)
+    specular, diffuse = bsdfs(variant, nodes, key.alpha, key.body, key.measured)
     replay = options.where is None and key.measured is None
-    shading = Shading(interface, body, options.errors, options.where, replay)
+    shading = Shading(specular, diffuse, options.errors, options.where, replay)
     return wavefront.stage(variant, key.shape, key.camera).render(key.light, shading, sampling)
 
 
@@ -140,7 +140,7 @@ def _measure(lobes: Lobes, nodes: Nodes) -> dict[str, float]:
     """Difference between the interpolated and the rendered image at the held-out index."""
     weights = nodes.weights(np.array([nodes.held_out])).astype(np.float32)
     rms, worst = [0.0], [0.0]
-    for halves in (lobes.specular, lobes.body):
+    for halves in (lobes.specular, lobes.diffuse):
         images = halves.mean(axis=0)
         if len(images) != len(nodes.rendered) or images.size == 0:
             continue
@@ -158,8 +158,8 @@ def _without_held_out(lobes: Lobes, nodes: int) -> Lobes:
     return replace(
         lobes,
         specular=lobes.specular[:, :nodes],
-        body=lobes.body[:, : min(nodes, lobes.body.shape[1])],
+        diffuse=lobes.diffuse[:, : min(nodes, lobes.diffuse.shape[1])],
         specular_variance=kept(lobes.specular_variance),
-        body_variance=kept(lobes.body_variance),
+        diffuse_variance=kept(lobes.diffuse_variance),
         covariance=kept(lobes.covariance),
     )

@@ -10,60 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.renderers.families.nodes import Nodes, places
+from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.lobe_samples import Floats, Lobes
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
-from malus.scenes.camera import Camera
-from malus.scenes.lights.lights import Light
-from malus.scenes.materials.measured import Measured
-from malus.scenes.materials.surface import AnyBody, Patterned
 from malus.scenes.scene import Scene
-from malus.scenes.shapes.patterns import Pattern
-from malus.scenes.shapes.shapes import Shape
 
 Scalar = TypeVar("Scalar", bound=np.generic)
-
-
-@dataclass(frozen=True)
-class FamilyKey:
-    """What scenes must share to come from the same renders."""
-
-    shape: Shape
-    camera: Camera
-    light: Light
-    alpha: float
-    body: AnyBody
-    room: Scene | None = None
-    pattern: Pattern | None = None
-    parts: tuple[tuple[float, AnyBody], ...] = ()
-    measured: Measured | None = None
-
-    @classmethod
-    def of(cls, scene: Scene) -> FamilyKey:
-        """The family of a scene: all of it but the material, the bands and the albedo.
-
-        A scene with surroundings is a family of its own, `room`. Surfaces in a `pattern` have a
-        roughness and a body each, `parts`; `alpha` and `body` are then those of the first. A
-        `measured` material has neither; what methods are told of its index changes no render.
-        """
-        surface = scene.surface
-        if isinstance(surface, Measured):
-            table = surface.model_copy(update={"eta": None})
-            return cls(scene.shape, scene.camera, scene.light, 0.0, "none", measured=table)
-        if isinstance(surface, Patterned):
-            pattern, surfaces = surface.pattern, surface.surfaces
-        else:
-            pattern, surfaces = None, (surface,)
-        return cls(
-            scene.shape,
-            scene.camera,
-            scene.light,
-            surfaces[0].alpha,
-            surfaces[0].body,
-            room=scene if scene.surroundings else None,
-            pattern=pattern,
-            parts=tuple((part.alpha, part.body) for part in surfaces) if pattern else (),
-        )
 
 
 @dataclass(frozen=True)
@@ -122,7 +75,7 @@ class Family:
         weights = self.nodes.weights(places(scene)).astype(np.float32)
         albedo = scene.surface.albedos(scene.wavelengths_nm).astype(np.float32)[:, None]
         specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
-        diffuse, diffuse_noise = self._mean_and_noise(self.lobes.body, weights)
+        diffuse, diffuse_noise = self._mean_and_noise(self.lobes.diffuse, weights)
         error = self._error(weights, albedo) if standard_error else np.zeros_like(specular)
         return Truth(
             scene=scene,
@@ -159,7 +112,7 @@ class Family:
 
     def _transmit(self, angles_deg: tuple[float, ...], albedo: float) -> Floats:
         """Radiance of both lobes behind the polariser at the nodes, (angles, K, height * width)."""
-        stokes = self.lobes.specular.mean(axis=0) + np.float32(albedo) * self.lobes.body.mean(
+        stokes = self.lobes.specular.mean(axis=0) + np.float32(albedo) * self.lobes.diffuse.mean(
             axis=0
         )
         total = self.key.camera.resolution**2
@@ -184,13 +137,13 @@ class Family:
     def _error(self, weights: Floats, albedo: Floats) -> Floats:
         # The noise at every node is the same draw, so that its variance is smooth in η as well.
         lobes = self.lobes
-        if lobes.specular_variance is None or lobes.body_variance is None:
+        if lobes.specular_variance is None or lobes.diffuse_variance is None:
             raise ValueError("standard_error: this family was rendered without errors")
         assert lobes.covariance is not None
         variance = (
             interpolate(weights, lobes.specular_variance)
             + 2 * albedo * interpolate(weights, lobes.covariance)
-            + albedo**2 * interpolate(weights, lobes.body_variance)
+            + albedo**2 * interpolate(weights, lobes.diffuse_variance)
         )
         result: Floats = np.sqrt(np.maximum(variance, 0))
         return result

@@ -8,7 +8,7 @@ from types import ModuleType
 from typing import Any
 
 from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
-from malus.renderers.mitsuba.translate import body_bsdf, interface_bsdf
+from malus.renderers.mitsuba.translate import diffuse_bsdf, specular_bsdf
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.surface import AnyBody
@@ -45,7 +45,7 @@ def _pool(
     """BSDFs, each with its parameters: to ask a BSDF for them takes as long as to set them."""
     mi = mitsuba(variant)
     some: Index = 1.5 + 1j if metal else 1.5
-    describe = interface_bsdf(some, 0.3) if body is None else body_bsdf(some, 0.3, body)
+    describe = specular_bsdf(some, 0.3) if body is None else diffuse_bsdf(some, 0.3, body)
     loaded = [mi.load_dict(describe) for _ in range(count)]
     return [(bsdf, mi.traverse(bsdf)) for bsdf in loaded]
 

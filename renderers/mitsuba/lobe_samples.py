@@ -18,48 +18,49 @@ HALVES = 2
 class Lobes:
     """Stokes samples of the pixels that the object touches.
 
-    K nodes in η for the interface, B for the body (1 where it does not depend on η), P pixels.
+    K nodes in η for the specular lobe, B for the diffuse lobe (1 where it does not depend on η),
+    P pixels.
     Where a held-out index was rendered too, to measure the interpolation, it comes last.
 
     Attributes
     ----------
     specular : (2, K, P, 3)
         Mean Stokes vector of each of two independent halves of the samples.
-    body : (2, B, P, 3)
-        The same for the body at albedo 1.
+    diffuse : (2, B, P, 3)
+        The same for the diffuse lobe at albedo 1.
     pixels : (P,)
         Flat indices into the image, row by row from the top.
     normals : (P, 3)
         Unit mean shading normals in world coordinates.
     covered : (P,) bool
         Whether every sample of the pixel hit the object.
-    specular_variance, body_variance, covariance : (K, P, 3), (B, P, 3), (K, P, 3) or None
+    specular_variance, diffuse_variance, covariance : (K, P, 3), (B, P, 3), (K, P, 3) or None
         Variances of the mean of all samples, and the covariance of both lobes, where asked for.
     """
 
     specular: Floats
-    body: Floats
+    diffuse: Floats
     pixels: NDArray[np.int64]
     normals: Floats
     covered: NDArray[np.bool_]
     specular_variance: Floats | None = None
-    body_variance: Floats | None = None
+    diffuse_variance: Floats | None = None
     covariance: Floats | None = None
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Channels of sums over samples: normal, interface and body nodes, and maybe products."""
+    """Channels of sums over samples: normal, specular and diffuse nodes, and maybe products."""
 
-    interface: int
-    body: int
+    specular: int
+    diffuse: int
     errors: bool
 
     @property
     def counts(self) -> list[int]:
         """Triples of channels in each part."""
-        products = [self.interface, self.body, self.interface] if self.errors else []
-        return [1, self.interface, self.body, *products]
+        products = [self.specular, self.diffuse, self.specular] if self.errors else []
+        return [1, self.specular, self.diffuse, *products]
 
     @property
     def places(self) -> list[tuple[int, int, int]]:
@@ -92,9 +93,9 @@ def lobes_from_sums(
     Parameters
     ----------
     blocks : flat arrays
-        Of some pixels each, part after part (normal, Stokes vectors of the interface's and of the
-        body's nodes, and where the layout has them their squares and the products of both lobes),
-        each part (2, count, pixels, 3). They are divided in place.
+        Of some pixels each, part after part (normal, Stokes vectors of the specular and of
+        the diffuse nodes, and where the layout has them their squares and the products of both
+        lobes), each part (2, count, pixels, 3). They are divided in place.
     samples : int
         Samples of a half.
     """
@@ -107,7 +108,7 @@ def lobes_from_sums(
     )
     lobes = Lobes(
         specular=mirrored,
-        body=scattered,
+        diffuse=scattered,
         pixels=pixels,
         normals=unit(normal.mean(axis=(0, 1))),
         covered=covered,
@@ -117,14 +118,14 @@ def lobes_from_sums(
 
 def _with_variances(lobes: Lobes, products: list[Floats], samples: int) -> Lobes:
     mirrored, scattered, both = (product.mean(axis=0) for product in products)
-    mean_mirrored, mean_scattered = lobes.specular.mean(axis=0), lobes.body.mean(axis=0)
+    mean_specular, mean_diffuse = lobes.specular.mean(axis=0), lobes.diffuse.mean(axis=0)
     scale = np.float32(1.0 / (samples - 1))
     return replace(
         lobes,
         # Rounding can leave a tiny negative variance where all samples are equal.
-        specular_variance=np.maximum(mirrored - mean_mirrored**2, 0) * scale,
-        body_variance=np.maximum(scattered - mean_scattered**2, 0) * scale,
-        covariance=(both - mean_mirrored * mean_scattered) * scale,
+        specular_variance=np.maximum(mirrored - mean_specular**2, 0) * scale,
+        diffuse_variance=np.maximum(scattered - mean_diffuse**2, 0) * scale,
+        covariance=(both - mean_specular * mean_diffuse) * scale,
     )
 
 

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.renderers.families.patterned import shares
 from malus.renderers.mitsuba.coverage import covering
 from malus.renderers.mitsuba.lighting import Sampler, sampler
 from malus.renderers.mitsuba.lobe_samples import HALVES, Floats, unit
+from malus.renderers.mitsuba.patterns import surface_shares
 from malus.renderers.mitsuba.placed import painted, parts_of, pattern_on, placed_object
 from malus.renderers.mitsuba.pooled import pooled
 from malus.renderers.mitsuba.rays import Film, stream_number, streams, to_camera_frame
@@ -145,7 +145,7 @@ class Room:
             here, seen = owner == number, np.ones((side**2, 1), dtype=np.float32)
             if isinstance(placed.surface, Patterned):
                 at = pattern_on(self.mi, placed)
-                seen = shares(self.mi, self.dark, side, at, len(parts[number]))
+                seen = surface_shares(self.mi, self.dark, side, at, len(parts[number]))
             eta[here] = seen[here] @ indices[number]
             alpha[here] = seen[here] @ [part.alpha for part in parts[number]]
         return eta.reshape(side, side, -1), alpha.reshape(side, side)

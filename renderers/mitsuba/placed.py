@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from malus.renderers.families.patterned import Place, check_coordinates, place
-from malus.renderers.mitsuba.translate import body_bsdf, interface_bsdf, mesh_object, tessellated
+from malus.renderers.mitsuba.patterns import SurfaceNumber, check_coordinates, surface_number
+from malus.renderers.mitsuba.translate import diffuse_bsdf, mesh_object, specular_bsdf, tessellated
 from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.surface import Conductor, Dielectric, Patterned, Surface
 from malus.scenes.shapes.shapes import Plane, Sphere
@@ -32,17 +32,17 @@ class Painted:
     def __init__(self, mi: ModuleType, surface: Dielectric | Conductor) -> None:
         self.mi, self.surface = mi, surface
         if isinstance(surface, Conductor):
-            self.bsdf = mi.load_dict(interface_bsdf(1.5 + 1j, surface.alpha))
+            self.bsdf = mi.load_dict(specular_bsdf(1.5 + 1j, surface.alpha))
             self.parts = [(self.bsdf, _ETA), (self.bsdf, _K)]
         elif surface.body == "polarised":
             # The mirror's factor stays at its default: Mitsuba makes one object of two equal
             # textures, and a change of the albedo would change both.
-            self.bsdf = mi.load_dict(interface_bsdf(1.5, surface.alpha))
+            self.bsdf = mi.load_dict(specular_bsdf(1.5, surface.alpha))
             self.parts = [(self.bsdf, _ETA), (self.bsdf, _BODY)]
         else:
             twice = {"specular_reflectance": {"type": "uniform", "value": 2.0}}
-            interface = mi.load_dict(interface_bsdf(1.5, surface.alpha) | twice)
-            body = mi.load_dict(body_bsdf(1.5, surface.alpha, "unpolarised"))
+            interface = mi.load_dict(specular_bsdf(1.5, surface.alpha) | twice)
+            body = mi.load_dict(diffuse_bsdf(1.5, surface.alpha, "unpolarised"))
             blend = {"type": "blendbsdf", "weight": 0.5, "interface": interface, "body": body}
             self.bsdf = mi.load_dict(blend)
             self.parts = [(interface, _ETA), (body, _LAMBERT)]
@@ -78,10 +78,10 @@ def painted(mi: ModuleType, placed: Placed) -> tuple[Any, list[Painted]]:
     return whole, paints
 
 
-def pattern_on(mi: ModuleType, placed: Placed) -> Place:
+def pattern_on(mi: ModuleType, placed: Placed) -> SurfaceNumber:
     """The pattern of an object where it stands: it moves, turns and grows with the object."""
     assert isinstance(placed.surface, Patterned)
-    at = place(mi, placed.surface.pattern, len(placed.surface.surfaces))
+    at = surface_number(mi, placed.surface.pattern, len(placed.surface.surfaces))
     to_own = mi.Matrix3f((placed.rotation.T / placed.scale).tolist())
     flat = isinstance(placed.shape, Plane)
 
@@ -94,7 +94,7 @@ def pattern_on(mi: ModuleType, placed: Placed) -> Place:
     return there
 
 
-def _beyond(mi: ModuleType, at: Place, index: int) -> Any:
+def _beyond(mi: ModuleType, at: SurfaceNumber, index: int) -> Any:
     """A texture in 0..1: how far the pattern's number lies beyond surface `index`, to the next."""
     import drjit as dr
 

@@ -26,8 +26,8 @@ class Shading:
     Mitsuba's measured BSDFs hide their tables.
     """
 
-    interface: Sequence[Any]
-    body: Sequence[Any]
+    specular: Sequence[Any]
+    diffuse: Sequence[Any]
     errors: bool
     where: Callable[[Any, Any], Any] | None = None
     replay: bool = True
@@ -35,7 +35,7 @@ class Shading:
     @property
     def layout(self) -> Layout:
         """How the sums over samples are laid out."""
-        return Layout(len(self.interface), len(self.body), self.errors)
+        return Layout(len(self.specular), len(self.diffuse), self.errors)
 
     def lobe(
         self,
@@ -151,12 +151,12 @@ def _sample(
         incoming = view.incoming(hit, light, bsdfs[0], random, valid)
         return shading.lobe(mi, hit, incoming, bsdfs, to_camera, valid)
 
-    mirrored, scattered = lobe(shading.interface), lobe(shading.body)
+    specular, diffuse = lobe(shading.specular), lobe(shading.diffuse)
     normal = [dr.select(hit.is_valid(), c, 0.0) for c in hit.sh_frame.n]
     if not shading.errors:
-        return normal + mirrored + scattered
-    squares = [v * v for v in mirrored] + [v * v for v in scattered]
-    # One body node serves every interface node where the body does not depend on η.
-    repeated = scattered * (len(mirrored) // len(scattered))
-    products = [a * b for a, b in zip(mirrored, repeated, strict=True)]
-    return normal + mirrored + scattered + squares + products
+        return normal + specular + diffuse
+    squares = [v * v for v in specular] + [v * v for v in diffuse]
+    # One diffuse node serves every specular node where the diffuse lobe does not depend on η.
+    repeated = diffuse * (len(specular) // len(diffuse))
+    products = [a * b for a, b in zip(specular, repeated, strict=True)]
+    return normal + specular + diffuse + squares + products

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.renderers.families.interpolated import FamilyKey
+from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.coverage import inside
 from malus.renderers.mitsuba.lobe_samples import Floats, Lobes, unit
 from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
 from malus.renderers.mitsuba.translate import (
-    body_bsdf,
+    diffuse_bsdf,
     emitter,
-    interface_bsdf,
     sensor,
     shape_object,
+    specular_bsdf,
 )
 from malus.renderers.variant import SCALAR, Variant, mitsuba
 from malus.scenes.camera import Camera
@@ -44,31 +44,31 @@ def render_lobes(
     mi = mitsuba(variant)
     batches = max(b for b in range(2, BATCHES + 1, 2) if sampling.samples % b == 0)
     window = _window(mi, variant, key.shape, key.camera)
-    interface = _interface(variant, key, nodes)
-    body_nodes = nodes if key.body == "polarised" else nodes[:1]
-    body = [body_bsdf(node, key.alpha, key.body) for node in body_nodes]
-    specular = _renders(mi, window, key.light, interface, batches, sampling, stream=0)
-    scattered = _renders(mi, window, key.light, body, batches, sampling, stream=1)
+    specular_bsdfs = _specular_bsdfs(variant, key, nodes)
+    diffuse_nodes = nodes if key.body == "polarised" else nodes[:1]
+    diffuse_bsdfs = [diffuse_bsdf(node, key.alpha, key.body) for node in diffuse_nodes]
+    specular = _renders(mi, window, key.light, specular_bsdfs, batches, sampling, stream=0)
+    diffuse = _renders(mi, window, key.light, diffuse_bsdfs, batches, sampling, stream=1)
     normals, touched, covered = _geometry(mi, window, sampling)
     pixels = np.flatnonzero(touched)
-    mirrored, scattered = specular[:, :, pixels], scattered[:, :, pixels]
+    specular, diffuse = specular[:, :, pixels], diffuse[:, :, pixels]
     return Lobes(
-        specular=_halves(mirrored),
-        body=_halves(scattered),
-        specular_variance=_variance_of_mean(mirrored),
-        body_variance=_variance_of_mean(scattered),
+        specular=_halves(specular),
+        diffuse=_halves(diffuse),
+        specular_variance=_variance_of_mean(specular),
+        diffuse_variance=_variance_of_mean(diffuse),
         # The lobes are rendered from different seeds: they are independent.
-        covariance=np.zeros(mirrored.shape[1:], dtype=np.float32),
+        covariance=np.zeros(specular.shape[1:], dtype=np.float32),
         pixels=pixels,
         normals=unit(normals[pixels]),
         covered=covered[pixels],
     )
 
 
-def _interface(variant: Variant, key: FamilyKey, nodes: list[float | complex]) -> list[Any]:
+def _specular_bsdfs(variant: Variant, key: FamilyKey, nodes: list[float | complex]) -> list[Any]:
     if key.measured is not None:
         return measured_bsdfs(variant, key.measured, tuple(nodes))
-    return [interface_bsdf(node, key.alpha) for node in nodes]
+    return [specular_bsdf(node, key.alpha) for node in nodes]
 
 
 def _halves(batches: Floats) -> Floats:

@@ -143,7 +143,7 @@ def _upward(light: Area) -> list[float]:
     return [1.0, 0.0, 0.0] if abs(light.direction[1]) > 0.9 else [0.0, 1.0, 0.0]
 
 
-def interface_bsdf(eta: float | complex, alpha: float) -> dict[str, Any]:
+def specular_bsdf(eta: float | complex, alpha: float) -> dict[str, Any]:
     """The specular lobe alone: `pplastic` over a black body; of a metal, `roughconductor`."""
     if isinstance(eta, complex):
         return {
@@ -156,7 +156,7 @@ def interface_bsdf(eta: float | complex, alpha: float) -> dict[str, Any]:
     return _pplastic(eta, alpha) | {"diffuse_reflectance": _flat(0.0)}
 
 
-def body_bsdf(eta: float | complex, alpha: float, body: AnyBody) -> dict[str, Any]:
+def diffuse_bsdf(eta: float | complex, alpha: float, body: AnyBody) -> dict[str, Any]:
     """The body lobe alone at albedo 1; both bodies are linear in the albedo.
 
     'polarised' is `pplastic` without its mirror term; 'unpolarised' is Lambertian, which is the

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pandas as pd
 from matplotlib.figure import Figure
 
-from malus.bench.scoring.colour_error import JUST_NOTICEABLE
 from malus.reports.figures.figure5 import Content, legend
 from malus.reports.figures.style import SOFT, drawable, style
 from malus.reports.tables.colour_errors import figure9_numbers
 from malus.reports.tables.tables import in_order, methods_of
+from malus.scenes.colour import JUST_NOTICEABLE
 
 _SHIFT_DEG = 1.2
 """Distance between the methods' error bars at one angle."""

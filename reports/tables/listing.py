@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -166,3 +167,17 @@ def stages(run: dict[str, Any]) -> Listing:
 
 def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
+
+
+def stress_cells(row: Any) -> list[str]:
+    """One row as text."""
+    number = {"seconds": "{:.4f}", "value": "{:.10g}", "error": "{:.1e}"}
+    texts = []
+    for name, value in row.items():
+        if name == "passed":
+            texts.append("ok" if value else "FAILED")
+        elif name in number:
+            texts.append("" if math.isnan(value) else number[name].format(value))
+        else:
+            texts.append(str(value))
+    return texts

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from malus.bench.scoring.colour_error import JUST_NOTICEABLE, delta_e_maps
 from malus.reports.html import Markup, folded, join, scrolling, tag
 from malus.reports.tables.text import counted
 from malus.reports.viewer.examples import Example
+from malus.scenes.colour import JUST_NOTICEABLE, delta_e_maps
 from malus.scenes.core.errors import InputError
 
 WHITE = 10.0 * JUST_NOTICEABLE

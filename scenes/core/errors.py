@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 _LONGEST = 80
 """Characters kept of a value that was found: enough to recognise it, too few to fill a screen."""
 
@@ -57,3 +60,40 @@ def printable(text: str) -> str:
 
 def _shortened(text: str) -> str:
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+
+
+@contextmanager
+def reading(where: str, expected: str, hint: str) -> Iterator[None]:
+    """Turn whatever another library raises on a broken file into one InputError.
+
+    Raises
+    ------
+    InputError
+        With the first line of what was raised; an InputError passes as it is.
+
+    Examples
+    --------
+    >>> with reading("notes.txt", "a number", "write one"):
+    ...     float("7a")
+    Traceback (most recent call last):
+        ...
+    malus.scenes.core.errors.InputError: notes.txt: expected a number, found could not convert ...
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(where, expected, first_line(error), hint) from None
+
+
+def first_line(error: Exception) -> str:
+    """What an exception says, on one line; its type's name where it says nothing.
+
+    Examples
+    --------
+    >>> first_line(ValueError("bad header\\nat byte 7")), first_line(KeyError())
+    ('bad header', 'KeyError')
+    """
+    said = getattr(error, "strerror", None) or str(error)
+    return next(iter(said.strip().splitlines()), type(error).__name__)

@@ -227,3 +227,15 @@ def _runs(process: int) -> bool:
         except (ProcessLookupError, OverflowError):
             return False
     return True
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Call `write` with a temporary name beside `path`, then rename: whole or not at all.
+
+    Raises
+    ------
+    InputError
+        Where there is no room, or no permission to write.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace_file(path, write)

@@ -25,7 +25,7 @@ LAST = "scene.json"
 """The file of a folder that tells that it is whole: it is put last, and removed first."""
 
 
-def place(path_or_url: str | Path) -> Path:
+def as_path(path_or_url: str | Path) -> Path:
     """The file or folder of a path or a URL; a URL gives a `UPath`, which has the same methods.
 
     Raises
@@ -35,7 +35,7 @@ def place(path_or_url: str | Path) -> Path:
 
     Examples
     --------
-    >>> place("results/quick").name, place("memory://results/quick").name
+    >>> as_path("results/quick").name, as_path("memory://results/quick").name
     ('quick', 'quick')
     """
     text = str(path_or_url)

@@ -104,8 +104,8 @@ class Area(Model):
 class Environment(NamedFile):
     """Light from all around: a radiance map that malus brings, or an EXR or HDR file.
 
-    Maps are equirectangular with y up: see `malus.scenes.lights.environment`. `turn_deg` turns the map
-    about the viewing axis, anticlockwise as an unrolled camera sees it.
+    Maps are equirectangular with y up: see `malus.scenes.lights.environment`. `turn_deg` turns the
+    map about the viewing axis, anticlockwise as an unrolled camera sees it.
     """
 
     kind: Literal["environment"] = "environment"
@@ -127,10 +127,10 @@ class Environment(NamedFile):
 class Sky(Model):
     """A clear sky by day, with its sun or without, above a dark ground; y is up.
 
-    The model of Hosek and Wilkie, as Mitsuba's: see `malus.scenes.lights.sky`. `sun_azimuth_deg` counts
-    from straight behind the viewer, over the right, to straight ahead at 180. `turbidity` is 2 for
-    clear air, 10 for haze. Like every light the sky is unpolarised and has one spectrum, that of
-    its light at `wavelength_nm`: a scene for every colour is what shows its colours. `turn_deg`
+    The model of Hosek and Wilkie, as Mitsuba's: see `malus.scenes.lights.sky`. `sun_azimuth_deg`
+    counts from straight behind the viewer, over the right, to straight ahead at 180. `turbidity` is
+    2 for clear air, 10 for haze. Like every light the sky is unpolarised and has one spectrum, that
+    of its light at `wavelength_nm`: a scene for every colour is what shows its colours. `turn_deg`
     turns it about the viewing axis as it does an `Environment`.
     """
 

@@ -8,6 +8,8 @@ of torus and blob is within 0.03° of the exact one, and the surface within 3e-4
 from __future__ import annotations
 
 import math
+import random
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,13 +17,186 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.scenes.core.errors import InputError
-from malus.scenes.shapes.radial import (
-    RadialSurface,
-    blob_radius,
-    radial_normals,
-    superquadric_radius,
-)
-from malus.scenes.shapes.tessellation import FloatArray, fitted, icosahedral_grid, torus_grid
+
+FloatArray = NDArray[np.float64]
+Faces = NDArray[np.uint32]
+
+_GOLDEN = (1.0 + math.sqrt(5.0)) / 2.0
+
+_ICOSAHEDRON = (
+    (0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11),
+    (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6), (7, 1, 8),
+    (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9),
+    (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1),
+)  # fmt: skip
+
+
+def icosahedral_grid(subdivisions: int) -> tuple[FloatArray, Faces]:
+    """Nearly uniform unit directions (n, 3) and outward triangles (20 · 4^subdivisions, 3).
+
+    Raises ValueError unless 0 <= subdivisions <= 9.
+
+    Examples
+    --------
+    >>> directions, faces = icosahedral_grid(1)
+    >>> len(directions), len(faces)
+    (42, 80)
+    """
+    if not 0 <= subdivisions <= 9:
+        raise ValueError(f"expected 0 to 9 subdivisions, found {subdivisions}")
+    short, long = (1.0, _GOLDEN)
+    signs = [(-1, 1), (1, 1), (-1, -1), (1, -1)]
+    flat = [(a * short, b * long, 0.0) for a, b in signs]
+    points = np.array([np.roll(corner, turn) for turn in (0, 1, 2) for corner in flat])
+    directions, faces = _unit(points), np.array(_ICOSAHEDRON, dtype=np.int64)
+    for _ in range(subdivisions):
+        directions, faces = _subdivided(directions, faces)
+    return directions, faces.astype(np.uint32)
+
+
+def torus_grid(rings: int, sides: int) -> tuple[FloatArray, FloatArray, Faces]:
+    """Angles around the axis and around the tube, both (rings · sides,), and their triangles.
+
+    Raises ValueError for fewer than 3 rings or sides.
+
+    Examples
+    --------
+    >>> len(torus_grid(4, 3)[2])
+    24
+    """
+    if rings < 3 or sides < 3:
+        raise ValueError(f"expected at least 3 rings and 3 sides, found {rings} and {sides}")
+    i, j = (index.ravel() for index in np.indices((rings, sides)))
+    here, after = i * sides, (i + 1) % rings * sides
+    up = (j + 1) % sides
+    a, b, c, d = here + j, after + j, after + up, here + up
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    around, across = (np.asarray(k * (2 * math.pi / n)) for k, n in ((i, rings), (j, sides)))
+    return around.astype(np.float64), across.astype(np.float64), faces.astype(np.uint32)
+
+
+def fitted(points: FloatArray) -> FloatArray:
+    """Points (n, 3) moved and scaled: bounding box about the origin, farthest point at radius 1.
+
+    Raises ValueError unless the largest side of the bounding box is positive and finite.
+
+    Examples
+    --------
+    >>> fitted(np.array([[4.0, 1.0, 1.0], [8.0, 1.0, 1.0]])).tolist()
+    [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        extent = float((high - low).max())
+    if not 0 < extent < math.inf:
+        raise ValueError(f"expected a positive finite extent, found {extent}")
+    # Divided first, so that neither sums nor squares of extreme coordinates overflow.
+    centred = (points / extent) - (low / extent + high / extent) / 2
+    radius = np.linalg.norm(centred, axis=1).max()
+    return np.asarray(centred / radius)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+def _subdivided(
+    directions: FloatArray, faces: NDArray[np.int64]
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    a, b, c = faces.T
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    keys, inverse = np.unique(edges[:, 0] * len(directions) + edges[:, 1], return_inverse=True)
+    first, second = np.divmod(keys, len(directions))
+    middles = _unit(directions[first] + directions[second])
+    ab, bc, ca = inverse.reshape(3, -1) + len(directions)
+    corners = [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
+    finer = np.concatenate([np.stack(corner, axis=1) for corner in corners])
+    return np.concatenate([directions, middles]), finer
+
+
+RadialSurface = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Directions (n, 3) to radius (n,) and its gradient ∂r/∂d (n, 3)."""
+
+_BUMPS = 7
+_BUMP_SHARPNESS = 6.0
+"""k of a bump exp(k (d·c − 1)): it falls to 1/e about 34° from its centre."""
+
+
+def blob_radius(
+    directions: FloatArray, seed: int = 0, amplitude: float = 0.5
+) -> tuple[FloatArray, FloatArray]:
+    """Radius r(d) = 1 + Σ a exp(k (d·c − 1)) of a blob, and its gradient ∂r/∂d.
+
+    `directions` (n, 3) are unit vectors; the results have the shapes (n,) and (n, 3). As no bump
+    is negative, r >= 1: the surface cannot meet itself whatever the seed.
+
+    Examples
+    --------
+    >>> blob_radius(np.array([[0.0, 0.0, 1.0]]), amplitude=0.0)[0].tolist()
+    [1.0]
+    """
+    centres, heights = _bumps(seed, amplitude)
+    values = heights * np.exp(_BUMP_SHARPNESS * (directions @ centres.T - 1.0))
+    return 1.0 + values.sum(axis=1), _BUMP_SHARPNESS * values @ centres
+
+
+def _bumps(seed: int, amplitude: float) -> tuple[FloatArray, FloatArray]:
+    # The standard library promises the same random() for a seed in every version; NumPy does not
+    # for its distributions, and the shape belongs to the identity of a scene.
+    draw = random.Random(seed).random
+    centres = np.array([_direction(draw(), draw()) for _ in range(_BUMPS)])
+    heights = amplitude * np.array([0.5 + 0.5 * draw() for _ in range(_BUMPS)])
+    return centres, heights
+
+
+def _direction(u: float, v: float) -> tuple[float, float, float]:
+    # Uniform on the sphere (Archimedes): z uniform, azimuth uniform.
+    z, azimuth = 2.0 * u - 1.0, 2.0 * math.pi * v
+    ring = math.sqrt(max(0.0, 1.0 - z * z))
+    return ring * math.cos(azimuth), ring * math.sin(azimuth), z
+
+
+def superquadric_radius(
+    directions: FloatArray, e1: float, e2: float
+) -> tuple[FloatArray, FloatArray]:
+    """Radius r(d) = F(d)^(−e1/2) of a superquadric, and its gradient ∂r/∂d.
+
+    F = (|x|^(2/e2) + |y|^(2/e2))^(e2/e1) + |z|^(2/e1). Shapes as for `blob_radius`.
+
+    Examples
+    --------
+    >>> superquadric_radius(np.array([[0.0, 0.6, 0.8]]), 1.0, 1.0)[0].round(12).tolist()
+    [1.0]
+    """
+    size, sign = np.abs(directions), np.sign(directions)
+    equator = (size[:, :2] ** (2 / e2)).sum(axis=1)
+    polar = size[:, 2] ** (2 / e1)
+    inside_outside = equator ** (e2 / e1) + polar
+    # At the poles equator = 0 and the factor may diverge, but its product with x or y tends to 0.
+    safe = np.where(equator > 0, equator, 1.0)
+    growth = np.empty_like(directions)
+    growth[:, :2] = size[:, :2] ** (2 / e2 - 1) * (safe ** (e2 / e1 - 1))[:, None]
+    growth[:, 2] = size[:, 2] ** (2 / e1 - 1)
+    gradient = (2 / e1) * growth * sign
+    radius = inside_outside ** (-e1 / 2)
+    return radius, (-e1 / 2 * radius / inside_outside)[:, None] * gradient
+
+
+def radial_normals(directions: FloatArray, radius: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Outward unit normals of r(d) d: along r d minus the tangential part of ∂r/∂d.
+
+    `directions` (n, 3) unit vectors, `radius` (n,), `gradient` (n, 3).
+
+    Examples
+    --------
+    >>> up = np.array([[0.0, 0.0, 1.0]])
+    >>> radial_normals(up, np.ones(1), np.zeros((1, 3))).tolist()
+    [[0.0, 0.0, 1.0]]
+    """
+    along = np.einsum("ij,ij->i", gradient, directions)[:, None] * directions
+    normals = radius[:, None] * directions - (gradient - along)
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
 
 _SUBDIVISIONS = 6
 """20 · 4⁶ = 81920 triangles."""

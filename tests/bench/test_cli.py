@@ -16,9 +16,9 @@ from made_up import made_up_truth
 from malus.bench import read_results
 from malus.bench.cli import main
 from malus.bench.running.output_folder import FOLDERS, prepare_folder
-from malus.bench.running.results import HEADLINES, PARTS, RUN, TABLE
 from malus.renderers.datasets.dataset import DatasetWriter
 from malus.scenes import InputError
+from malus.scenes.core.result_files import HEADLINES, PARTS, RUN, TABLE
 
 TINY = ["--resolution", "12", "--samples", "4"]
 

@@ -8,13 +8,14 @@ import colour
 import numpy as np
 import pytest
 
-from malus.bench.scoring.colour_error import JUST_NOTICEABLE, band_weights, delta_e, lab
+from malus.bench.scoring.colour_error import delta_e
 from malus.bench.scoring.extra_metrics import METRICS
+from malus.bench.scoring.metrics import PixelSums
 from malus.bench.scoring.polarisation_error import scaled
-from malus.bench.scoring.sums import PixelSums
 from malus.reconstruct import Components
 from malus.renderers.truth import Truth
 from malus.scenes import Camera, Dielectric, Scene, Sphere, Uniform
+from malus.scenes.colour import JUST_NOTICEABLE, band_weights, lab
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 

@@ -22,9 +22,8 @@ from malus.bench import run
 from malus.bench.datasets.render import Order, render_dataset
 from malus.bench.running.cluster import engine
 from malus.bench.running.status import status
-from malus.bench.running.task import Made, Task
-from malus.bench.running.work import Engine, apart, truths
-from malus.bench.running.worker_process import Child, Died
+from malus.bench.running.work import Engine, FamilyResult, FamilyTask, apart, truths
+from malus.bench.running.worker_process import Died, WorkerProcess
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth
 from malus.renderers.datasets.dataset import open_dataset
@@ -100,7 +99,7 @@ def test_a_crash_or_a_hang_costs_its_own_family(
     (reason,) = (why.reason for _, why in status(tmp_path / "bad").failed)
     assert reason == results.run["failures"][0]
 
-    def nothing_to_do(tasks: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+    def nothing_to_do(tasks: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         assert not list(tasks), "a crash is remembered"
         yield from ()
 
@@ -109,10 +108,10 @@ def test_a_crash_or_a_hang_costs_its_own_family(
 
 def test_a_family_that_crashed_once_is_done_by_the_next_process(tmp_path: Path) -> None:
     """As after the kernel killed a process for memory that another one had."""
-    with Child() as child:
+    with WorkerProcess() as child:
         killed: list[int] = []
 
-        def kills_first(tasks: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+        def kills_first(tasks: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
             (killed[:],) = child.stream(pids)
             os.kill(killed[0], signal.SIGKILL)
             yield from apart(NOBODY, child)(tasks)
@@ -134,7 +133,7 @@ def raises() -> Iterator[int]:
 
 
 def test_what_a_child_raises_arrives_and_it_lives_on() -> None:
-    with Child(timeout=60) as child:
+    with WorkerProcess(timeout=60) as child:
         stream = child.stream(raises)
         assert next(stream) == 1
         with pytest.raises(InputError, match=r"mesh\.obj: expected a mesh"):
@@ -151,7 +150,8 @@ def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
     """Also where the parent was killed and the child is busy."""
     script = (
         "import sys, time; sys.path[:0] = [sys.argv[1]]\n"
-        "from malus.bench.running.worker_process import Child; from test_faults import tells_and_sleeps\n"
+        "from malus.bench.running.worker_process import Child\n"
+        "from test_faults import tells_and_sleeps\n"
         "with Child() as child: print(next(child.stream(tells_and_sleeps)), flush=True); input()"
     )
     command = [sys.executable, "-c", script, str(Path(__file__).parent)]
@@ -172,7 +172,7 @@ def tells_and_sleeps() -> Iterator[int]:
 
 
 def test_a_hang_that_holds_the_lock_of_python_ends_too() -> None:
-    with Child(timeout=1) as child, pytest.raises(Died, match="1 seconds of --timeout"):
+    with WorkerProcess(timeout=1) as child, pytest.raises(Died, match="1 seconds of --timeout"):
         list(child.stream(holds_the_lock))
 
 
@@ -184,7 +184,7 @@ def holds_the_lock() -> Iterator[int]:
 @pytest.mark.parametrize("seconds", [0, -1, float("nan"), float("inf")])
 def test_no_time_is_one_line(seconds: float) -> None:
     with pytest.raises(InputError, match="--timeout: expected seconds above 0"):
-        Child(timeout=seconds)
+        WorkerProcess(timeout=seconds)
 
 
 # --- malus render ---
@@ -245,7 +245,7 @@ def test_a_render_in_a_child_is_the_same_and_survives_its_death(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     render_dataset(SUITE, tmp_path / "here", NOBODY)
-    with Child() as child:
+    with WorkerProcess() as child:
         render_dataset(SUITE, tmp_path / "apart", NOBODY, child=child)
         here, there = open_dataset(tmp_path / "here"), open_dataset(tmp_path / "apart")
         assert [entry.sha256 for entry in here.record.scenes] == [
@@ -258,7 +258,7 @@ def test_a_render_in_a_child_is_the_same_and_survives_its_death(
 
 
 def dies_after_one(order: Order) -> Iterator[Truth]:
-    made = Made()
+    made = FamilyResult()
     for _, truth in truths(order.family, order.scenes, order.renderer, order.variant, made):
         yield truth
         os.kill(os.getpid(), signal.SIGKILL)

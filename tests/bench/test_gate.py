@@ -44,8 +44,8 @@ METHODS = ("eq8", "visible", "shadowed+body", "half_vector")
 PLANTED = 2, 0.02
 """Seed of the runs with faults that is not the baseline's, and the relative change of ρ."""
 RERUNS = int(os.environ.get("MALUS_GATE_RERUNS", "20"))
-"""Reruns with other seeds. `MALUS_GATE_RERUNS=200 pytest tests/bench/test_gate.py` takes four minutes;
-it has been seen to raise no alarm, the largest change at 0.6 of its limit."""
+"""Reruns with other seeds. `MALUS_GATE_RERUNS=200 pytest tests/bench/test_gate.py` takes four
+minutes; it has been seen to raise no alarm, the largest change at 0.6 of its limit."""
 FALSE_ALARMS = 2
 
 

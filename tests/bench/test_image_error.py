@@ -12,7 +12,7 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from malus.bench.scoring.extra_metrics import METRICS, ZENITHS_DEG, get_metrics
 from malus.bench.scoring.judge import Judge
-from malus.bench.scoring.metrics import Residuals
+from malus.bench.scoring.metrics import PixelSums, Residuals
 from malus.bench.scoring.polarisation_error import (
     PolarisationError,
     psnr,
@@ -20,7 +20,6 @@ from malus.bench.scoring.polarisation_error import (
     squared_error,
     ssim,
 )
-from malus.bench.scoring.sums import PixelSums
 from malus.reconstruct import Components, get_method
 from malus.renderers.truth import Truth
 from malus.scenes import Camera, Dielectric, Scene, Sphere, Uniform

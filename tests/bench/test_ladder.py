@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from malus.bench.running.share import Exam, Share
+from malus.bench.running.work import SceneResult, ScoringPlan
 from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.knowledge_ladder import EVERYTHING, RUNGS, rungs
-from malus.bench.scoring.masked_pixels import Sight
+from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.observe import KNOWN, observe
 from malus.reconstruct import Inapplicable, Method, Observation, get_method, methods
 from malus.renderers import Truth, render
@@ -32,8 +32,8 @@ def truth() -> Truth:
 
 
 def scored(truth: Truth, names: tuple[str, ...]) -> dict[tuple[str, str], dict[str, float]]:
-    share = Share(SCENE)
-    exam = Exam([get_method(name) for name in names], ladder=True)
+    share = SceneResult(SCENE)
+    exam = ScoringPlan([get_method(name) for name in names], ladder=True)
     share.do("render", lambda scene: truth, exam, keep_example=False)
     assert not share.made.failures
     return {
@@ -85,7 +85,7 @@ def misled(truth: Truth) -> Observation:
 def test_a_rung_changes_only_what_it_does_not_tell(
     truth: Truth, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sight, wrong = Sight.of(truth), misled(truth)
+    sight, wrong = MaskedPixels.of(truth), misled(truth)
     monkeypatch.setattr(
         "malus.bench.scoring.knowledge_ladder.run_chain",
         lambda seen: SimpleNamespace(observation=wrong),

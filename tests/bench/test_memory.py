@@ -49,7 +49,7 @@ def test_truths_do_not_pile_up(tmp_path: Path) -> None:
 
 def test_what_a_process_used_counts() -> None:
     """Behind a shell, because a process begins with the peak of the one that started it."""
-    script = "from malus.bench.running.memory import peak_memory; {}; print(peak_memory())"
+    script = "from malus.bench.running.progress import peak_memory; {}; print(peak_memory())"
     peaks = []
     for work in ("pass", "b'x' * 300_000_000"):
         python = shlex.join([sys.executable, "-c", script.format(work)])

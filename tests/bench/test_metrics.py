@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from malus.bench.scoring.judge import Judge, score
-from malus.bench.scoring.masked_pixels import Sight
+from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.metrics import Error, Residuals, cos_zenith, nmse_by, skill
 from malus.bench.scoring.observe import observe
 from malus.bench.scoring.pixel_kernels import MOST_BANDS, difference_sums
@@ -299,7 +299,7 @@ def test_methods_a_pixel_need_no_picture(name: str) -> None:
     scene = SCENE.model_copy(update={"light": Distant(incidence_deg=50), "surface": surface})
     truth = render(scene, renderer="torrance-sparrow")
     truth.specular_noise[...] = 0.01 * truth.specular[..., ::-1, :, :]
-    sight, method = Sight.of(truth), get_method(name)
+    sight, method = MaskedPixels.of(truth), get_method(name)
     rows, pictures = (
         sight.estimate(replace(method, per_pixel=flag)).stokes for flag in (True, False)
     )

@@ -14,13 +14,13 @@ import pytest
 from malus.bench import score
 from malus.bench.commands import plan as command_plan
 from malus.bench.running.plan import plan
-from malus.bench.running.results import RUN
 from malus.bench.running.runner import run
 from malus.renderers import Truth
 from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba import wavefront
 from malus.renderers.variant import choose
 from malus.scenes import Scene, Suite, load_suite
+from malus.scenes.core.result_files import RUN
 
 SUITE = Suite.model_validate(
     {

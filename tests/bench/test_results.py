@@ -11,16 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from malus.bench import read_results, run
-from malus.bench.running.results import (
-    HEADLINES,
-    TABLE,
-    Results,
-    write_results,
-    write_run,
-    write_tables,
-)
+from malus.bench.running.results import Results, write_results, write_run, write_tables
 from malus.reports import sample
 from malus.scenes import Suite
+from malus.scenes.core.result_files import HEADLINES, TABLE
 
 
 def test_truths_of_two_renderers_can_be_told_apart(tmp_path: Path) -> None:
@@ -57,7 +51,7 @@ def test_pieces_come_back_as_one_table(tmp_path: Path, monkeypatch: pytest.Monke
     for folder in (at_once, pieces):
         folder.mkdir()
     write_results(at_once, Results(table, run))
-    monkeypatch.setattr("malus.bench.running.pieces.GROUP_ROWS", 100)
+    monkeypatch.setattr("malus.bench.running.results.GROUP_ROWS", 100)
     write_tables(pieces, (table.iloc[k : k + 30] for k in range(0, len(table), 30)))
     write_run(pieces, run)
     found = read_results(pieces).table
@@ -84,7 +78,7 @@ def test_a_table_that_is_read_holds_every_name_once(tmp_path: Path) -> None:
 def test_memory_holds_a_group_of_tables_and_not_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("malus.bench.running.pieces.GROUP_ROWS", 100)
+    monkeypatch.setattr("malus.bench.running.results.GROUP_ROWS", 100)
     piece = sample.table().head(30)
     alive = most = 0
 

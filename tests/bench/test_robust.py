@@ -29,13 +29,12 @@ from malus.bench.datasets.render import render_dataset
 from malus.bench.running.cluster import spread
 from malus.bench.running.parts import PLAN
 from malus.bench.running.plan import plan
-from malus.bench.running.results import EXAMPLES, PARTS, RUN
 from malus.bench.running.status import status
-from malus.bench.running.task import Made, Task
-from malus.bench.running.work import Engine, here
+from malus.bench.running.work import Engine, FamilyResult, FamilyTask, here
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers.variant import Variant, choose
 from malus.scenes import Camera, InputError, Scene, Suite, load_suite
+from malus.scenes.core.result_files import EXAMPLES, PARTS, RUN
 
 KILLS = int(os.environ.get("MALUS_KILLS", "8"))
 TINY = ("run", "quick", "--resolution", "8", "--samples", "2")
@@ -176,7 +175,7 @@ def test_two_runs_in_one_folder_do_not_harm_each_other(
 def test_two_suites_at_once_in_one_folder_are_refused(tmp_path: Path) -> None:
     other = SUITE.model_copy(update={"methods": ("eq8",)})
 
-    def meanwhile(tasks: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+    def meanwhile(tasks: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         with pytest.raises(InputError, match="found another suite's; choose another --out"):
             run(other, tmp_path, NOBODY)
         with pytest.raises(InputError, match="found a run; choose another --out"):
@@ -210,10 +209,10 @@ def test_what_dead_processes_left_is_removed_and_nothing_else(tmp_path: Path) ->
 # --- a changed suite ---
 
 
-def counted(tasks: list[Task]) -> Engine:
+def counted(tasks: list[FamilyTask]) -> Engine:
     """The engine of this process, which notes what it is given."""
 
-    def engine(source: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+    def engine(source: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         for task, made in here(NOBODY)(source):
             tasks.append(task)
             yield task, made
@@ -222,7 +221,7 @@ def counted(tasks: list[Task]) -> Engine:
 
 
 def test_a_changed_suite_computes_only_what_changed(tmp_path: Path) -> None:
-    tasks: list[Task] = []
+    tasks: list[FamilyTask] = []
     fewer = SUITE.model_copy(update={"methods": ("eq8",), "surfaces": SUITE.surfaces[:1]})
     run(fewer, tmp_path, NOBODY, engine=counted(tasks))
     assert [tuple(task.methods) for task in tasks] == [("eq8",)]
@@ -347,7 +346,7 @@ def test_status_counts_what_is_left_and_refuses_what_is_no_run(tmp_path: Path) -
     with pytest.raises(InputError, match="neither"):
         status(tmp_path)
 
-    def stops(source: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+    def stops(source: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         yield next(here(NOBODY)(source))
         raise KeyboardInterrupt
 
@@ -429,9 +428,9 @@ def client() -> Iterator[Any]:
         yield _local(2, stack)
 
 
-def sleeps(task: Task, variant: str) -> Made:
+def sleeps(task: FamilyTask, variant: str) -> FamilyResult:
     time.sleep(1)
-    return Made()
+    return FamilyResult()
 
 
 def test_spreading_costs_less_than_a_tenth_of_tasks_of_a_second(
@@ -439,7 +438,7 @@ def test_spreading_costs_less_than_a_tenth_of_tasks_of_a_second(
 ) -> None:
     monkeypatch.setattr("malus.bench.running.cluster._remote", sleeps)
     family = plan(SUITE)[0]
-    tasks = [Task(str(k), family, "torrance-sparrow", {}) for k in range(8)]
+    tasks = [FamilyTask(str(k), family, "torrance-sparrow", {}) for k in range(8)]
     warm, timed = tasks[:2], tasks[2:]
     assert len(list(spread(warm, client, NOBODY))) == 2
     started = time.perf_counter()
@@ -454,7 +453,7 @@ def test_workers_make_the_same_tables_and_a_killed_one_loses_nothing(
 ) -> None:
     killed: list[int] = []
 
-    def kills(source: Iterable[Task]) -> Iterator[tuple[Task, Made]]:
+    def kills(source: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         for pair in spread(source, client, choose()):
             if not killed:
                 killed.append(next(iter(client.run(os.getpid).values())))

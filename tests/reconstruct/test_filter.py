@@ -18,10 +18,11 @@ from malus.bench.commands.filter import filter_command
 from malus.reconstruct import Components
 from malus.reconstruct.photos.estimate import PRESETS, Knowledge, gather
 from malus.reconstruct.photos.filter import Output, filter_picture, polarised
-from malus.reconstruct.photos.read_picture import Picture, read_picture
+from malus.reconstruct.photos.picture import Picture
+from malus.reconstruct.photos.read_picture import read_picture
 from malus.reconstruct.photos.tone_curves import linear_transfer, srgb_transfer
 from malus.reconstruct.single_image import shape
-from malus.reconstruct.single_image.shading import body_shading
+from malus.reconstruct.single_image.shading import diffuse_shading
 from malus.scenes import InputError, polarisation
 
 RNG = np.random.default_rng(0)
@@ -119,7 +120,7 @@ def test_an_undecided_body_is_a_warning(tmp_path: Path, monkeypatch: pytest.Monk
     light, (_, normals) = np.array([1, 1, 2]) / np.sqrt(6), dome()
     inside = normals[..., 2] > 0
     linear = np.zeros((*inside.shape, 3))
-    linear[inside] = 0.5 * body_shading(normals[inside], light, "polarised", 1.5)[:, None]
+    linear[inside] = 0.5 * diffuse_shading(normals[inside], light, "polarised", 1.5)[:, None]
     PIL.Image.fromarray(srgb_transfer(8).encoded(linear)).save(tmp_path / "dome.png")
     PIL.Image.fromarray(inside.astype(np.uint8) * 255).save(tmp_path / "mask.png")
     monkeypatch.setattr(shape, "UNDECIDED", np.inf)

@@ -10,9 +10,9 @@ from malus.reconstruct.single_image.illuminant import (
     ILLUMINANTS,
     from_highlights,
     gray_world,
-    mirrored_tint,
     neutral,
     shades_of_grey,
+    specular_tint,
 )
 from malus.renderers import render
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
@@ -99,4 +99,4 @@ def test_the_typical_tint_is_nearer_to_a_materials_than_white_is(name: str) -> N
     eta = material(name).eta(wavelengths)
     true = ((eta - 1) / (eta + 1)) ** 2
     true /= true.mean()
-    assert np.abs(mirrored_tint(wavelengths) - true).max() < np.abs(1 - true).max()
+    assert np.abs(specular_tint(wavelengths) - true).max() < np.abs(1 - true).max()

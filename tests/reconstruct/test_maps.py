@@ -175,7 +175,7 @@ def test_the_lights_method_is_one_integral_in_either_order() -> None:
     picture = replace(seen(), light=Area(incidence_deg=50, half_angle_deg=30))
     towards = np.broadcast_to([0.0, 0.0, 1.0], (6, 8, 3))
     product = reconstruct(picture, "lights")
-    for other in (replace(picture, view=towards), replace(picture, eta=filled(GLASS))):
+    for other in (replace(picture, view_direction=towards), replace(picture, eta=filled(GLASS))):
         sums = reconstruct(other, "lights")
         lit = np.abs(product.s1) > 1e-3  # where next to nothing is mirrored, float32 weights end
         assert lit.sum() > 20

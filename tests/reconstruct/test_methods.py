@@ -292,7 +292,7 @@ def test_a_rotated_view_of_rotated_normals_and_light_is_the_same_picture(method:
     rotated = replace(
         plain,
         normals=plain.normals @ frame,
-        view=np.broadcast_to(frame[2], plain.normals.shape),
+        view_direction=np.broadcast_to(frame[2], plain.normals.shape),
         light=Distant(
             incidence_deg=np.degrees(np.arccos(light[2])),
             azimuth_deg=np.degrees(np.arctan2(light[1], light[0])),
@@ -310,7 +310,7 @@ def test_every_pixel_has_a_view_of_its_own(method: str) -> None:
     view /= np.linalg.norm(view, axis=-1, keepdims=True)
     frames = basis(view)
     picture = replace(picture, normals=np.einsum("...ji,...j->...i", frames, picture.normals))
-    found = reconstruct(replace(picture, view=view), method)
+    found = reconstruct(replace(picture, view_direction=view), method)
     for place in np.ndindex(3, 3):
         one = {
             name: getattr(picture, name)[place][None, None]
@@ -331,7 +331,7 @@ def test_every_pixel_has_a_view_of_its_own(method: str) -> None:
 def test_the_view_of_an_orthographic_camera_changes_nothing(method: str) -> None:
     picture = seen(13)
     towards = np.broadcast_to([0.0, 0.0, 1.0], picture.normals.shape)
-    found = reconstruct(replace(picture, view=towards), method)
+    found = reconstruct(replace(picture, view_direction=towards), method)
     assert_turned(found, reconstruct(picture, method), 0.0, method)
 
 
@@ -341,7 +341,7 @@ def test_a_view_that_is_none_is_flagged(method: str, view: tuple[float, float, f
     picture = seen(14)
     towards = np.tile([0.0, 0.0, 1.0], (6, 8, 1))
     towards[4, 2] = view
-    found = reconstruct(replace(picture, view=towards), method)
+    found = reconstruct(replace(picture, view_direction=towards), method)
     expected = np.ones((6, 8), dtype=bool)
     expected[4, 2] = False
     np.testing.assert_array_equal(found.valid, expected)

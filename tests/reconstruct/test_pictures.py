@@ -12,9 +12,10 @@ import PIL.ImageCms
 import pytest
 import tifffile
 
-from malus.reconstruct.photos.picture_files import write_picture
-from malus.reconstruct.photos.read_picture import Picture, read_picture, upright
+from malus.reconstruct.photos.picture import Picture, upright
+from malus.reconstruct.photos.read_picture import read_picture
 from malus.reconstruct.photos.tone_curves import icc_transfer, srgb_transfer
+from malus.reconstruct.photos.write_picture import write_picture
 from malus.scenes import InputError
 
 RNG = np.random.default_rng(0)

@@ -15,10 +15,10 @@ from malus.reconstruct.single_image.outline import outline_of
 from malus.reconstruct.single_image.parameters import fit_parameters
 from malus.reconstruct.single_image.shading import (
     BodyKind,
-    body_shading,
+    diffuse_shading,
     facet_reflectance,
     index_of,
-    mirrored_shading,
+    specular_shading,
 )
 from malus.reconstruct.single_image.shape import Known, recover_shape
 from malus.reconstruct.single_image.shape_solver import Guess, Picture, ShapeProblem, Weights
@@ -138,7 +138,7 @@ def test_mirrored_light_is_a_literal_microfacet_formula() -> None:
     facets = math.exp(-tangent2 / alpha**2) / (math.pi * alpha**2 * cosine**4)
     # Both directions are within 25° of the normal, where a rough surface of 0.3 masks nothing.
     expected = facets / (4 * 0.96)
-    assert mirrored_shading(normal, light, alpha) == pytest.approx(expected, rel=1e-9)
+    assert specular_shading(normal, light, alpha) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("body", ["unpolarised", "polarised"])
@@ -147,7 +147,7 @@ def test_parameters_come_back_from_the_models_own_picture(body: str, alpha: floa
     truth = sphere()
     normals, light = truth.normals[truth.mask], light_of(truth)
     level = 3.0 * facet_reflectance(light, 1.6)
-    seen = 0.5 * body_shading(normals, light, body, 1.6) + level * mirrored_shading(
+    seen = 0.5 * diffuse_shading(normals, light, body, 1.6) + level * specular_shading(
         normals, light, alpha
     )
     found = fit_parameters(seen[:, None], normals, light, body, irradiance=3.0)
@@ -159,7 +159,7 @@ def test_parameters_come_back_from_the_models_own_picture(body: str, alpha: floa
 def test_weights_are_never_negative() -> None:
     truth = sphere()
     normals, light = truth.normals[truth.mask], light_of(truth)
-    dimple = 1.0 - 0.9 * mirrored_shading(normals, light, 0.3)[:, None]
+    dimple = 1.0 - 0.9 * specular_shading(normals, light, 0.3)[:, None]
     found = fit_parameters(dimple, normals, light, "unpolarised", irradiance=1.0)
     assert found.albedo.min() >= 0
     assert found.level.min() >= 0

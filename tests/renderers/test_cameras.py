@@ -60,7 +60,7 @@ def test_axes_and_view_are_those_of_mitsubas_rays(projection: str, roll: float) 
     for row, column in np.ndindex(5, 5):
         at = mi.Point2f((column + 0.5) / 5, (row + 0.5) / 5)
         world[row, column] = np.ravel(looking.sample_ray(0.0, 0.0, at, mi.Point2f(0.5))[0].d)
-    view = camera.view() if projection == "perspective" else np.array([0.0, 0.0, 1.0])
+    view = camera.view_directions() if projection == "perspective" else np.array([0.0, 0.0, 1.0])
     # float32 rays
     assert -world @ camera.axes.T == pytest.approx(np.broadcast_to(view, world.shape), abs=5e-7)
 
@@ -160,8 +160,8 @@ def test_far_away_a_perspective_camera_is_orthographic() -> None:
         deviation.append(float(np.abs(degree[0] - degree[1]).max()))
         # Half a radian of incidence changes DoLP by less than 1; frames turn by less than 1/d.
         assert deviation[-1] < 2.0 / distance
-        assert truth.view is not None
-        assert 1 - truth.view[..., 2].min() < (1.05 / distance) ** 2 * 1.01
+        assert truth.view_direction is not None
+        assert 1 - truth.view_direction[..., 2].min() < (1.05 / distance) ** 2 * 1.01
     assert deviation[0] > 5 * deviation[1] > 25 * deviation[2]
 
 
@@ -179,7 +179,7 @@ def test_the_right_physics_reaches_full_skill_from_a_rolled_camera_nearby(
     """Truth and method share nothing but the conventions of view, normals, light and frame."""
     truth = truth_of(wide(40, roll_deg=30.0), light, samples=64)
     assert score(truth, method).skill == pytest.approx(1.0, abs=0.01)
-    monkeypatch.setattr(Truth, "view", None)  # as if all rays were parallel
+    monkeypatch.setattr(Truth, "view_direction", None)  # as if all rays were parallel
     assert score(truth, method).skill < blindfolded
 
 

@@ -22,9 +22,9 @@ from malus.renderers.mitsuba import wavefront
 from malus.renderers.mitsuba.translate import (
     ORTHOGRAPHIC_DISTANCE,
     emitter,
-    interface_bsdf,
     sensor,
     shape_object,
+    specular_bsdf,
 )
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere, Uniform
@@ -92,7 +92,7 @@ def seen_through_a_plate(
     scene = {
         "type": "scene",
         "sensor": sensor(mi, camera) | ({} if variant.vectorised else {"srf": window}),
-        "sphere": shape_object(mi, Sphere(), mi.load_dict(interface_bsdf(1.5, 0.3))),
+        "sphere": shape_object(mi, Sphere(), mi.load_dict(specular_bsdf(1.5, 0.3))),
         "light": emitter(mi, LIGHT),
         "integrator": {"type": "path", "max_depth": 3, "hide_emitters": True},
     }
@@ -157,7 +157,7 @@ def allowed_error(truth: Truth, pixels: np.ndarray) -> np.ndarray:
     0.1° at most, 4e-3 of the polarised part.
     """
     one = 0.5 * truth.standard_error[:, :, 0].sum(axis=-1)[pixels]
-    across = 0.0 if truth.view is None else 4e-3
+    across = 0.0 if truth.view_direction is None else 4e-3
     return 5 * np.sqrt(2) * one + 1e-6 + across * truth.image[..., 0][pixels]
 
 

@@ -12,11 +12,11 @@ from malus.renderers import render
 from malus.renderers.families.family import Family, render_family
 from malus.renderers.families.nodes import Nodes
 from malus.renderers.mitsuba.translate import (
-    body_bsdf,
+    diffuse_bsdf,
     emitter,
-    interface_bsdf,
     sensor,
     shape_object,
+    specular_bsdf,
 )
 from malus.renderers.torrance_sparrow import sphere_normals
 from malus.renderers.variant import choose, mitsuba
@@ -164,7 +164,7 @@ def test_lobes_add_up_to_the_full_render() -> None:
     light = Distant(incidence_deg=60)
     scene = scene_at(1.5, light, albedo=0.4)
     truth = render_family([scene], Sampling(samples=64), variant).truth(scene)
-    both = interface_bsdf(1.5, 0.3) | {"diffuse_reflectance": {"type": "uniform", "value": 0.4}}
+    both = specular_bsdf(1.5, 0.3) | {"diffuse_reflectance": {"type": "uniform", "value": 0.4}}
     window = {"type": "uniform", "wavelength_min": 554.5, "wavelength_max": 555.5, "value": 1.0}
     full = mi.load_dict(
         {
@@ -351,7 +351,7 @@ def test_bodies_are_linear_in_the_albedo(body: str) -> None:
     wo = mi.Vector3f(-0.48, 0.36, 0.8)
     values = []
     for albedo in (1.0, 0.3):
-        description = body_bsdf(1.5, 0.3, body)  # type: ignore[arg-type]
+        description = diffuse_bsdf(1.5, 0.3, body)  # type: ignore[arg-type]
         key = "reflectance" if body == "unpolarised" else "diffuse_reflectance"
         description[key] = {"type": "uniform", "value": albedo}
         mueller = mi.load_dict(description).eval(mi.BSDFContext(), hit, wo)

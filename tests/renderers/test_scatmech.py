@@ -13,7 +13,7 @@ import os
 import numpy as np
 import pytest
 
-from malus.renderers.mitsuba.translate import interface_bsdf
+from malus.renderers.mitsuba.translate import specular_bsdf
 from malus.renderers.variant import choose, mitsuba
 
 ALPHA, ETA, GEOMETRIES = 0.3, 1.5, 100
@@ -55,7 +55,7 @@ def mitsuba_column(light: np.ndarray, viewer: np.ndarray) -> np.ndarray:
     hit = mi.SurfaceInteraction3f()
     hit.wi = mi.Vector3f(*map(float, viewer))
     towards = mi.Vector3f(*map(float, light))
-    mueller = mi.load_dict(interface_bsdf(ETA, ALPHA)).eval(mi.BSDFContext(), hit, towards)
+    mueller = mi.load_dict(specular_bsdf(ETA, ALPHA)).eval(mi.BSDFContext(), hit, towards)
     s_axis = np.cross([0, 0, 1], viewer)
     s_axis /= np.linalg.norm(s_axis)
     current = mi.mueller.stokes_basis(hit.wi)

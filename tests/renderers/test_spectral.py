@@ -31,7 +31,7 @@ class FourBands(Shading):
 
     @property
     def layout(self) -> Layout:
-        return Layout(len(BANDS) * len(self.interface), len(BANDS) * len(self.body), self.errors)
+        return Layout(len(BANDS) * len(self.specular), len(BANDS) * len(self.diffuse), self.errors)
 
     def lobe(
         self, mi: Any, hit: Any, incoming: Any, bsdfs: Any, to_camera: Any, valid: Any

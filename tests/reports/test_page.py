@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from malus.bench.scoring.colour_error import delta_e, delta_e_maps
+from malus.bench.scoring.colour_error import delta_e
 from malus.reports import sample, write_report
 from malus.reports.viewer.error_maps import gallery
 from malus.reports.viewer.examples import Example, read_example
 from malus.reports.viewer.pack import NOT_FINITE, fitted, quantised
+from malus.scenes.colour import delta_e_maps
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import polarised
 

@@ -12,12 +12,15 @@ from made_up import icosphere, volume
 from numpy.typing import NDArray
 
 from malus.scenes.core.errors import InputError
-from malus.scenes.shapes.geometry import TriangleMesh, blob, superquadric, torus
-from malus.scenes.shapes.radial import (
+from malus.scenes.shapes.geometry import (
     RadialSurface,
+    TriangleMesh,
+    blob,
     blob_radius,
     radial_normals,
+    superquadric,
     superquadric_radius,
+    torus,
 )
 
 Array = NDArray[np.float64]

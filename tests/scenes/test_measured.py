@@ -27,7 +27,7 @@ from malus.renderers import Truth, render
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
-from malus.renderers.mitsuba.translate import interface_bsdf
+from malus.renderers.mitsuba.translate import specular_bsdf
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.reports import write_report
 from malus.scenes import (
@@ -84,7 +84,7 @@ def mueller(mi: Any, eta: float, light: np.ndarray, viewer: np.ndarray, axis: np
         return mi.Vector3f(values.reshape(-1, 3).T.astype(np.float32))
 
     bsdf = mi.load_dict(
-        interface_bsdf(eta, ALPHA) | {"diffuse_reflectance": {"type": "uniform", "value": ALBEDO}}
+        specular_bsdf(eta, ALPHA) | {"diffuse_reflectance": {"type": "uniform", "value": ALBEDO}}
     )
     hit = mi.SurfaceInteraction3f()
     hit.wi, to_light, across = vectors(viewer), vectors(light), vectors(axis)
@@ -154,7 +154,7 @@ def analytic(camera: Camera) -> np.ndarray:
 
 def between_the_horizons(truth: Truth) -> np.ndarray:
     """Pixels whose table cells hold no direction below the surface: 24° away, two cells of 6°."""
-    view = np.array([0.0, 0.0, 1.0]) if truth.view is None else truth.view
+    view = np.array([0.0, 0.0, 1.0]) if truth.view_direction is None else truth.view_direction
     assert isinstance(truth.scene.light_in_image, Distant)
     cosines = truth.normals @ np.array(truth.scene.light_in_image.direction)
     pixels: np.ndarray = truth.mask & (cosines > 0.4) & ((truth.normals * view).sum(axis=-1) > 0.4)

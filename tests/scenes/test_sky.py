@@ -14,7 +14,7 @@ import pytest
 from malus.bench import score
 from malus.renderers import Truth
 from malus.renderers.families.family import render_family
-from malus.renderers.mitsuba.translate import body_bsdf, interface_bsdf, sensor, shape_object
+from malus.renderers.mitsuba.translate import diffuse_bsdf, sensor, shape_object, specular_bsdf
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
     Camera,
@@ -120,11 +120,11 @@ def test_a_ball_under_the_sky_looks_as_under_mitsubas_own() -> None:
 
     one = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
     unit = float(
-        seen(one, body_bsdf(1.5, 0.2, "unpolarised"))[[0, 0, -1, -1], [0, -1, 0, -1], 0].mean()
+        seen(one, diffuse_bsdf(1.5, 0.2, "unpolarised"))[[0, 0, -1, -1], [0, -1, 0, -1], 0].mean()
     )
     for lobe, bsdf in (
-        (ours.specular, interface_bsdf(1.5, 0.2)),
-        (ours.diffuse, body_bsdf(1.5, 0.2, "unpolarised")),
+        (ours.specular, specular_bsdf(1.5, 0.2)),
+        (ours.diffuse, diffuse_bsdf(1.5, 0.2, "unpolarised")),
     ):
         theirs = seen(mitsubas(sky), bsdf)[ours.mask] / unit
         mine = lobe[:, :, 0][ours.mask]

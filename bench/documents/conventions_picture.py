@@ -16,7 +16,7 @@ from malus.scenes.polarisation import dolp, polarised
 
 Image = NDArray[np.floating[Any]]
 
-PICTURE = Path(__file__).with_name("conventions.png")
+PICTURE = Path(__file__).parents[2] / "reports" / "docs" / "conventions.png"
 DIAGONAL = 0.5**0.5
 
 

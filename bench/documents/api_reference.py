@@ -7,15 +7,15 @@ import inspect
 from pathlib import Path
 from types import ModuleType
 
-REFERENCE = Path(__file__).with_name("api.md")
+REFERENCE = Path(__file__).parents[2] / "reports" / "docs" / "api.md"
 PACKAGES = ("scenes", "renderers", "reconstruct", "bench", "reports")
 UNIONS = ("Light", "Shape")
 """Annotations of several classes: they have no docstring of their own."""
 
 HEAD = """# The public names
 
-Written from the docstrings by `reports/docs/api_reference.py`. `python -m pydoc malus.scenes.Scene`
-prints one in the terminal. Other modules may change without notice.
+Written from the docstrings by `bench/documents/api_reference.py`. `python -m pydoc
+malus.scenes.Scene` prints one in the terminal. Other modules may change without notice.
 """
 
 

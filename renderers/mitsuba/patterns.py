@@ -1,0 +1,131 @@
+"""Several surfaces on one object: which of them a hit has, as Dr.Jit code."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from malus.renderers.mitsuba.lobe_samples import Floats
+from malus.renderers.mitsuba.translate import tessellated
+from malus.scenes.core.errors import InputError
+from malus.scenes.shapes.patterns import Checker, ImageTexture, Pattern, Spots, Stripes
+from malus.scenes.shapes.shapes import MeshFile, ShapeOrPlane
+
+SurfaceNumber = Callable[[Any], Any]
+"""From hits to a number in 0..count − 1: the surface there, or between two a mixture of them."""
+
+
+def surface_number(mi: ModuleType, pattern: Pattern, count: int) -> SurfaceNumber:
+    """The pattern of `count` surfaces as Dr.Jit code."""
+    import drjit as dr
+
+    def turn(number: Any) -> Any:
+        return mi.Float(number - count * dr.floor((number + 0.5) / count))
+
+    match pattern:
+        case Checker():
+            return lambda hit: turn(sum(dr.floor(hit.p[axis] / pattern.size) for axis in range(3)))
+        case Stripes():
+            across = "xyz".index(pattern.axis)
+            return lambda hit: turn(dr.floor(hit.p[across] / pattern.width))
+        case Spots():
+            return lambda hit: _spots(mi, pattern, count, hit.p)
+    return _image(mi, pattern, count)
+
+
+def _spots(mi: ModuleType, pattern: Spots, count: int, point: Any) -> Any:
+    import drjit as dr
+
+    cell = dr.floor(point / pattern.spacing)
+    away = point - pattern.spacing * (cell + 0.5)
+    others = count - 1
+    number = cell.x + cell.y + cell.z
+    number = 1.0 + number - others * dr.floor((number + 0.5) / others)
+    return dr.select(dr.norm(away) < pattern.radius, number, 0.0)
+
+
+def _image(mi: ModuleType, pattern: ImageTexture, count: int) -> SurfaceNumber:
+    import drjit as dr
+
+    values = mi.TensorXf(np.ascontiguousarray(pattern.grey()[..., None]) * (count - 1))
+    own = pattern.projection == "uv"
+    texture = mi.Texture2f(values, wrap_mode=dr.WrapMode.Repeat if own else dr.WrapMode.Clamp)
+
+    def uv(hit: Any) -> Any:
+        return mi.Point2f(hit.uv.x, 1.0 - hit.uv.y)
+
+    def planar(hit: Any) -> Any:
+        return mi.Point2f(0.5 + 0.5 * hit.p.x, 0.5 - 0.5 * hit.p.y)
+
+    def spherical(hit: Any) -> Any:
+        p = hit.p
+        turn = dr.atan2(-p.x, -p.z) / (2 * math.pi)
+        polar = dr.safe_acos(p.y * dr.rcp(dr.maximum(dr.norm(p), 1e-9))) / math.pi
+        return mi.Point2f(turn - dr.floor(turn), polar)
+
+    project = {"planar": planar, "spherical": spherical, "uv": uv}[pattern.projection]
+    return lambda hit: texture.eval(project(hit))[0]
+
+
+def check_coordinates(pattern: Pattern, shape: ShapeOrPlane) -> None:
+    """Check that a mesh has the texture coordinates that a pattern asks for.
+
+    Raises
+    ------
+    InputError
+        If it has none.
+    """
+    if isinstance(pattern, ImageTexture) and pattern.projection == "uv":
+        assert isinstance(shape, MeshFile)  # a scene allows no other
+        if tessellated(shape).uv is None:
+            hint = "export the mesh with them, or choose another projection"
+            raise InputError(f"mesh {shape.file}", "texture coordinates for uv", "none", hint)
+
+
+def has_surface(
+    mi: ModuleType, pattern: Pattern, count: int, index: int
+) -> Callable[[Any, Any], Any]:
+    """Whether a hit has the surface of that index; a mixture is decided by a random number.
+
+    The same random numbers give every hit exactly one surface.
+    """
+    import drjit as dr
+
+    at, mixed = surface_number(mi, pattern, count), isinstance(pattern, ImageTexture)
+
+    def belongs(hit: Any, random: Any) -> Any:
+        number = at(hit)
+        if mixed:
+            number = dr.minimum(dr.floor(number + random.next_float32()), count - 1.0)
+        return number == float(index)
+
+    return belongs
+
+
+def surface_shares(
+    mi: ModuleType, scene: Any, resolution: int, at: SurfaceNumber, count: int
+) -> Floats:
+    """Share (pixels, count) of each surface in what a pixel sees, from 4 × 4 rays a pixel.
+
+    They do not depend on samples or seed. Off the object the first surface has all.
+    """
+    import drjit as dr
+
+    pixel = dr.arange(mi.UInt32, resolution**2)
+    corner = mi.Point2f(pixel % resolution, pixel // resolution)
+    found = np.zeros((resolution**2, count), dtype=np.float64)
+    for step in range(16):
+        offset = mi.Point2f((step % 4 + 0.5) / 4, (step // 4 + 0.5) / 4)
+        on_film = (corner + offset) / resolution
+        ray, _ = scene.sensors()[0].sample_ray(0.0, 0.0, on_film, mi.Point2f(0.5))
+        hit = scene.ray_intersect(ray)
+        number = at(hit)
+        for index in range(count):
+            near = dr.maximum(1.0 - dr.abs(number - index), 0.0)
+            found[:, index] += np.asarray(dr.select(hit.is_valid(), near, 0.0))
+    found[found.sum(axis=1) == 0, 0] = 1.0
+    return np.asarray(found / found.sum(axis=1, keepdims=True), dtype=np.float32)

@@ -1,0 +1,21 @@
+"""Types of arrays: what stands in annotations instead of NumPy's long names."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.floating[Any]]
+"""Real numbers of any precision: images are float32 or float64, as their maker chose."""
+
+Float64Array: TypeAlias = NDArray[np.float64]
+Float32Array: TypeAlias = NDArray[np.float32]
+BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.int64]
+
+NumberArray: TypeAlias = NDArray[np.inexact[Any]]
+"""Real or complex numbers: a refractive index, for example."""
+
+AnyArray: TypeAlias = NDArray[Any]
