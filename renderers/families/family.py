@@ -17,6 +17,7 @@ from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba import stokes_integrator as stock
 from malus.renderers.mitsuba import wavefront
 from malus.renderers.mitsuba.bsdfs import bsdfs
+from malus.renderers.mitsuba.kernel_warnings import refused_warnings
 from malus.renderers.mitsuba.lobe_samples import Floats, Lobes
 from malus.renderers.mitsuba.path_traced import Rendered, render_room
 from malus.renderers.mitsuba.patterns import (
@@ -67,6 +68,10 @@ def render_family(
     key, chosen_variant, options = keys.pop(), variant or choose(), Options(errors, nodes)
 
     def once(sampling: Sampling) -> Family | Rendered | PatternedFamily:
+        with refused_warnings(f"scene {scenes[0].id}"):
+            return rendered(sampling)
+
+    def rendered(sampling: Sampling) -> Family | Rendered | PatternedFamily:
         if key.room:
             return Rendered(render_room(key.room, sampling, chosen_variant))
         if key.pattern:
@@ -114,10 +119,10 @@ def _patterned(
         parts = [with_part(scene, index) for scene in scenes]
         only_here = replace(options, where=has_surface(mi, key.pattern, count, index))
         families.append(_plain(FamilyKey.of(parts[0]), parts, sampling, variant, only_here))
-    stage = wavefront.stage(variant, key.shape, key.camera)
+    stage = wavefront.stage(variant, key.shape, key.camera, key.light)
     side = key.camera.resolution
     at = surface_number(mi, key.pattern, count)
-    seen = surface_shares(mi, stage.scene, side, at, count).reshape(side, side, count)
+    seen = surface_shares(mi, stage.view.film, stage.scene, at, count).reshape(side, side, count)
     return PatternedFamily(key, tuple(families), seen, sampling.samples)
 
 
@@ -133,7 +138,9 @@ def _render(
     specular, diffuse = bsdfs(variant, nodes, key.alpha, key.body, key.measured)
     replay = options.where is None and key.measured is None
     shading = Shading(specular, diffuse, options.errors, options.where, replay)
-    return wavefront.stage(variant, key.shape, key.camera).render(key.light, shading, sampling)
+    return wavefront.stage(variant, key.shape, key.camera, key.light).render(
+        key.light, shading, sampling
+    )
 
 
 def _measure(lobes: Lobes, nodes: Nodes) -> dict[str, float]:

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.renderers.mitsuba.rays import Film
+
 Mask = NDArray[np.bool_]
 
 
@@ -31,15 +33,14 @@ def inside(mi: ModuleType, scene: Any, resolution: int) -> Mask:
     return (hit[:-1, :-1] & hit[1:, :-1] & hit[:-1, 1:] & hit[1:, 1:]).ravel()
 
 
-def covering(
-    mi: ModuleType, scene: Any, shapes: Sequence[Any], resolution: int
-) -> NDArray[np.int32]:
-    """Index (resolution²,) in `shapes` of the one that all four corners of a pixel hit, or -1."""
+def covering(mi: ModuleType, film: Film, scene: Any, shapes: Sequence[Any]) -> NDArray[np.int32]:
+    """Index (pixels,) in `shapes` of the one that all four corners of a pixel hit, or -1."""
     import drjit as dr
 
+    resolution = film.resolution
     corner = np.linspace(0.0, 1.0, resolution + 1, dtype=np.float32)
     x, y = (grid.ravel() for grid in np.meshgrid(corner, corner))
-    ray, _ = scene.sensors()[0].sample_ray(0.0, 0.0, mi.Point2f(x, y), mi.Point2f(0.5))
+    ray = film.ray_through(mi, mi.Point2f(x, y))
     hit = scene.ray_intersect_preliminary(ray).shape
     index = dr.full(mi.Int32, -1, len(x))
     for number, shape in enumerate(shapes):

@@ -9,7 +9,6 @@ Mitsuba's BSDFs used here do not depend on η, so that one draw serves every nod
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from types import ModuleType
@@ -36,12 +35,20 @@ class Sampler:
         return [pair for part in self.parts for pair in part.draws(hit, bsdf, random, valid)]
 
 
-def sampler(mi: ModuleType, light: Light) -> Sampler:
-    """The sampler of a light; parameters are opaque, so that no light needs a new kernel."""
-    return Sampler([_part(mi, part) for part in parts(light)])
+def sampler(mi: ModuleType, light: Light, scene: Any) -> Sampler:
+    """The sampler of a light; parameters are opaque, so that no light needs a new kernel.
+
+    A radiance map is that of `scene`, whose rays meet the objects: on CUDA a kernel sees one scene.
+    """
+    return Sampler([_part(mi, part, scene) for part in parts(light)])
 
 
-def _part(mi: ModuleType, light: Light) -> Any:
+def radiance_map_of(light: Light) -> Environment | Sky | None:
+    """The part of a light that is a radiance map, if any: a scene has to hold it."""
+    return next((p for p in parts(light) if isinstance(p, Environment | Sky)), None)
+
+
+def _part(mi: ModuleType, light: Light, scene: Any) -> Any:
     if isinstance(light, Distant):
         return _Distant(_vector(mi, light.direction), _constant(mi, light.irradiance))
     if isinstance(light, Uniform):
@@ -50,7 +57,7 @@ def _part(mi: ModuleType, light: Light) -> Any:
         # 1 − cos of the half angle, which for a small one would lose its digits in 32 bits.
         span = _constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
         return _Area(_vector(mi, light.direction), span, _constant(mi, light.radiance))
-    return _Environment(_environment_scene(mi.variant(), light).emitters()[0])
+    return _Environment(scene.environment())
 
 
 def _constant(mi: ModuleType, value: float) -> Any:
@@ -157,16 +164,6 @@ class _Environment:
         seen = dr.zeros(mi.SurfaceInteraction3f)
         seen.wi = -direction
         return self.emitter.eval(seen, active)[0, 0][0]
-
-
-@functools.lru_cache(maxsize=2)
-def _environment_scene(variant: str, light: Environment | Sky) -> Any:
-    """A scene that holds nothing but the map; the ball only gives it a size."""
-    import mitsuba as mi
-
-    assert mi.variant() == variant
-    ball = {"type": "sphere"}
-    return mi.load_dict({"type": "scene", "map": environment_emitter(mi, light), "ball": ball})
 
 
 def environment_emitter(mi: ModuleType, light: Environment | Sky) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from malus.renderers.mitsuba.patterns import surface_shares
 from malus.renderers.mitsuba.placed import painted, parts_of, pattern_on, placed_object
 from malus.renderers.mitsuba.pooled import pooled
 from malus.renderers.mitsuba.rays import Film, stream_number, streams, to_camera_frame
-from malus.renderers.mitsuba.translate import emitters, sensor
+from malus.renderers.mitsuba.translate import LAMP_DISTANCE, emitters, sensor
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.core.errors import InputError
@@ -77,8 +77,9 @@ class Rendered:
 class Room:
     """Objects before a camera, under a light."""
 
-    def __init__(self, mi: ModuleType, scene: Scene, sampling: Sampling) -> None:
-        self.mi, self.scene, self.sampling = mi, scene, sampling
+    def __init__(self, mi: ModuleType, described: Scene, sampling: Sampling) -> None:
+        self.mi, self.described, self.sampling = mi, described, sampling
+        scene = described
         coats = [painted(mi, placed) for placed in scene.objects]
         self.paints = [paint for _, paints in coats for paint in paints]
         self.shapes = [
@@ -86,14 +87,18 @@ class Room:
             for placed, (bsdf, _) in zip(scene.objects, coats, strict=True)
         ]
         parts = {f"object{i}": shape for i, shape in enumerate(self.shapes)}
-        look = sensor(mi, scene.camera, 2 * _reach(scene))
-        # Rays of the camera and shadow rays must not meet a lamp, paths of light have to.
-        self.dark = mi.load_dict({"type": "scene", "sensor": look} | parts)
-        self.lit = mi.load_dict(
-            {"type": "scene"} | emitters(mi, scene.light, _reach(scene)) | parts
+        reach = _reach(scene)
+        away = scene.camera.distance or 2 * reach
+        # One scene, because a kernel on CUDA traces rays in one scene only. Rays of the camera and
+        # shadow rays end before the lamp, paths of light reach it.
+        self.far, lamp = away + 2 * reach, max(LAMP_DISTANCE * reach, 10 * away)
+        self.scene = mi.load_dict(
+            {"type": "scene", "sensor": sensor(mi, scene.camera, 2 * reach)}
+            | emitters(mi, scene.light, lamp)
+            | parts
         )
-        self.film = Film.of(self.dark.sensors()[0], scene.camera.resolution)
-        self.owner = covering(mi, self.dark, self.shapes, scene.camera.resolution)
+        self.film = Film.of(self.scene.sensors()[0], scene.camera.resolution, self.far)
+        self.owner = covering(mi, self.film, self.scene, self.shapes)
         self.path = _path(mi, sampling.max_depth)
         everything, flags = mi.TransportMode.Radiance, mi.BSDFFlags
         self.any = mi.BSDFContext()
@@ -104,7 +109,7 @@ class Room:
 
     def truth(self) -> Truth:
         """All bands."""
-        scene, side = self.scene, self.scene.camera.resolution
+        scene, side = self.described, self.described.camera.resolution
         sums = np.stack([self._band(band) for band in range(len(scene.wavelengths_nm))], axis=-1)
         samples = self.sampling.samples
         # (channels, halves, pixels, bands) -> (halves, height, width, bands, 3), means of a half
@@ -135,29 +140,29 @@ class Room:
 
     def _maps(self) -> tuple[NDArray[np.inexact[Any]], NDArray[np.float64]]:
         """η (height, width, bands) and α (height, width); off the objects those of the first."""
-        side, bands = self.scene.camera.resolution, self.scene.wavelengths_nm
+        side, bands = self.described.camera.resolution, self.described.wavelengths_nm
         owner = np.maximum(self.owner, 0)
-        parts = [parts_of(placed.surface) for placed in self.scene.objects]
+        parts = [parts_of(placed.surface) for placed in self.described.objects]
         indices = [np.stack([part.indices(bands) for part in own]) for own in parts]
         eta = np.empty((side**2, len(bands)), dtype=np.result_type(*indices))
         alpha = np.empty(side**2)
-        for number, placed in enumerate(self.scene.objects):
+        for number, placed in enumerate(self.described.objects):
             here, seen = owner == number, np.ones((side**2, 1), dtype=np.float32)
             if isinstance(placed.surface, Patterned):
                 at = pattern_on(self.mi, placed)
-                seen = surface_shares(self.mi, self.dark, side, at, len(parts[number]))
+                seen = surface_shares(self.mi, self.film, self.scene, at, len(parts[number]))
             eta[here] = seen[here] @ indices[number]
             alpha[here] = seen[here] @ [part.alpha for part in parts[number]]
         return eta.reshape(side, side, -1), alpha.reshape(side, side)
 
     def _band(self, band: int) -> Floats:
         """Sums over the samples of every half and pixel, (channels, halves, pixels)."""
-        nm = (self.scene.wavelengths_nm[band],)
+        nm = (self.described.wavelengths_nm[band],)
         for paint in self.paints:
-            albedo = paint.surface.albedos(self.scene.wavelengths_nm)[band]
+            albedo = paint.surface.albedos(self.described.wavelengths_nm)[band]
             paint.set_band(paint.surface.indices(nm)[0].item(), float(albedo))
-        light = sampler(self.mi, self.scene.light)
-        total = self.scene.camera.resolution**2
+        light = sampler(self.mi, self.described.light, self.scene)
+        total = self.described.camera.resolution**2
         sums = np.empty((_CHANNELS, HALVES, total), dtype=np.float32)
         for start in range(0, total, PIXELS_A_LAUNCH):
             pixels = np.arange(start, min(start + PIXELS_A_LAUNCH, total), dtype=np.uint32)
@@ -196,7 +201,7 @@ class Room:
         import drjit as dr
 
         mi = self.mi
-        hit = self.dark.ray_intersect(ray)
+        hit = self.scene.ray_intersect(ray)
         valid = hit.is_valid()
         shaded = [mi.Float(0.0) for _ in range(3 * len(self.lobes))]
         to_camera = to_camera_frame(mi, self.film.sensor, ray)
@@ -221,7 +226,9 @@ class Room:
         mi, valid, bsdf = self.mi, hit.is_valid(), hit.bsdf()
         found = []
         for direction, weight in light(hit, bsdf, draws, valid):
-            shadow = self.dark.ray_test(hit.spawn_ray(hit.to_world(direction)), valid)
+            ray = hit.spawn_ray(hit.to_world(direction))
+            ray.maxt = mi.Float(self.far)
+            shadow = self.scene.ray_test(ray, valid)
             found.append((direction, dr.select(shadow, 0.0, weight), [mi.Float(1.0)]))
         if self.path is None:
             return found
@@ -229,7 +236,7 @@ class Room:
         drawn, _ = bsdf.sample(self.any, hit, u, uv, valid)
         usable = valid & (drawn.pdf > 0)
         ray = mi.RayDifferential3f(hit.spawn_ray(hit.to_world(drawn.wo)))
-        radiance, _, _ = self.path.sample(self.lit, further, ray, None, usable)
+        radiance, _, _ = self.path.sample(self.scene, further, ray, None, usable)
         stokes = [radiance[row, 0][0] for row in range(4)]
         return [*found, (drawn.wo, dr.select(usable, 1.0 / drawn.pdf, 0.0), stokes)]
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from malus.renderers.mitsuba.lobe_samples import Floats
+from malus.renderers.mitsuba.rays import Film
 from malus.renderers.mitsuba.translate import tessellated
 from malus.scenes.core.errors import InputError
 from malus.scenes.shapes.patterns import Checker, ImageTexture, Pattern, Spots, Stripes
@@ -106,23 +107,20 @@ def has_surface(
     return belongs
 
 
-def surface_shares(
-    mi: ModuleType, scene: Any, resolution: int, at: SurfaceNumber, count: int
-) -> Floats:
+def surface_shares(mi: ModuleType, film: Film, scene: Any, at: SurfaceNumber, count: int) -> Floats:
     """Share (pixels, count) of each surface in what a pixel sees, from 4 × 4 rays a pixel.
 
     They do not depend on samples or seed. Off the object the first surface has all.
     """
     import drjit as dr
 
+    resolution = film.resolution
     pixel = dr.arange(mi.UInt32, resolution**2)
     corner = mi.Point2f(pixel % resolution, pixel // resolution)
     found = np.zeros((resolution**2, count), dtype=np.float64)
     for step in range(16):
         offset = mi.Point2f((step % 4 + 0.5) / 4, (step // 4 + 0.5) / 4)
-        on_film = (corner + offset) / resolution
-        ray, _ = scene.sensors()[0].sample_ray(0.0, 0.0, on_film, mi.Point2f(0.5))
-        hit = scene.ray_intersect(ray)
+        hit = scene.ray_intersect(film.ray_through(mi, (corner + offset) / resolution))
         number = at(hit)
         for index in range(count):
             near = dr.maximum(1.0 - dr.abs(number - index), 0.0)

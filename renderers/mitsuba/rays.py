@@ -35,29 +35,37 @@ class Film:
     """A square sensor and its resolution.
 
     Mitsuba 3.9's orthographic camera hides the transform from its film from functions that Dr.Jit
-    freezes; `to_camera` is a copy of it, None for other cameras.
+    freezes; `to_camera` is a copy of it, None for other cameras. Rays end at the distance `far`,
+    before a lamp that stands in the same scene; None is infinitely far.
     """
 
     sensor: Any
     resolution: int
     to_camera: Any | None = None
+    far: float | None = None
 
     @classmethod
-    def of(cls, sensor: Any, resolution: int) -> Self:
+    def of(cls, sensor: Any, resolution: int, far: float | None = None) -> Self:
         """The film of a Mitsuba sensor."""
         orthographic = sensor.class_name() == "OrthographicCamera"
-        return cls(
-            sensor, resolution, sensor.projection_transform().inverse() if orthographic else None
-        )
+        inverse = sensor.projection_transform().inverse() if orthographic else None
+        return cls(sensor, resolution, inverse, far)
+
+    def ray_through(self, mi: ModuleType, position: Any) -> Any:
+        """A ray through a position on the film, (0, 0) upper left and (1, 1) lower right."""
+        ray, _ = self.sensor.sample_ray(0.0, 0.0, position, mi.Point2f(0.5))
+        if self.far is not None:
+            ray.maxt = mi.Float(self.far)
+        return ray
 
     def ray(self, mi: ModuleType, pixel: Any, random: Any) -> Any:
         """A ray through a random point of every pixel; pixels count row by row from the top."""
         offset = mi.Point2f(random.next_float32(), random.next_float32())
         corner = mi.Point2f(pixel % self.resolution, pixel // self.resolution)
-        at = (corner + offset) / self.resolution
-        ray, _ = self.sensor.sample_ray(0.0, 0.0, at, mi.Point2f(0.5))
+        position = (corner + offset) / self.resolution
+        ray = self.ray_through(mi, position)
         if self.to_camera is not None:
-            near = self.to_camera @ mi.Point3f(at.x, at.y, 0.0)
+            near = self.to_camera @ mi.Point3f(position.x, position.y, 0.0)
             ray.o = self.sensor.world_transform() @ near
         return ray
 

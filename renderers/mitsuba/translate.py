@@ -23,7 +23,7 @@ CONVEX = frozenset({"sphere"})
 
 ORTHOGRAPHIC_DISTANCE = 3.0
 LAMP_DISTANCE = 1000.0
-"""Of a lamp, over the reach of the objects: seen from them it moves by 0.06° at most."""
+"""Of a lamp, over the radius of the objects: seen from them it moves by 0.06° at most."""
 
 
 def sensor(
@@ -103,15 +103,15 @@ def mesh_object(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
     return result
 
 
-def emitters(mi: ModuleType, light: Light, reach: float = 1.0) -> dict[str, Any]:
+def emitters(mi: ModuleType, light: Light, lamp_distance: float = LAMP_DISTANCE) -> dict[str, Any]:
     """The parts of a light as emitters of a scene, by name; arguments as those of `emitter`."""
-    return {f"light{k}": emitter(mi, part, reach) for k, part in enumerate(parts(light))}
+    return {f"light{k}": emitter(mi, part, lamp_distance) for k, part in enumerate(parts(light))}
 
 
-def emitter(mi: ModuleType, light: Light, reach: float = 1.0) -> dict[str, Any]:
+def emitter(mi: ModuleType, light: Light, lamp_distance: float = LAMP_DISTANCE) -> dict[str, Any]:
     """A light of one part as an emitter with a flat spectrum.
 
-    No object is farther from the origin than `reach`.
+    An area light becomes a disk `lamp_distance` from the origin, far beyond all objects.
     """
     if isinstance(light, Uniform):
         return {"type": "constant", "radiance": _flat(light.radiance)}
@@ -122,7 +122,7 @@ def emitter(mi: ModuleType, light: Light, reach: float = 1.0) -> dict[str, Any]:
             "irradiance": _flat(light.irradiance),
         }
     if isinstance(light, Area):
-        return _lamp(mi, light, LAMP_DISTANCE * reach)
+        return _lamp(mi, light, lamp_distance)
     return environment_emitter(mi, light)
 
 

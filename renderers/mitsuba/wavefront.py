@@ -16,14 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.renderers.mitsuba.coverage import inside
-from malus.renderers.mitsuba.lighting import Sampler, sampler
+from malus.renderers.mitsuba.lighting import (
+    Sampler,
+    environment_emitter,
+    radiance_map_of,
+    sampler,
+)
 from malus.renderers.mitsuba.lobe_samples import HALVES, Floats, Lobes, lobes_from_sums
 from malus.renderers.mitsuba.rays import Film, stream_number, streams
 from malus.renderers.mitsuba.shading import Shading, Threads, View, shade
 from malus.renderers.mitsuba.translate import CONVEX, sensor, shape_object
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.camera import Camera
-from malus.scenes.lights.lights import Light
+from malus.scenes.lights.lights import Environment, Light, Sky
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes.shapes import Shape
 
@@ -33,10 +38,16 @@ RECORDINGS = 16
 """Kinds of light, body and number of nodes whose calls a stage remembers."""
 
 
-@functools.lru_cache(maxsize=4)
-def stage(variant: Variant, shape: Shape, camera: Camera) -> Stage:
+def stage(variant: Variant, shape: Shape, camera: Camera, light: Light) -> Stage:
     """The stage for a shape and a camera; the last ones are kept, so that nothing is reloaded."""
-    return Stage(mitsuba(variant), shape, camera)
+    return _kept_stage(variant, shape, camera, radiance_map_of(light))
+
+
+@functools.lru_cache(maxsize=4)
+def _kept_stage(
+    variant: Variant, shape: Shape, camera: Camera, around: Environment | Sky | None
+) -> Stage:
+    return Stage(mitsuba(variant), shape, camera, around)
 
 
 @dataclass(frozen=True)
@@ -59,9 +70,18 @@ class Touched:
 
 
 class Stage:
-    """A shape before a camera, ready to be lit and shaded by many BSDFs."""
+    """A shape before a camera, ready to be lit and shaded by many BSDFs.
 
-    def __init__(self, mi: ModuleType, shape: Shape, camera: Camera) -> None:
+    A radiance map `around` it is part of its scene; other lights are parameters of a render.
+    """
+
+    def __init__(
+        self,
+        mi: ModuleType,
+        shape: Shape,
+        camera: Camera,
+        around: Environment | Sky | None = None,
+    ) -> None:
         import drjit as dr
 
         self.mi, self.dr = mi, dr
@@ -73,6 +93,7 @@ class Stage:
                 "shape": shape_object(mi, shape, plain),
                 "sensor": sensor(mi, camera),
             }
+            | ({"map": environment_emitter(mi, around)} if around else {})
         )
         film = Film.of(self.scene.sensors()[0], camera.resolution)
         self.view = View(self.scene, film, shape.kind in CONVEX)
@@ -83,7 +104,7 @@ class Stage:
 
     def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:
         """Shade every hit with every BSDF of `shading` under `light`."""
-        touched, lit_by = self._hits(sampling), sampler(self.mi, light)
+        touched, lit_by = self._hits(sampling), sampler(self.mi, light, self.scene)
         half_samples = sampling.samples // HALVES
         blocks = [
             self._shade(stream, lit_by, shading, sampling.seed, half_samples)

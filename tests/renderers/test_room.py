@@ -15,7 +15,7 @@ from malus.renderers import render
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba.path_traced import Room
-from malus.renderers.mitsuba.translate import emitters, sensor
+from malus.renderers.mitsuba.translate import LAMP_DISTANCE, emitters, sensor
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
     Area,
@@ -142,7 +142,7 @@ def test_both_lobes_together_are_what_mitsuba_renders(light: Light, body: str) -
 def test_a_lamp_stands_in_one_direction_from_all_objects(reach: float) -> None:
     """Light between objects starts at a disk of Mitsuba's; direct light is that of a direction."""
     light = Area(incidence_deg=60, azimuth_deg=200)
-    place = emitters(mitsuba(choose()), light, reach)["light0"]["to_world"]
+    place = emitters(mitsuba(choose()), light, LAMP_DISTANCE * reach)["light0"]["to_world"]
     lamp = np.asarray(place.matrix)[:3, 3].astype(float)
     for corner in np.eye(3) * reach:
         seen = lamp - corner

@@ -1,0 +1,70 @@
+"""Warnings of Dr.Jit and OptiX during a render are errors: what they disable is missing light.
+
+Where OptiX cannot do what a kernel asks for, Dr.Jit prints a line, leaves the ray tracing out and
+goes on. The picture then looks like one, and is wrong.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import sys
+from collections.abc import Iterator
+from typing import TextIO, cast
+
+_FROM_DRJIT = re.compile(r"\b(?:jitc?_\w+|validate)\(\): ?.*")
+"""Every message of Dr.Jit's core begins with the function that it comes from."""
+
+_ONLY_SLOWER = ("jit_flush_malloc_cache(): ",)
+"""Messages about speed: the numbers are right."""
+
+
+class KernelWarning(RuntimeError):
+    """Dr.Jit or OptiX warned during a render, so that its pictures cannot be trusted."""
+
+
+class _Listening:
+    """An error stream that passes everything on and keeps what Dr.Jit says."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+        self.warnings: list[str] = []
+
+    def write(self, text: str) -> int:
+        self.warnings += _FROM_DRJIT.findall(text)
+        return self.stream.write(text)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.stream, name)
+
+
+@contextlib.contextmanager
+def refused_warnings(what: str) -> Iterator[None]:
+    """Raise for anything that Dr.Jit or OptiX warns of inside the block.
+
+    Dr.Jit writes its warnings to Python's `sys.stderr`, whose place is taken meanwhile.
+
+    Parameters
+    ----------
+    what : str
+        What is rendered, for the message.
+
+    Raises
+    ------
+    KernelWarning
+        With the first warning, after the block.
+
+    Examples
+    --------
+    >>> with refused_warnings("scene 0123"):
+    ...     print("jit_eval(): ... Disabling this ray tracing operation", file=sys.stderr)
+    Traceback (most recent call last):
+    ...
+    malus.renderers.mitsuba.kernel_warnings.KernelWarning: scene 0123: ...
+    """
+    listening = _Listening(sys.stderr)
+    with contextlib.redirect_stderr(cast(TextIO, listening)):
+        yield
+    serious = [text for text in listening.warnings if not text.startswith(_ONLY_SLOWER)]
+    if serious:
+        raise KernelWarning(f"{what}: the render is not to be trusted, it was warned: {serious[0]}")
