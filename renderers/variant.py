@@ -1,8 +1,8 @@
 """Which Mitsuba variant can run here, decided without risking this process.
 
 Dr.Jit loads the first libLLVM it finds; versions 14 to 16 abort the process at the first render.
-Every candidate is therefore tried in a subprocess, and `DRJIT_LIBLLVM_PATH` names the one that
-works before Mitsuba is imported for the first time.
+Every candidate therefore renders the short form of `self_check` in a subprocess, and
+`DRJIT_LIBLLVM_PATH` names the one that works before Mitsuba is imported for the first time.
 """
 
 from __future__ import annotations
@@ -39,16 +39,6 @@ _LLVM_FOLDERS = (
     "/usr/local/lib",
     "/opt/homebrew/opt/llvm/lib",
 )
-_PROBE = """
-import sys, mitsuba as mi
-mi.set_variant(sys.argv[1])
-scene = mi.load_dict({"type": "scene", "shape": {"type": "sphere", "bsdf": {"type": "pplastic"}},
-    "light": {"type": "constant"}, "integrator": {"type": "direct"},
-    "sensor": {"type": "orthographic", "film": {"type": "hdrfilm", "width": 2, "height": 2}}})
-import numpy as np
-assert np.isfinite(np.array(mi.render(scene, spp=1))).all()
-print("usable")
-"""
 
 
 @dataclass(frozen=True)
@@ -107,15 +97,13 @@ def _cache_file() -> Path:
 
 
 def _probe(variant: str, llvm: Path | None) -> bool:
-    """Whether a tiny render works in a subprocess; the answer is remembered on disk."""
+    """Whether small renders come out right in a subprocess; the answer is remembered on disk."""
     stamp = f"{llvm}:{llvm.stat().st_mtime_ns}" if llvm else _driver()
-    key = f"{variant}|{stamp}|mitsuba {version('mitsuba')}|{sys.executable}"
+    made_by = f"mitsuba {version('mitsuba')}|malus {version('malus')}"
+    key = f"{variant}|{stamp}|{made_by}|{sys.executable}"
     known = _read_cache()
     if key not in known:
-        environment = dict(os.environ)
-        if llvm:
-            environment["DRJIT_LIBLLVM_PATH"] = str(llvm)
-        found = _render_in_subprocess(variant, environment)
+        found = _self_check_in_subprocess(variant, str(llvm) if llvm else "")
         if found is None:
             return False
         known[key] = found
@@ -131,12 +119,11 @@ def _driver() -> str:
         return ""
 
 
-def _render_in_subprocess(variant: str, environment: dict[str, str]) -> bool | None:
-    """Whether the render worked; None where it did not come to an end, as on a busy machine."""
+def _self_check_in_subprocess(variant: str, llvm: str) -> bool | None:
+    """Whether small renders come out right; None where they did not end, as on a busy machine."""
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _PROBE, variant],
-            env=environment,
+            [sys.executable, "-m", "malus.renderers.self_check", variant, llvm],
             capture_output=True,
             text=True,
             timeout=120,

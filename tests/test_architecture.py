@@ -30,7 +30,7 @@ ROOMS = {
     ),
     "renderers": (
         "truth variant family_key", "mitsuba", "families", "torrance_sparrow", "rendering",
-        "datasets comparison",
+        "datasets comparison self_check_scenes", "self_check",
     ),
     "reconstruct": (
         "observation fresnel kernels", "pixel_block quadrature", "facets", "lobe_models",

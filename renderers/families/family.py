@@ -67,6 +67,8 @@ def render_family(
         raise ValueError(f"scenes: expected scenes of one family, found {len(keys)} families")
     key, chosen_variant, options = keys.pop(), variant or choose(), Options(errors, nodes)
 
+    mitsuba(chosen_variant)  # what it says of libraries on its way is no warning of a render
+
     def once(sampling: Sampling) -> Family | Rendered | PatternedFamily:
         with refused_warnings(f"scene {scenes[0].id}"):
             return rendered(sampling)

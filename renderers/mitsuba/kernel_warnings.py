@@ -15,8 +15,8 @@ from typing import TextIO, cast
 _FROM_DRJIT = re.compile(r"\b(?:jitc?_\w+|validate)\(\): ?.*")
 """Every message of Dr.Jit's core begins with the function that it comes from."""
 
-_ONLY_SLOWER = ("jit_flush_malloc_cache(): ",)
-"""Messages about speed: the numbers are right."""
+_HARMLESS = ("jit_flush_malloc_cache(): ", "jit_find_library(): ", "jitc_llvm_init(): ")
+"""Messages that do not touch the numbers: about speed, and about a library of another variant."""
 
 
 class KernelWarning(RuntimeError):
@@ -65,6 +65,6 @@ def refused_warnings(what: str) -> Iterator[None]:
     listening = _Listening(sys.stderr)
     with contextlib.redirect_stderr(cast(TextIO, listening)):
         yield
-    serious = [text for text in listening.warnings if not text.startswith(_ONLY_SLOWER)]
+    serious = [text for text in listening.warnings if not text.startswith(_HARMLESS)]
     if serious:
         raise KernelWarning(f"{what}: the render is not to be trusted, it was warned: {serious[0]}")

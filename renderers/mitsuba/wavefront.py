@@ -98,8 +98,11 @@ class Stage:
         film = Film.of(self.scene.sensors()[0], camera.resolution)
         self.view = View(self.scene, film, shape.kind in CONVEX)
         self.inside = inside(mi, self.scene, self.resolution)
+        # On CUDA, a recording of Mitsuba 3.9's `envmap` ends the process when it is played again.
+        recordable = around is None or not mi.variant().startswith("cuda")
         # New kinds of light and body are no reason to warn.
-        self._replay = dr.freeze(shade, limit=RECORDINGS, warn_after=1 << 30)
+        freeze = functools.partial(dr.freeze, limit=RECORDINGS, warn_after=1 << 30)
+        self._replay = freeze(shade) if recordable else shade
         self._touched: dict[Sampling, Touched] = {}
 
     def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:

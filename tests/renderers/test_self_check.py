@@ -1,0 +1,109 @@
+"""The self-check passes on every variant that works here, and planted faults make it fail."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from malus.renderers import self_check, variant
+from malus.renderers.mitsuba import path_traced, rays, shading, wavefront
+from malus.renderers.mitsuba.kernel_warnings import KernelWarning, refused_warnings
+from malus.renderers.self_check import self_check as checks
+from malus.renderers.self_check_scenes import SCENES, SHORT
+from malus.renderers.variant import Variant, choose
+
+
+@pytest.fixture
+def vectorised() -> Iterator[Variant]:
+    best = choose()
+    if not best.vectorised:
+        pytest.skip("only the scalar variant runs here")
+    # Recordings know nothing of what a test plants, and must not outlive it.
+    wavefront._kept_stage.cache_clear()
+    yield best
+    wavefront._kept_stage.cache_clear()
+
+
+def test_every_kind_agrees_with_what_is_stored(vectorised: Variant) -> None:
+    done = list(checks(vectorised))
+    assert {check.name for check in done} == set(SCENES) | set(self_check.LAWS)
+    assert not [check for check in done if not check.passed]
+
+
+def test_the_scalar_variant_agrees_where_it_renders() -> None:
+    done = list(checks(choose("scalar"), short=True))
+    assert {check.name for check in done} == SHORT - {"room"}
+    assert not [check for check in done if not check.passed]
+
+
+def failed(vectorised: Variant, *names: str) -> set[str]:
+    """Which of some checks fail, with nothing kept from before."""
+    return {check.name for check in checks(vectorised) if check.name in names and not check.passed}
+
+
+def test_a_frame_turned_by_90_degrees_is_found(
+    vectorised: Variant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def turned(mi: Any, sensor: Any, ray: Any) -> Any:
+        return -rays.to_camera_frame(mi, sensor, ray)
+
+    monkeypatch.setattr(shading, "to_camera_frame", turned)
+    assert failed(vectorised, "rolled camera", "malus") == {"rolled camera", "malus"}
+
+
+def test_light_that_is_missing_between_objects_is_found(
+    vectorised: Variant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(path_traced, "_path", lambda *_: None)
+    assert failed(vectorised, "room", "sky") == {"room"}
+
+
+def test_a_render_that_fails_is_a_check_that_failed(
+    vectorised: Variant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise RuntimeError("out of memory")
+
+    monkeypatch.setattr(self_check, "render_family", broken)
+    done = list(checks(vectorised, short=True))
+    assert not [check for check in done if check.passed]
+    assert {check.why for check in done} == {"RuntimeError: out of memory"}
+
+
+def test_a_variant_whose_renders_are_wrong_is_not_chosen(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Any
+) -> None:
+    """What it prints decides, not only that it comes to an end."""
+    monkeypatch.setattr(variant, "_cache_file", lambda: tmp_path / "variants.json")
+
+    class Done:
+        returncode, stdout = 0, "wrong"
+
+    monkeypatch.setattr(variant.subprocess, "run", lambda *_, **__: Done)
+    assert variant._probe(variant.CUDA, None) is False
+
+
+@pytest.mark.parametrize(
+    ("message", "refused"),
+    [
+        ("jit_eval(): more than one OptiX shader binding table was used. Disabling this", True),
+        ("jit_flush_malloc_cache(): Dr.Jit exhausted the available memory", False),
+        ("scenes 3 of 8", False),
+    ],
+)
+def test_what_the_renderer_warns_of_is_an_error(
+    message: str, refused: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def render() -> None:
+        with refused_warnings("scene 0123"):
+            sys.stderr.write(f"{message}\n")
+
+    if refused:
+        with pytest.raises(KernelWarning, match=r"scene 0123: .* jit_eval\(\): more than one"):
+            render()
+    else:
+        render()
+    assert message in capsys.readouterr().err  # nothing is swallowed
