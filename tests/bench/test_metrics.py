@@ -299,9 +299,9 @@ def test_methods_a_pixel_need_no_picture(name: str) -> None:
     scene = SCENE.model_copy(update={"light": Distant(incidence_deg=50), "surface": surface})
     truth = render(scene, renderer="torrance-sparrow")
     truth.specular_noise[...] = 0.01 * truth.specular[..., ::-1, :, :]
-    sight, method = MaskedPixels.of(truth), get_method(name)
+    pixels, method = MaskedPixels.of(truth), get_method(name)
     rows, pictures = (
-        sight.estimate(replace(method, per_pixel=flag)).stokes for flag in (True, False)
+        pixels.estimate(replace(method, per_pixel=flag)).stokes for flag in (True, False)
     )
     assert rows.shape == pictures.shape == (2, truth.mask.sum(), BANDS, 3)
     # The same operations on the same numbers, vectorised over other lengths.
