@@ -1,4 +1,4 @@
-"""A few scenes of a run with every method's images, for people to look at."""
+"""Example scenes of a run, kept with every method's images for people to look at."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from malus.scenes.scene import Scene
 
 FOLDER = "examples"
 MOST = 24
-"""Scenes kept at most: one a light and shape, and roughnesses as far as that goes."""
+"""Largest number of example scenes; each is from another family, spread evenly over the suite."""
 
 
 def chosen(families: Sequence[FamilyPlan]) -> frozenset[str]:
-    """Ids of the scenes to keep: of each family the material of middle index, spread evenly.
+    """Ids of the example scenes: the material of middle index of families spread over the suite.
 
     Examples
     --------
@@ -31,13 +31,13 @@ def chosen(families: Sequence[FamilyPlan]) -> frozenset[str]:
     >>> len(chosen(plan(load_suite("quick"))))
     8
     """
-    middles = [_middle(family.scenes) for family in families]
-    step = max(1.0, len(middles) / MOST)
-    picks = {int(k * step) for k in range(min(MOST, len(middles)))}
-    return frozenset(middles[k].id for k in sorted(picks))
+    scenes = [_of_middle_index(family.scenes) for family in families]
+    step = max(1.0, len(scenes) / MOST)
+    picks = {int(k * step) for k in range(min(MOST, len(scenes)))}
+    return frozenset(scenes[k].id for k in sorted(picks))
 
 
-def _middle(scenes: Sequence[Scene]) -> Scene:
+def _of_middle_index(scenes: Sequence[Scene]) -> Scene:
     ordered = sorted(scenes, key=lambda scene: float(scene.eta.real.mean()))
     return ordered[len(ordered) // 2]
 
@@ -62,6 +62,7 @@ def keep(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
 
 
 def _meta(scene: Scene) -> dict[str, Any]:
+    """Description of the scene that stands in the file: id, label for people, wavelengths."""
     surface = scene.surface
     parts = (
         scene.label,

@@ -83,7 +83,7 @@ def test_a_crash_or_a_hang_costs_its_own_family(
 ) -> None:
     if method == "HANGS":
         # The time must do for imports on a busy machine: wait for it once only.
-        monkeypatch.setattr("malus.bench.running.work.ATTEMPTS", 1)
+        monkeypatch.setattr("malus.bench.running.worker_process.ATTEMPTS", 1)
         monkeypatch.setattr("malus.bench.running.cluster.ATTEMPTS", 1)
     good = run(SUITE.model_copy(update={"methods": ("eq8",)}), tmp_path / "good", NOBODY).table
     smooth = good[good.alpha < ROUGH].reset_index(drop=True)
@@ -150,9 +150,11 @@ def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
     """Also where the parent was killed and the child is busy."""
     script = (
         "import sys, time; sys.path[:0] = [sys.argv[1]]\n"
-        "from malus.bench.running.worker_process import Child\n"
+        "from malus.bench.running.worker_process import WorkerProcess\n"
         "from test_faults import tells_and_sleeps\n"
-        "with Child() as child: print(next(child.stream(tells_and_sleeps)), flush=True); input()"
+        "with WorkerProcess() as worker:\n"
+        "    print(next(worker.stream(tells_and_sleeps)), flush=True)\n"
+        "    input()"
     )
     command = [sys.executable, "-c", script, str(Path(__file__).parent)]
     parent = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
