@@ -11,8 +11,13 @@ import pytest
 from click.testing import CliRunner
 
 from malus.bench.studies import single_image
-from malus.bench.studies.single_image import chain_row, main, separation_row
-from malus.bench.studies.single_image_scenes import COLOURS, photo_scenes
+from malus.bench.studies.single_image import (
+    COLOURS,
+    chain_row,
+    main,
+    photo_scenes,
+    separation_row,
+)
 from malus.reconstruct.single_image.separation import SEPARATIONS
 from malus.renderers.families.family import render_family
 from malus.renderers.truth import Truth
