@@ -1,4 +1,4 @@
-"""How different an estimate looks: ΔE76 and ΔE2000 in CIELAB.
+"""Visible difference of an estimate from the truth: ΔE76 and ΔE2000 in CIELAB.
 
 Bands are narrow. The integral of the observer's colour-matching functions over wavelength is a sum
 over the bands' centres, each weighted by the width of its cell (half-way to its neighbours, the

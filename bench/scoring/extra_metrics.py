@@ -74,8 +74,10 @@ def _colour_difference(truth: Truth, name: str, method: str) -> StokesMetric:
 
 
 def polarisation_error(truth: Truth) -> StokesMetric:
-    """Mean absolute errors of DoLP and AoLP (degrees), RMSE of s1 and s2 over the peak, NMSE of
-    I_max and I_min.
+    """Errors of DoLP, AoLP, s1, s2, I_max and I_min.
+
+    Mean absolute errors of DoLP and AoLP (degrees), RMSE of s1 and s2 over the peak, NMSE of I_max
+    and I_min.
     """
     relative = _RelativeStokes(truth)
     noise = PolarisationError.of(relative.noisy, relative.true)

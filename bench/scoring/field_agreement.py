@@ -16,7 +16,7 @@ from typing import Self
 from malus.scenes.core.arrays import Float64Array
 
 ALONG, ACROSS, ERROR, ENERGY, TRIVIAL = range(5)
-"""Places of the totals in an `Agreement`."""
+"""Indices of the totals of an `Agreement`."""
 
 
 @dataclass(frozen=True)

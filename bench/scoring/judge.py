@@ -89,7 +89,7 @@ class Score:
 
     @property
     def skill(self) -> float:
-        """1 is perfect, 0 no better than "unpolarised"; NaN where that guess is pure noise."""
+        """Skill: 1 is perfect, 0 no better than I(ϑ) = I/2; NaN where that guess is pure noise."""
         method = Error(self.residuals.nmse(), self.noise.nmse())
         trivial = Error(self.trivial.nmse(), self.trivial_noise.nmse())
         return skill(method, trivial, self.residuals.pixels)

@@ -93,7 +93,7 @@ class MaskedPixels:
 
     @functools.cached_property
     def _half(self) -> Truth:
-        """The truth from half of the samples: the truth and one draw of its noise."""
+        """The truth with the draw of its noise added: from an independent half of the samples."""
         return self.truth.halves()[0]
 
     def _rows(self, images: list[Any]) -> FloatArray:
@@ -111,7 +111,7 @@ def _flat(stokes: FloatArray) -> FloatArray:
 
 
 def _two_rows(value: Any, indices: NDArray[np.intp], shape: tuple[int, ...]) -> Any:
-    """Values of an image at `indices`, in two equal rows; what is no image, as it is."""
+    """Values of an image at `indices`, in two equal rows; other values as they are."""
     if np.shape(value)[:2] != shape:
         return value
     values = value.reshape(-1, *value.shape[2:]).take(indices, axis=0)

@@ -49,12 +49,12 @@ class PixelSums:
 
     @property
     def mean(self) -> float:
-        """NaN without pixels."""
+        """Mean over the pixels; NaN without pixels."""
         return self.total / self.count if self.count else math.nan
 
     @property
     def mean_square(self) -> float:
-        """NaN without pixels."""
+        """Mean of the squares over the pixels; NaN without pixels."""
         return self.squares / self.count if self.count else math.nan
 
     @property
@@ -94,7 +94,7 @@ class WeightedSum:
 
     @property
     def mean(self) -> float:
-        """NaN without weight."""
+        """Weighted mean; NaN without weight."""
         return self.total / self.weight if self.weight > 0 else math.nan
 
 
@@ -132,7 +132,7 @@ class Residuals:
 
     @classmethod
     def of_products(cls, products: Float64Array, peak: float, pixels: int) -> Residuals:
-        """From the six distinct products (00 01 02 11 12 22, bands) of `pixel_kernels`."""
+        """Moments from the six distinct products (00 01 02 11 12 22, bands) of `pixel_kernels`."""
         return cls(products.T[:, _SYMMETRIC] / peak**2, pixels)
 
     def nmse(self, angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> float:
@@ -171,7 +171,7 @@ def _angle_forms(angle_sets: tuple[tuple[float, ...], ...]) -> Float64Array:
 
 @dataclass(frozen=True)
 class Error:
-    """A normalised mean squared error and the part of it that Monte Carlo noise made."""
+    """A normalised mean squared error, and the part of it that is expected from noise."""
 
     nmse: float
     noise: float

@@ -24,9 +24,9 @@ SSIM_WINDOW = 7
 
 @dataclass(frozen=True)
 class PolarisationError:
-    """Sums of |ΔDoLP|, of |ΔAoLP| weighted by true polarised intensity, and of the squares of
-    Δs1, Δs2, ΔI_max and ΔI_min.
+    """Sums over pixels of the errors of DoLP, AoLP, s1, s2, I_max and I_min.
 
+    They are absolute errors of DoLP and AoLP, the latter weighted by true polarised intensity.
     Stokes components and weights are divided by the peak of the unpolarised image.
 
     Examples
