@@ -38,6 +38,7 @@ class Agreement:
     --------
     A method that finds nine tenths of a noiseless field has a gain of 0.9:
 
+    >>> import numpy as np
     >>> totals = np.array([-0.1, 0.0, 0.01, 1.0, 1.0])
     >>> round(Agreement(totals, np.zeros((5, 5)), count=4).gain[0], 12)
     0.9
