@@ -105,41 +105,43 @@ def baseline(first: Results) -> Baseline:
 Fault = Callable[[Method, Observation], Components]
 
 
-def turned(method: Method, seen: Observation) -> Components:
+def turned(method: Method, observation: Observation) -> Components:
     """The angle convention is off by 90°: ψ from the horizontal."""
-    good = method.reconstruct(seen)
+    good = method.reconstruct(observation)
     return Components(good.image, -good.s1, -good.s2)
 
 
-def mirrored(method: Method, seen: Observation) -> Components:
+def mirrored(method: Method, observation: Observation) -> Components:
     """s2 counts clockwise."""
-    good = method.reconstruct(seen)
+    good = method.reconstruct(observation)
     return Components(good.image, good.s1, -good.s2)
 
 
-def denser(method: Method, seen: Observation) -> Components:
+def denser(method: Method, observation: Observation) -> Components:
     """η is 1 % too large."""
-    return method.reconstruct(dataclasses.replace(seen, eta=1.01 * seen.require("eta")))
+    return method.reconstruct(
+        dataclasses.replace(observation, eta=1.01 * observation.require("eta"))
+    )
 
 
-def one_band_lost(method: Method, seen: Observation) -> Components:
-    good = method.reconstruct(seen)
+def one_band_lost(method: Method, observation: Observation) -> Components:
+    good = method.reconstruct(observation)
     kept = np.array([1, 1, 0], dtype=good.s1.dtype)
     return Components(good.image, good.s1 * kept, good.s2 * kept)
 
 
-def stronger(method: Method, seen: Observation) -> Components:
+def stronger(method: Method, observation: Observation) -> Components:
     """ρ of the specular lobe is 2 % too large."""
-    good = method.reconstruct(seen)
-    plain = get_method(method.name.removesuffix("+body")).reconstruct(seen)
+    good = method.reconstruct(observation)
+    plain = get_method(method.name.removesuffix("+body")).reconstruct(observation)
     more = PLANTED[1]
     return Components(good.image, good.s1 + more * plain.s1, good.s2 + more * plain.s2)
 
 
-def without_jacobian(method: Method, seen: Observation) -> Components:
+def without_jacobian(method: Method, observation: Observation) -> Components:
     """Facets weighted by dr dφ in place of their projected area."""
     del method
-    return get_method("eq8").reconstruct(seen)
+    return get_method("eq8").reconstruct(observation)
 
 
 def planted(fault: Fault, names: tuple[str, ...] = METHODS) -> list[Method]:
@@ -148,7 +150,9 @@ def planted(fault: Fault, names: tuple[str, ...] = METHODS) -> list[Method]:
     def faulty(method: Method) -> Method:
         if method.name not in names:
             return method
-        return dataclasses.replace(method, reconstruct=lambda seen: fault(method, seen))
+        return dataclasses.replace(
+            method, reconstruct=lambda observation: fault(method, observation)
+        )
 
     return [faulty(method) for method in sound()]
 
@@ -245,16 +249,16 @@ def test_a_turn_is_told_with_its_sense() -> None:
     turn = Method(
         "turn",
         frozenset(),
-        lambda seen: Components(
-            seen.image,
+        lambda observation: Components(
+            observation.image,
             np.cos(angle) * s1 - np.sin(angle) * s2,
             np.sin(angle) * s1 + np.cos(angle) * s2,
         ),
         "",
     )
-    found = Judge(truth).score(turn).agreement
-    assert found.rotation[0] == pytest.approx(np.sin(angle), rel=0.02)
-    assert found.gain[0] == pytest.approx(np.cos(angle), rel=0.02)
+    agreement = Judge(truth).score(turn).agreement
+    assert agreement.rotation[0] == pytest.approx(np.sin(angle), rel=0.02)
+    assert agreement.gain[0] == pytest.approx(np.cos(angle), rel=0.02)
 
 
 def test_lost_and_broken_methods_fail_and_new_ones_do_not(
