@@ -14,26 +14,26 @@ from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method
 from malus.renderers.truth import Truth
 from malus.scenes.core.files import write_whole
+from malus.scenes.core.result_files import EXAMPLES
 from malus.scenes.scene import Scene
 
-FOLDER = "examples"
-MOST = 24
+MOST_EXAMPLES = 24
 """Largest number of example scenes; each is from another family, spread evenly over the suite."""
 
 
-def chosen(families: Sequence[FamilyPlan]) -> frozenset[str]:
+def example_ids(families: Sequence[FamilyPlan]) -> frozenset[str]:
     """Ids of the example scenes: the material of middle index of families spread over the suite.
 
     Examples
     --------
     >>> from malus.bench.running.plan import plan
     >>> from malus.scenes import load_suite
-    >>> len(chosen(plan(load_suite("quick"))))
+    >>> len(example_ids(plan(load_suite("quick"))))
     8
     """
     scenes = [_of_middle_index(family.scenes) for family in families]
-    step = max(1.0, len(scenes) / MOST)
-    picks = {int(k * step) for k in range(min(MOST, len(scenes)))}
+    step = max(1.0, len(scenes) / MOST_EXAMPLES)
+    picks = {int(k * step) for k in range(min(MOST_EXAMPLES, len(scenes)))}
     return frozenset(scenes[k].id for k in sorted(picks))
 
 
@@ -42,9 +42,9 @@ def _of_middle_index(scenes: Sequence[Scene]) -> Scene:
     return ordered[len(ordered) // 2]
 
 
-def keep(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
+def write_example(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
     """Write `examples/<scene id>.npz`: truth, mask, one Stokes image a method, and a label."""
-    path = folder / FOLDER / f"{truth.scene.id}.npz"
+    path = folder / EXAMPLES / f"{truth.scene.id}.npz"
     if path.exists():
         return
     images: dict[str, Any] = {

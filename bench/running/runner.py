@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from malus.bench.running.examples import chosen
+from malus.bench.running.examples import example_ids
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
 from malus.bench.running.plan import FamilyPlan, plan, plan_record
@@ -102,7 +102,7 @@ class SuiteRun:
 
     def tasks(self) -> Iterator[FamilyTask]:
         """Tasks that are left; each is looked up when it is its turn, as others may do it too."""
-        examples = chosen(self.families)
+        examples = example_ids(self.families)
         for family in self.families:
             name = part_id(family, self.suite, self.variant.name)
             missing = self._missing_methods(name)

@@ -22,7 +22,7 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from malus.bench.running.examples import keep
+from malus.bench.running.examples import write_example
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan
 from malus.bench.running.results import Record, describe, inapplicable, record, table_of
@@ -327,7 +327,7 @@ class SceneResult:
 def _example(truth: Truth, methods: Sequence[Method]) -> dict[str, bytes]:
     """Content of the scene's file of example images, by file name."""
     with tempfile.TemporaryDirectory() as folder:
-        keep(Path(folder), truth, methods)
+        write_example(Path(folder), truth, methods)
         return {path.name: path.read_bytes() for path in Path(folder).rglob("*.npz")}
 
 
