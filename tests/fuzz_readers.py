@@ -22,7 +22,7 @@ from malus.bench.datasets.predictions import find_predictions
 from malus.bench.gates.baseline import (
     DEFAULT_RULES,
     Baseline,
-    Origin,
+    RunIdentity,
     read_baseline,
     write_baseline,
 )
@@ -249,7 +249,7 @@ def table(path: Path) -> None:
 
 
 def baseline(path: Path) -> None:
-    origin = Origin(suite="gate", scenes="0", seed=1, variant="scalar")
+    origin = RunIdentity(suite="gate", scenes="0", seed=1, variant="scalar")
     write_baseline(path, Baseline(origin=origin, rules=DEFAULT_RULES))
 
 

@@ -60,7 +60,7 @@ def _update(folder: Path, path: Path) -> None:
     from rich.console import Console
 
     from malus.bench.gates import gate_report
-    from malus.bench.gates.baseline import DEFAULT_RULES, Origin, read_baseline, write_baseline
+    from malus.bench.gates.baseline import DEFAULT_RULES, RunIdentity, read_baseline, write_baseline
     from malus.bench.gates.gate import gate, updated
     from malus.bench.running.results import read_results
 
@@ -68,7 +68,7 @@ def _update(folder: Path, path: Path) -> None:
     old = read_baseline(path) if path.exists() else None
     new = updated(results, old, DEFAULT_RULES)
     console = Console()
-    if old and old.origin.scenes == Origin.of(results).scenes:
+    if old and old.origin.scenes == RunIdentity.of(results).scenes:
         for table in gate_report.tables(gate(results, old)):
             console.print(table)
     elif old:

@@ -28,7 +28,7 @@ def predicted_seconds(
     families: Sequence[FamilyPlan], variant: Variant, renderer: str = "mitsuba"
 ) -> float:
     """Seconds of rendering, from rendering one family on this machine, in miniature by Mitsuba."""
-    sample = max(families, key=lambda family: family.interface)
+    sample = max(families, key=lambda family: family.specular_images)
     if renderer == "torrance-sparrow":
         started = time.perf_counter()
         for scene in sample.scenes:

@@ -1,1 +1,1 @@
-"""Accuracy against a reviewed baseline."""
+"""The gate: accuracy of a run against a reviewed baseline."""

@@ -1,4 +1,4 @@
-"""A baseline: what a run measured when somebody reviewed it, and how far a later run may drift.
+"""Baseline of the gate: reviewed values of a run, and the tolerances of later runs.
 
 The file is TOML. Its rules are written by people: metric, tolerance and the reason for it, for
 the methods, bodies, lights and surfaces that match their patterns; the last rule that matches
@@ -19,15 +19,15 @@ import pandas as pd
 from pydantic import Field
 
 from malus.bench.running.results import Results
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.files import write_whole
 from malus.scenes.core.model import Model, content_id
 
 GatedMetric = Literal["gain", "rotation", "facing_skill"]
-"""Metrics whose standard error is measured with them; the others cannot tell noise from change."""
+"""Metrics whose standard error is known; in the others noise looks like a change."""
 
 KEYS = ("method", "knowledge", "body", "light", "surface")
-"""What a measured value belongs to; scenes that differ only in shape and material are pooled."""
+"""Columns that a measured value stands for; scenes of other shapes and materials are pooled."""
 
 _HEADER = """\
 # What was measured when this baseline was reviewed. People write the rules; `malus gate --update`
@@ -35,8 +35,8 @@ _HEADER = """\
 """
 
 
-class Rule(Model):
-    """How far a metric may drift beyond the noise, and why that much; patterns as in a shell.
+class ToleranceRule(Model):
+    """Largest change of a metric beyond the noise, and the reason for it; patterns as in a shell.
 
     A tolerance cannot be zero: it also stands for noise far below it that the halves of the samples
     do not show (for a perfect method, whose measured error is nearly nothing).
@@ -51,15 +51,15 @@ class Rule(Model):
     light: str = "*"
     surface: str = "*"
 
-    def matches(self, measured: Measured) -> bool:
-        """Whether this rule is about that value."""
-        return self.metric == measured.metric and all(
-            fnmatchcase(getattr(measured, key), getattr(self, key)) for key in KEYS
+    def matches(self, value: PooledMetric) -> bool:
+        """Whether this rule holds for that value."""
+        return self.metric == value.metric and all(
+            fnmatchcase(getattr(value, key), getattr(self, key)) for key in KEYS
         )
 
 
-class Measured(Model):
-    """A metric of one method on the scenes of one body, light and surface.
+class PooledMetric(Model):
+    """Value of a metric for one method, pooled over the scenes of one body, light and surface.
 
     `noise` is the standard error of `value`, `signal` the true polarised intensity over the peak
     (root mean square), by which scenes are weighted and renders are recognised.
@@ -78,12 +78,12 @@ class Measured(Model):
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What must be equal for two values to be compared."""
+        """Metric, method, knowledge, body, light and surface: equal where values are compared."""
         return (self.metric, *(getattr(self, key) for key in KEYS))
 
 
-class Origin(Model):
-    """The run that was measured; `scenes` is a hash of the suite without seed and methods."""
+class RunIdentity(Model):
+    """Suite, seed and variant of a run; `scenes` hashes the suite without seed and methods."""
 
     suite: str
     scenes: str
@@ -91,13 +91,13 @@ class Origin(Model):
     variant: str
 
     @classmethod
-    def of(cls, results: Results) -> Origin:
-        """Where results come from.
+    def of(cls, results: Results) -> RunIdentity:
+        """Identify the run that results come from.
 
         Raises
         ------
         InputError
-            If they do not say so.
+            If their record does not name it.
         """
         try:
             suite, variant = dict(results.run["suite"]), results.run["variant"]["name"]
@@ -107,45 +107,49 @@ class Origin(Model):
             raise InputError(
                 "results, run.json", "suite, seed and variant", f"no {error}", "run the suite again"
             ) from None
-        # A method more or another description leaves the scenes as they are.
+        # Another method or description does not change the scenes.
         content = {k: v for k, v in suite.items() if k not in ("name", "description", "methods")}
         scenes = content_id(content | {"sampling": sampling})
         return cls(suite=name, scenes=scenes, seed=seed, variant=variant)
 
 
 class Baseline(Model):
-    """Rules and measured values.
+    """Rules and measured values of a reviewed run.
 
     Examples
     --------
-    >>> value = Measured(metric="gain", method="eq8", body="polarised", light="uniform",
+    >>> value = PooledMetric(metric="gain", method="eq8", body="polarised", light="uniform",
     ...                  surface="rust", value=0.9, noise=0.001, signal=0.1, scenes=1)
-    >>> origin = Origin(suite="gate", scenes="0", seed=1, variant="scalar")
+    >>> origin = RunIdentity(suite="gate", scenes="0", seed=1, variant="scalar")
     >>> Baseline(origin=origin, rules=DEFAULT_RULES, values=(value,)).rule(value).tolerance
     0.005
     """
 
-    origin: Origin
-    rules: tuple[Rule, ...] = Field(min_length=1)
-    values: tuple[Measured, ...] = ()
+    origin: RunIdentity
+    rules: tuple[ToleranceRule, ...] = Field(min_length=1)
+    values: tuple[PooledMetric, ...] = ()
 
-    def rule(self, measured: Measured) -> Rule | None:
-        """The last rule that matches, or None: then the value is not gated."""
-        return next((rule for rule in reversed(self.rules) if rule.matches(measured)), None)
+    def rule(self, value: PooledMetric) -> ToleranceRule | None:
+        """The last rule that matches a value, or None: then the value is not gated."""
+        return next((rule for rule in reversed(self.rules) if rule.matches(value)), None)
 
 
 DEFAULT_RULES = (
-    Rule(metric="gain", tolerance=0.005, reason="a quarter of the 2 % that must never pass"),
-    Rule(metric="rotation", tolerance=0.005, reason="a mean angle of 0.14 degrees at gain 1"),
-    Rule(
+    ToleranceRule(
+        metric="gain", tolerance=0.005, reason="a quarter of the 2 % that must never pass"
+    ),
+    ToleranceRule(
+        metric="rotation", tolerance=0.005, reason="a mean angle of 0.14 degrees at gain 1"
+    ),
+    ToleranceRule(
         metric="facing_skill", tolerance=0.01, reason="a hundredth of the way to the trivial guess"
     ),
 )
 """Rules of a new baseline."""
 
 
-def measure(results: Results) -> Iterator[Measured | tuple[str, ...]]:
-    """Gated metrics pooled over the scenes of a body, light and surface.
+def measure(results: Results) -> Iterator[PooledMetric | tuple[str, ...]]:
+    """Pool the gated metrics over the scenes of each body, light and surface.
 
     Scenes are weighted by their true polarised energy, which makes the pooled gain the slope over
     all their pixels. Their noises are added as they stand: scenes of one seed share their random
@@ -153,7 +157,7 @@ def measure(results: Results) -> Iterator[Measured | tuple[str, ...]]:
 
     Yields
     ------
-    Measured, or its key where the method gave values that are not finite.
+    PooledMetric, or its key where a value of the method is not finite.
 
     Raises
     ------
@@ -161,12 +165,12 @@ def measure(results: Results) -> Iterator[Measured | tuple[str, ...]]:
         If the results hold none of these metrics.
     """
     table = results.headlines
-    scene = ["scene", *KEYS]
-    signal = table[table.metric == "signal"][[*scene, "value"]].rename(columns={"value": "signal"})
+    keys = ["scene", *KEYS]
+    signal = table[table.metric == "signal"][[*keys, "value"]].rename(columns={"value": "signal"})
     gated = table[table.metric.isin(get_args(GatedMetric))]
-    gated = gated.merge(signal[signal.signal > 0], on=scene)
-    # No pixel faces the viewer, or the truth there is all noise: nothing to compare with. A method
-    # that is not finite still shows in its gain.
+    gated = gated.merge(signal[signal.signal > 0], on=keys)
+    # Without a value no pixel faces the camera, or the truth there is all noise: there is nothing
+    # to compare with. An estimate that is not finite still shows in its gain.
     gated = gated[(gated.metric != "facing_skill") | gated.value.notna()]
     if gated.empty:
         raise InputError(
@@ -175,19 +179,20 @@ def measure(results: Results) -> Iterator[Measured | tuple[str, ...]]:
             "none",
             "run the suite again",
         )
-    for key, part in gated.groupby(["metric", *KEYS], sort=False):
-        yield _pooled(tuple(str(name) for name in key), part)
+    for key, rows in gated.groupby(["metric", *KEYS], sort=False):
+        yield _pooled(tuple(str(name) for name in key), rows)
 
 
-def _pooled(key: tuple[str, ...], part: pd.DataFrame) -> Measured | tuple[str, ...]:
-    weights = part.signal**2 / (part.signal**2).sum()
-    value = float((weights * part.value).sum(skipna=False))
-    noise = float((weights * part.noise).sum(skipna=False))
+def _pooled(key: tuple[str, ...], rows: pd.DataFrame) -> PooledMetric | tuple[str, ...]:
+    """Mean of the rows of one key, weighted by true polarised energy."""
+    weights = rows.signal**2 / (rows.signal**2).sum()
+    value = float((weights * rows.value).sum(skipna=False))
+    noise = float((weights * rows.noise).sum(skipna=False))
     if not (math.isfinite(value) and math.isfinite(noise)):
         return key
     names: dict[str, Any] = dict(zip(("metric", *KEYS), key, strict=True))
-    signal = float((part.signal**2).mean() ** 0.5)
-    return Measured(**names, value=value, noise=noise, signal=signal, scenes=len(part))
+    signal = float((rows.signal**2).mean() ** 0.5)
+    return PooledMetric(**names, value=value, noise=noise, signal=signal, scenes=len(rows))
 
 
 def read_baseline(path: Path) -> Baseline:
@@ -198,31 +203,29 @@ def read_baseline(path: Path) -> Baseline:
     InputError
         Unreadable or malformed file, wrong key or value.
     """
+    where = f"baseline {path}"
     hint = "`malus gate RESULTS --baseline FILE --update` writes one"
-    try:
-        data = tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(f"baseline {path}", "a readable file", reason, hint) from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"baseline {path}", "a TOML file", str(error), hint) from None
-    return Baseline.parse(data, f"baseline {path}")
+    with reading(where, "a readable file", hint):
+        content = path.read_bytes()
+    with reading(where, "a TOML file", hint):
+        data = tomllib.loads(content.decode())
+    return Baseline.parse(data, where)
 
 
 def write_baseline(path: Path, baseline: Baseline) -> None:
-    """Write a baseline that `read_baseline` reads; the same content gives the same bytes."""
+    """Write a baseline that `read_baseline` reads; the same content gives the same bytes.
+
+    Values stand on one line each, for review as a difference; tomli-w needs eleven.
+    """
     lines = [_HEADER, "values = ["]
-    lines += [f"    {_inline(v.model_dump())}," for v in sorted(baseline.values, key=_order)]
+    values = sorted(baseline.values, key=lambda value: value.key)
+    lines += [f"    {_inline(value.model_dump())}," for value in values]
     lines += ["]", "", "[origin]", *_pairs(baseline.origin.model_dump())]
     for rule in baseline.rules:
-        chosen = {k: v for k, v in rule.model_dump().items() if v != "*"}
-        lines += ["", "[[rules]]", *_pairs(chosen)]
+        given = {k: v for k, v in rule.model_dump().items() if v != "*"}
+        lines += ["", "[[rules]]", *_pairs(given)]
     text = "\n".join(lines) + "\n"
     write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
-
-
-def _order(value: Measured) -> tuple[str, ...]:
-    return value.key
 
 
 def _inline(content: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Whether accuracy got worse by more than noise and tolerance, and what could have been seen.
+"""Gate: compare the accuracy of a run with a baseline, beyond noise and tolerance.
 
 A value is compared with the baseline's for the same method, body, light and surface. Their
 difference d is judged against
@@ -18,27 +18,27 @@ from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Literal
 
-from malus.bench.gates.baseline import Baseline, Measured, Origin, Rule, measure
+from malus.bench.gates.baseline import Baseline, PooledMetric, RunIdentity, ToleranceRule, measure
 from malus.bench.running.results import Results
 from malus.scenes.core.errors import InputError
 
 FALSE_ALARM = 1e-3
 """Probability that noise alone turns a whole run red."""
 
-UNSEEN = 1.6
+HIDDEN_NOISE = 1.6
 """Factor on standard errors measured from halves of the samples. The halves share the pixels'
-mean normals and the mask, whose noise they cannot show: over 24 seeds the spread of gains was up
+mean normals and the mask, whose noise they do not show: over 24 seeds the spread of gains was up
 to 1.6 times the measured error (distant light, roughness 0.4), usually 0.7 to 1.2 times."""
 
 PAIRED_NOISE = 0.01
-"""Part of the noise that is left in a difference over the same images: rounding, which may differ
-between machines."""
+"""Fraction of the noise that is left in a difference over the same images: rounding, which may
+differ between machines."""
 
 SAME_SIGNAL = 1e-5
 """Relative difference of true polarised intensities up to which renders are the same images."""
 
-SEEN = 2.0
-"""Standard deviations beyond the limit at which a change is seen 98 times in 100."""
+DETECTED = 2.0
+"""Standard errors beyond the limit at which a change is detected 98 times in 100."""
 
 Outcome = Literal["same", "better", "worse", "changed", "missing", "not finite", "new"]
 FAILURES: tuple[Outcome, ...] = ("worse", "changed", "missing", "not finite")
@@ -46,26 +46,26 @@ _IDEAL = {"gain": 1.0, "rotation": 0.0}
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """One comparison.
+class Comparison:
+    """A value of a run compared with the baseline's.
 
     Attributes
     ----------
     key : metric, method, knowledge, body, light, surface
     outcome : str
         `worse` and `changed` are beyond the limit. A gain or rotation that moved towards its
-        ideal is `changed` and fails as well: unless somebody meant it, it is an accident that
-        hides another. A skill that rose is `better` and passes.
+        ideal is `changed` and fails as well: unless it is intended, it may hide an error. A skill
+        that rose is `better` and passes.
     before, after : float
         Values of the baseline and the run, NaN where there is none.
     error : float
         Standard error of their difference.
     limit, visible : float
-        Difference beyond which it fails, and the smallest that would have been seen.
+        Difference beyond which it fails, and the smallest that is detected almost surely.
     paired : bool
-        Both runs rendered the same images.
+        Whether both runs rendered the same images.
     reason : str
-        Of the tolerance.
+        The reason for the tolerance.
     """
 
     key: tuple[str, ...]
@@ -89,30 +89,32 @@ class Verdict:
         return self.outcome in FAILURES
 
 
-def gate(results: Results, baseline: Baseline) -> list[Verdict]:
-    """Compare a run with a baseline, in the order of the baseline.
+def gate(results: Results, baseline: Baseline) -> list[Comparison]:
+    """Compare the values of a run with those of a baseline, in the baseline's order.
 
     Raises
     ------
     InputError
         If the run rendered other scenes than the baseline's.
     """
-    origin = Origin.of(results)
+    origin = RunIdentity.of(results)
     _require_same_scenes(origin, baseline.origin)
-    found = {m.key if isinstance(m, Measured) else m: m for m in measure(results)}
+    measured = {v.key if isinstance(v, PooledMetric) else v: v for v in measure(results)}
     gated = [(value, rule) for value in baseline.values if (rule := baseline.rule(value))]
     same_run = (origin.seed, origin.variant) == (baseline.origin.seed, baseline.origin.variant)
     z = _quantile(len(gated))
-    verdicts = [_compare(value, found.get(value.key), rule, same_run, z) for value, rule in gated]
-    return verdicts + list(_new(found.values(), baseline))
+    comparisons = [
+        _compare(value, measured.get(value.key), rule, same_run, z) for value, rule in gated
+    ]
+    return comparisons + list(_new(measured.values(), baseline))
 
 
-def passed(verdicts: Sequence[Verdict]) -> bool:
-    """Whether nothing failed."""
-    return not any(verdict.failed for verdict in verdicts)
+def passed(comparisons: Sequence[Comparison]) -> bool:
+    """Whether no comparison failed."""
+    return not any(comparison.failed for comparison in comparisons)
 
 
-def _require_same_scenes(origin: Origin, expected: Origin) -> None:
+def _require_same_scenes(origin: RunIdentity, expected: RunIdentity) -> None:
     if origin.scenes != expected.scenes:
         raise InputError(
             "results",
@@ -128,28 +130,34 @@ def _quantile(comparisons: int) -> float:
 
 
 def _compare(
-    before: Measured, after: Measured | tuple[str, ...] | None, rule: Rule, same_run: bool, z: float
-) -> Verdict:
-    if not isinstance(after, Measured):
+    before: PooledMetric,
+    after: PooledMetric | tuple[str, ...] | None,
+    rule: ToleranceRule,
+    same_run: bool,
+    z: float,
+) -> Comparison:
+    """Compare two values; `after` is a key where it is not finite, None where it is missing."""
+    if not isinstance(after, PooledMetric):
         outcome: Outcome = "missing" if after is None else "not finite"
-        return Verdict(before.key, outcome, before=before.value, reason=rule.reason)
+        return Comparison(before.key, outcome, before=before.value, reason=rule.reason)
     paired = same_run and math.isclose(before.signal, after.signal, rel_tol=SAME_SIGNAL)
-    error = math.hypot(before.noise, after.noise) * (PAIRED_NOISE if paired else UNSEEN)
+    error = math.hypot(before.noise, after.noise) * (PAIRED_NOISE if paired else HIDDEN_NOISE)
     limit = rule.tolerance + z * error
-    return Verdict(
+    return Comparison(
         key=before.key,
         outcome=_outcome(before, after, limit),
         before=before.value,
         after=after.value,
         error=error,
         limit=limit,
-        visible=limit + SEEN * error,
+        visible=limit + DETECTED * error,
         paired=paired,
         reason=rule.reason,
     )
 
 
-def _outcome(before: Measured, after: Measured, limit: float) -> Outcome:
+def _outcome(before: PooledMetric, after: PooledMetric, limit: float) -> Outcome:
+    """Outcome of a comparison of two finite values."""
     if abs(after.value - before.value) <= limit:
         return "same"
     ideal = _IDEAL.get(before.metric)
@@ -159,27 +167,32 @@ def _outcome(before: Measured, after: Measured, limit: float) -> Outcome:
     return "changed" if nearer else "worse"
 
 
-def _new(found: Iterable[Measured | tuple[str, ...]], baseline: Baseline) -> Iterator[Verdict]:
-    known = {value.key for value in baseline.values}
-    for value in found:
-        if isinstance(value, Measured) and value.key not in known and baseline.rule(value):
-            yield Verdict(value.key, "new", after=value.value)
+def _new(
+    measured: Iterable[PooledMetric | tuple[str, ...]], baseline: Baseline
+) -> Iterator[Comparison]:
+    """Values of the run that a rule matches and the baseline does not have."""
+    reviewed = {value.key for value in baseline.values}
+    for value in measured:
+        if isinstance(value, PooledMetric) and value.key not in reviewed and baseline.rule(value):
+            yield Comparison(value.key, "new", after=value.value)
 
 
-def updated(results: Results, baseline: Baseline | None, rules: tuple[Rule, ...]) -> Baseline:
-    """A baseline of this run, with the rules of the old one.
+def updated(
+    results: Results, baseline: Baseline | None, rules: tuple[ToleranceRule, ...]
+) -> Baseline:
+    """Baseline with the values of this run and the rules of the old baseline.
 
     Raises
     ------
     InputError
-        If a method gave values that are not finite: nothing to hold anybody to.
+        If a method gave values that are not finite.
     """
-    fresh = Baseline(origin=Origin.of(results), rules=baseline.rules if baseline else rules)
+    new = Baseline(origin=RunIdentity.of(results), rules=baseline.rules if baseline else rules)
     values = []
     for value in measure(results):
-        if not isinstance(value, Measured):
+        if not isinstance(value, PooledMetric):
             where = ", ".join(value)
             raise InputError("results", "finite values", f"none for {where}", "mend the method")
-        if fresh.rule(value):
+        if new.rule(value):
             values.append(value)
-    return fresh.model_copy(update={"values": tuple(values)})
+    return new.model_copy(update={"values": tuple(values)})

@@ -1,4 +1,4 @@
-"""What a gate found, for people, for pull requests and for machines that read JUnit."""
+"""Report of a gate: for the terminal, for pull requests, and as JUnit XML."""
 
 from __future__ import annotations
 
@@ -11,64 +11,67 @@ from xml.etree import ElementTree
 from rich.markup import escape
 from rich.table import Table
 
-from malus.bench.gates.gate import FALSE_ALARM, Verdict, passed
+from malus.bench.gates.gate import FALSE_ALARM, Comparison, passed
 from malus.scenes.core.errors import printable
 from malus.scenes.core.files import write_whole
 
 _MOST_LINES = 30
-"""Differences shown before the rest is only counted; the JUnit file has them all."""
+"""Largest number of changes that are listed; the JUnit file has them all."""
 
 Row = tuple[str, ...]
 
 
-def headline(verdicts: Sequence[Verdict]) -> str:
-    """One line: passed or failed, and how many of what.
+def headline(comparisons: Sequence[Comparison]) -> str:
+    """One line: passed or failed, and how often each outcome occurred.
 
     Examples
     --------
-    >>> headline([Verdict(("gain", "eq8", "everything", "polarised", "uniform", "rust"), "same")])
+    >>> key = ("gain", "eq8", "everything", "polarised", "uniform", "rust")
+    >>> headline([Comparison(key, "same")])
     'gate passed: 1 same (0 paired)'
     """
-    counts = Counter(verdict.outcome for verdict in verdicts)
-    word = "passed" if passed(verdicts) else "FAILED"
+    counts = Counter(comparison.outcome for comparison in comparisons)
+    word = "passed" if passed(comparisons) else "FAILED"
     what = ", ".join(f"{count} {outcome}" for outcome, count in counts.most_common())
-    paired = sum(verdict.paired for verdict in verdicts)
+    paired = sum(comparison.paired for comparison in comparisons)
     return f"gate {word}: {what or 'nothing compared'} ({paired} paired)"
 
 
-def sensitivity(verdicts: Sequence[Verdict]) -> Iterator[Row]:
-    """Method, metric, comparisons, failures, and the smallest change that could be seen, where."""
-    compared = [v for v in verdicts if v.outcome != "new"]
-    for (method, metric), group in groupby(sorted(compared, key=_method), key=_method):
-        part = list(group)
-        keenest = min(part, key=lambda v: v.visible if v.visible == v.visible else float("inf"))
-        failures = str(sum(v.failed for v in part))
-        where = ", ".join(keenest.key[3:])
-        yield method, metric, str(len(part)), failures, f"{keenest.visible:.2g}", where
+def sensitivity(comparisons: Sequence[Comparison]) -> Iterator[Row]:
+    """Method, metric, comparisons, failures, smallest detectable change and where that is."""
+    compared = [c for c in comparisons if c.outcome != "new"]
+    compared.sort(key=_method_and_metric)
+    for (method, metric), group in groupby(compared, key=_method_and_metric):
+        of_metric = list(group)
+        # NaN, of a value that is missing, is no smallest change.
+        best = min(of_metric, key=lambda c: c.visible if c.visible == c.visible else float("inf"))
+        failures = str(sum(c.failed for c in of_metric))
+        where = ", ".join(best.key[3:])
+        yield method, metric, str(len(of_metric)), failures, f"{best.visible:.2g}", where
 
 
-def differences(verdicts: Sequence[Verdict]) -> Iterator[Row]:
+def differences(comparisons: Sequence[Comparison]) -> Iterator[Row]:
     """Outcome, metric, method, where, before, after, change and limit of all that changed."""
-    for v in sorted(verdicts, key=lambda v: not v.failed):
-        if v.outcome in ("same", "new"):
+    for c in sorted(comparisons, key=lambda c: not c.failed):
+        if c.outcome in ("same", "new"):
             continue
-        known = () if v.key[2] == "everything" else (v.key[2],)
-        where = ", ".join((*known, *v.key[3:]))
-        change = f"{v.change:+.4f} ± {v.error:.4f}"
-        numbers = (f"{v.before:.4f}", f"{v.after:.4f}", change, f"{v.limit:.4f}")
-        yield v.outcome, v.key[0], v.key[1], where, *numbers
+        metric, method, knowledge, *scenes = c.key
+        where = ", ".join(scenes if knowledge == "everything" else (knowledge, *scenes))
+        change = f"{c.change:+.4f} ± {c.error:.4f}"
+        numbers = (f"{c.before:.4f}", f"{c.after:.4f}", change, f"{c.limit:.4f}")
+        yield c.outcome, metric, method, where, *numbers
 
 
 _SENSITIVITY = ("method", "metric", "compared", "failed", "smallest visible change", "seen in")
 _DIFFERENCES = ("", "metric", "method", "where", "baseline", "now", "change", "limit")
 
 
-def tables(verdicts: Sequence[Verdict]) -> Iterator[Table]:
-    """For the terminal: what changed, then what could have been seen."""
-    changed = list(differences(verdicts))
+def tables(comparisons: Sequence[Comparison]) -> Iterator[Table]:
+    """Tables for the terminal: what changed, and the smallest changes that are detected."""
+    changed = list(differences(comparisons))
     if changed:
         yield _table("changes beyond noise and tolerance", _DIFFERENCES, changed[:_MOST_LINES])
-    yield _table("smallest change that is seen", _SENSITIVITY, list(sensitivity(verdicts)))
+    yield _table("smallest change that is seen", _SENSITIVITY, list(sensitivity(comparisons)))
 
 
 def _table(title: str, columns: Row, rows: Sequence[Row]) -> Table:
@@ -81,16 +84,16 @@ def _table(title: str, columns: Row, rows: Sequence[Row]) -> Table:
     return table
 
 
-def markdown(verdicts: Sequence[Verdict]) -> str:
-    """A summary for a pull request."""
-    changed = list(differences(verdicts))
-    lines = [f"### {headline(verdicts)}", ""]
+def markdown(comparisons: Sequence[Comparison]) -> str:
+    """Summary for a pull request, as Markdown."""
+    changed = list(differences(comparisons))
+    lines = [f"### {headline(comparisons)}", ""]
     if changed:
         lines += [*_markdown_table(_DIFFERENCES, changed[:_MOST_LINES]), ""]
     if len(changed) > _MOST_LINES:
         lines += [f"… and {len(changed) - _MOST_LINES} more.", ""]
     lines += ["<details><summary>Smallest change that is seen</summary>", ""]
-    lines += _markdown_table(_SENSITIVITY, list(sensitivity(verdicts)))
+    lines += _markdown_table(_SENSITIVITY, list(sensitivity(comparisons)))
     lines += ["", f"Noise alone fails one run in {1 / FALSE_ALARM:.0f}.", "</details>", ""]
     return "\n".join(lines)
 
@@ -100,30 +103,30 @@ def _markdown_table(columns: Row, rows: Sequence[Row]) -> Iterator[str]:
         yield "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
 
 
-def junit(verdicts: Sequence[Verdict]) -> str:
-    """JUnit XML, one test case a comparison."""
-    compared = [v for v in verdicts if v.outcome != "new"]
-    failures = str(sum(v.failed for v in compared))
+def junit(comparisons: Sequence[Comparison]) -> str:
+    """JUnit XML with one test case for each comparison."""
+    compared = [c for c in comparisons if c.outcome != "new"]
+    failures = str(sum(c.failed for c in compared))
     suite = ElementTree.Element(
         "testsuite", name="malus gate", tests=str(len(compared)), failures=failures
     )
-    for verdict in compared:
-        metric, method, *where = (printable(part) for part in verdict.key)
+    for comparison in compared:
+        metric, method, *where = (printable(part) for part in comparison.key)
         name = f"{metric} [{', '.join(where)}]"
         case = ElementTree.SubElement(suite, "testcase", classname=f"malus.{method}", name=name)
-        if verdict.failed:
-            found = ElementTree.SubElement(case, "failure", message=_sentence(verdict))
-            found.text = f"tolerance: {verdict.reason}"
+        if comparison.failed:
+            failure = ElementTree.SubElement(case, "failure", message=_sentence(comparison))
+            failure.text = f"tolerance: {comparison.reason}"
     root = ElementTree.Element("testsuites")
     root.append(suite)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _sentence(v: Verdict) -> str:
+def _sentence(c: Comparison) -> str:
     return (
-        f"{v.outcome}: {v.before:.5f} in the baseline, {v.after:.5f} now, "
-        f"change {v.change:+.5f} ± {v.error:.5f}, limit {v.limit:.5f}"
+        f"{c.outcome}: {c.before:.5f} in the baseline, {c.after:.5f} now, "
+        f"change {c.change:+.5f} ± {c.error:.5f}, limit {c.limit:.5f}"
     )
 
 
@@ -132,5 +135,5 @@ def write_text(path: Path, text: str) -> None:
     write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
-def _method(verdict: Verdict) -> tuple[str, str]:
-    return verdict.key[1], verdict.key[0]
+def _method_and_metric(comparison: Comparison) -> tuple[str, str]:
+    return comparison.key[1], comparison.key[0]

@@ -1,1 +1,1 @@
-"""A suite from plan to table: families, engines, parts, results."""
+"""From a suite to its results: plan the families, do the work, keep parts, write the table."""

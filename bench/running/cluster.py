@@ -1,12 +1,12 @@
-"""Families spread over the worker processes of a Dask cluster, on this machine or on many.
+"""Engines of a run: one worker process, or a Dask cluster on this machine or on many.
 
-A task is a few kilobytes of parameters and what comes back is its table, so that neither the
-scheduler nor the network sees an image but the few examples. This process alone writes to the
-folder of the run; workers need no disk and share none.
+A task is a few kilobytes of parameters and its result is a table, so that no image passes through
+the scheduler or the network but those of the few examples. This process alone writes to the folder
+of the run; workers need no disk and share none.
 
-A worker that dies, is killed for its memory or loses its connection costs the family that it had:
-Dask gives that to another. A worker whose family takes too long ends itself. A family that has
-killed `ATTEMPTS` workers is recorded as failed.
+Where a worker dies, is killed for its memory or loses its connection, Dask gives its family to
+another worker. A worker whose family takes too long ends itself. A family that has killed
+`ATTEMPTS` workers is recorded as failed.
 """
 
 from __future__ import annotations
@@ -23,16 +23,17 @@ from malus.bench.running.parts import Failure
 from malus.bench.running.work import Engine, FamilyResult, FamilyTask, apart, work
 from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, at_most
 from malus.renderers.variant import BACKENDS, Variant, choose
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import content_id
 
 ATTEMPTS = 3
 """Workers that one family may kill before it is recorded as failed."""
 
 WAITING = 32
-"""Tasks that wait at the scheduler, besides two a thread: enough that no worker idles."""
+"""Tasks that wait at the scheduler, besides two for every thread: enough that no worker idles."""
 
 CONNECT_SECONDS = 30
+"""Longest wait for a scheduler and its first worker."""
 
 _one_at_a_time = threading.Lock()
 """Held during a family: Mitsuba's variant is one for all threads of a worker."""
@@ -45,12 +46,14 @@ def engine(
     scheduler: str | None,
     timeout: float = TIMEOUT_SECONDS,
 ) -> Iterator[Engine]:
-    """The engine that the user asked for; nothing of Dask is imported where it is not needed.
+    """Engine for a run: one worker process, a new cluster, or one that runs already.
+
+    Dask is imported for a cluster only.
 
     Parameters
     ----------
     variant : Variant
-        That every worker has to render with.
+        What every worker renders with.
     workers : int, optional
         Starts a cluster of so many processes on this machine, and stops it at the end.
     scheduler : str, optional
@@ -61,15 +64,16 @@ def engine(
     Raises
     ------
     InputError
-        Both at once, a number of workers below one, no time, Dask missing, nobody at the address.
+        Both at once, a number of workers below one, a timeout that is not above 0, Dask missing,
+        no scheduler at the address.
     """
     if workers is not None and scheduler is not None:
         raise InputError("--workers, --scheduler", "one of the two", "both", "leave one out")
     if workers is not None and workers < 1:
         raise InputError("--workers", "a number of at least 1", str(workers), "leave it out")
-    with WorkerProcess(timeout) as child, ExitStack() as stack:
+    with WorkerProcess(timeout) as worker, ExitStack() as stack:
         if workers is None and scheduler is None:
-            yield apart(variant, child)
+            yield apart(variant, worker)
             return
         client = _local(workers, stack) if workers else _existing(str(scheduler), stack)
         yield lambda tasks: spread(tasks, client, variant, timeout)
@@ -78,7 +82,9 @@ def engine(
 def spread(
     tasks: Iterable[FamilyTask], client: Any, variant: Variant, timeout: float = TIMEOUT_SECONDS
 ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-    """Do tasks on a cluster, in the order in which they finish; few at a time are handed over.
+    """Yield tasks and results of a cluster in the order in which they finish.
+
+    A few tasks at a time are handed over to the scheduler.
 
     Raises
     ------
@@ -100,28 +106,29 @@ def spread(
     while running:
         future = next(finished)
         task = running.pop(future.key)
-        made = _made(future)
+        result = _result(future)
         # The scheduler forgets the table at once: its memory does not grow with the run.
         future.release()
-        yield task, made
+        yield task, result
         hand_over(1)
 
 
 def _remote(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
-    """One task on a worker, with the worker's own library for the variant of the run."""
+    """Do one task on a worker, with the variant of that name as the worker has it."""
     backends = {name: backend for backend, name in BACKENDS.items()}
     with _one_at_a_time:
-        found = choose(backends[variant])
+        own_variant = choose(backends[variant])
         with at_most(timeout):
-            return work(task, found)
+            return work(task, own_variant)
 
 
 def _key(task: FamilyTask) -> str:
-    """Names the work by its content: two runs on one cluster share what both need."""
+    """Name of a task at the scheduler, by its content: runs on one cluster share what both need."""
     return f"malus-{content_id([task.id, task.methods, sorted(task.examples)])}"
 
 
-def _made(future: Any) -> FamilyResult:
+def _result(future: Any) -> FamilyResult:
+    """Result of a future that is finished; a task that failed gives a result that says so."""
     if future.status == "finished":
         return future.result()
     if future.status != "error":
@@ -137,13 +144,13 @@ def _made(future: Any) -> FamilyResult:
 
 @contextmanager
 def local_cluster(workers: int) -> Iterator[Any]:
-    """The client of a cluster of so many processes on this machine."""
+    """Start a cluster of so many processes on this machine; the value is its client."""
     with ExitStack() as stack:
         yield _local(workers, stack)
 
 
 def _local(workers: int, stack: ExitStack) -> Any:
-    """A cluster of processes with one task each, which end with this one however it ends."""
+    """Client of a new cluster of processes with one task each, which end with this process."""
     distributed = _distributed()
     from dask import config
 
@@ -166,25 +173,24 @@ def _local(workers: int, stack: ExitStack) -> Any:
 
 
 def dask_setup(worker: Any) -> None:
-    """Leave Ctrl-C to the process that started the workers: it stops them, and prints one line."""
+    """Ignore Ctrl-C in a worker: the process that started it stops it and prints one line."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _existing(address: str, stack: ExitStack) -> Any:
+    """Client of the cluster whose scheduler has that address."""
     distributed = _distributed()
-    # A scheduler that is lost is told in one line here, and not once more as Dask's log.
+    # A scheduler that is lost is reported in one line here, and not once more in Dask's log.
     stack.enter_context(distributed.utils.silence_logging_cmgr(logging.CRITICAL))
-    try:
+    hint = "is `dask scheduler` running there?"
+    with reading("--scheduler", "the address of a Dask scheduler", hint):
         client = stack.enter_context(distributed.Client(address, timeout=CONNECT_SECONDS))
         client.wait_for_workers(1, timeout=CONNECT_SECONDS)
-    except (OSError, ValueError, TypeError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        hint = "is `dask scheduler` running there?"
-        raise InputError("--scheduler", "the address of a Dask scheduler", reason, hint) from None
     return client
 
 
 def _distributed() -> Any:
+    """Import Dask's package for clusters, which is optional."""
     try:
         import distributed
     except ImportError:

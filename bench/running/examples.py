@@ -1,4 +1,4 @@
-"""A few scenes of a run with every method's images, for people to look at."""
+"""Example scenes of a run, kept with every method's images for people to look at."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method
 from malus.renderers.truth import Truth
 from malus.scenes.core.files import write_whole
+from malus.scenes.core.result_files import EXAMPLES
 from malus.scenes.scene import Scene
 
-FOLDER = "examples"
-MOST = 24
-"""Scenes kept at most: one a light and shape, and roughnesses as far as that goes."""
+MOST_EXAMPLES = 24
+"""Largest number of example scenes; each is from another family, spread evenly over the suite."""
 
 
-def chosen(families: Sequence[FamilyPlan]) -> frozenset[str]:
-    """Ids of the scenes to keep: of each family the material of middle index, spread evenly.
+def example_ids(families: Sequence[FamilyPlan]) -> frozenset[str]:
+    """Ids of the example scenes: the material of middle index of families spread over the suite.
 
     Examples
     --------
     >>> from malus.bench.running.plan import plan
     >>> from malus.scenes import load_suite
-    >>> len(chosen(plan(load_suite("quick"))))
+    >>> len(example_ids(plan(load_suite("quick"))))
     8
     """
-    middles = [_middle(family.scenes) for family in families]
-    step = max(1.0, len(middles) / MOST)
-    picks = {int(k * step) for k in range(min(MOST, len(middles)))}
-    return frozenset(middles[k].id for k in sorted(picks))
+    scenes = [_of_middle_index(family.scenes) for family in families]
+    step = max(1.0, len(scenes) / MOST_EXAMPLES)
+    picks = {int(k * step) for k in range(min(MOST_EXAMPLES, len(scenes)))}
+    return frozenset(scenes[k].id for k in sorted(picks))
 
 
-def _middle(scenes: Sequence[Scene]) -> Scene:
+def _of_middle_index(scenes: Sequence[Scene]) -> Scene:
     ordered = sorted(scenes, key=lambda scene: float(scene.eta.real.mean()))
     return ordered[len(ordered) // 2]
 
 
-def keep(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
+def write_example(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
     """Write `examples/<scene id>.npz`: truth, mask, one Stokes image a method, and a label."""
-    path = folder / FOLDER / f"{truth.scene.id}.npz"
+    path = folder / EXAMPLES / f"{truth.scene.id}.npz"
     if path.exists():
         return
     images: dict[str, Any] = {
@@ -62,6 +62,7 @@ def keep(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
 
 
 def _meta(scene: Scene) -> dict[str, Any]:
+    """Description of the scene that stands in the file: id, label for people, wavelengths."""
     surface = scene.surface
     parts = (
         scene.label,

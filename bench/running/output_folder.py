@@ -1,4 +1,4 @@
-"""The folders that commands write to: each holds what one command writes, and nothing else."""
+"""Output folders: each holds what one command writes, and nothing else."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from malus.bench.running.parts import PLAN
 from malus.renderers.datasets.dataset import DATASET
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, first_line
 from malus.scenes.core.files import TEMPORARY, remove_abandoned
 from malus.scenes.core.remote import is_here, put_mark
 from malus.scenes.core.result_files import EXAMPLES, PARTS, TABLE
@@ -20,11 +20,11 @@ FOLDERS = {
     "precision.csv": "a study",
     TABLE: "scores",
 }
-"""By a file that only such a folder has: what the commands write. A run has a table, too."""
+"""What a folder holds, by a file that only such a folder has. A run has a table, too."""
 
 
 def prepare_folder(out: Path, what: str = "") -> Path:
-    """Make the output folder, check that it can be written, and clear what a kill left there.
+    """Make the output folder, check that it can be written, and remove abandoned temporary files.
 
     `what` is one of the names in `FOLDERS`: what will be written there.
 
@@ -40,22 +40,20 @@ def prepare_folder(out: Path, what: str = "") -> Path:
             remove_abandoned(folder)
         _try_to_write(out)
     except Exception as error:
-        # What a store elsewhere raises, for wrong credentials say, is its package's business.
+        # A store elsewhere may raise anything, for wrong credentials for example.
         if isinstance(error, InputError) or (is_here(out) and not isinstance(error, OSError)):
             raise
-        reason = getattr(error, "strerror", None) or str(error).split("\n")[0]
-        raise InputError(
-            f"output folder {out}", "a folder that can be written", reason, "choose another --out"
-        ) from None
+        where, expected = f"output folder {out}", "a folder that can be written"
+        raise InputError(where, expected, first_line(error), "choose another --out") from None
     return out
 
 
 def _check_holds(out: Path, what: str) -> None:
-    """Refuse a folder whose files would be mixed with those of another command, or replaced."""
-    found = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), what)
-    if what and found != what:
+    """Refuse a folder that holds the files of another command."""
+    held = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), what)
+    if what and held != what:
         hint = "choose another --out; nothing was changed"
-        raise InputError(f"output folder {out}", f"a new folder, or {what}", found, hint)
+        raise InputError(f"output folder {out}", f"a new folder, or {what}", held, hint)
 
 
 def _try_to_write(out: Path) -> None:

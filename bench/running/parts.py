@@ -1,8 +1,8 @@
-"""What a run keeps of every family, so that it can stop at any moment and go on later.
+"""Parts of a run: the results of each family, kept so that a stopped run goes on later.
 
 `plan.json` lists the families. `parts/<id>.parquet` has the rows of one, where `id` is a hash of
-everything that decides them but the methods: those that are there are listed in the file, so that
-a suite with one method more scores only that one. `parts/<id>.failed.json` says what could not be
+everything that decides them but the methods. The file lists the methods that it has, so that a
+suite with one method more scores only that one. `parts/<id>.failed.json` says what could not be
 done and why.
 """
 
@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pyarrow.parquet as pq
@@ -28,7 +28,7 @@ from malus.scenes.suite import Suite
 
 PLAN = "plan.json"
 SCHEMA = 5
-"""Counts up when a part's rows or attributes change: older parts are then made again."""
+"""Number that is raised when a part's rows or attributes change: older parts are made again."""
 
 METHODS = "methods"
 """Attribute of a part's table: the methods that it has for every scene of the family."""
@@ -46,7 +46,7 @@ class Failure:
     scene, method : str or None
         None means all of them.
     mendable : bool
-        The reason is a wrong input, which the user may have mended: it is tried every time.
+        Whether the reason is a wrong input, which the user may have mended: it is always retried.
 
     Examples
     --------
@@ -63,14 +63,18 @@ class Failure:
     def of(
         cls, error: BaseException, scene: str | None = None, method: str | None = None
     ) -> Failure:
-        """The failure that an exception stands for."""
+        """Describe an exception as a failure."""
         wrong_input = isinstance(error, InputError)
         reason = str(error) if wrong_input else f"{type(error).__name__}: {error}"
         return cls(scene, method, printable(reason[:_LONGEST_REASON]), wrong_input)
 
+    def is_final(self, retry_failed: bool) -> bool:
+        """Whether a run that goes on leaves it as it is, instead of trying it again."""
+        return not (retry_failed or self.mendable)
+
 
 def part_id(family: FamilyPlan, suite: Suite, variant: str) -> str:
-    """Hash of what decides the rows of a family, besides the methods."""
+    """Hash of all that decides the rows of a family but the methods: the name of its part."""
     scored = [suite.metrics, suite.knowledge]
     return content_id([family.id, suite.renderer, *scored, variant, version("malus"), SCHEMA])
 
@@ -82,7 +86,7 @@ def write_plan(
     methods: Iterable[str],
     variant: Variant,
 ) -> None:
-    """Write what the run will do, for `malus status`."""
+    """Write the list of families and methods of a run, for `malus status`."""
     listed = [
         {
             "id": part_id(family, suite, variant.name),
@@ -91,14 +95,14 @@ def write_plan(
         }
         for family in families
     ]
-    about = {"suite": suite.name, "suite_id": suite.id, "methods": list(methods)}
-    text = json.dumps(about | {"families": listed}, indent=1)
+    header = {"suite": suite.name, "suite_id": suite.id, "methods": list(methods)}
+    text = json.dumps(header | {"families": listed}, indent=1)
     write_whole(folder / PLAN, lambda path: path.write_text(text + "\n", encoding="utf-8"))
 
 
 @dataclass(frozen=True)
 class Parts:
-    """The parts in the folder of a run.
+    """The parts in the folder of a run, by name.
 
     Examples
     --------
@@ -112,12 +116,10 @@ class Parts:
     folder: Path
 
     def table(self, name: str) -> pd.DataFrame | None:
-        """The rows of a family; None where there are none, or the file is damaged."""
-        try:
-            with open_regular(self._path(name)) as file:
-                return pd.read_parquet(file)
-        except Exception:  # a foreign parser raises anything on a broken file
-            return None
+        """Rows of a family; None where there are none, or the file is damaged."""
+        with suppress(Exception), open_regular(self._path(name)) as file:
+            return pd.read_parquet(file)  # raises anything on a broken file
+        return None
 
     def write(self, name: str, table: pd.DataFrame, methods: Iterable[str]) -> None:
         """Keep the rows of a family; `methods` are those that it has for every scene."""
@@ -126,16 +128,14 @@ class Parts:
         write_whole(self._path(name), lambda path: table.to_parquet(path, index=False))
 
     def methods(self, name: str) -> tuple[str, ...]:
-        """Methods that a family has for every scene, from the end of the file alone."""
-        try:
-            with open_regular(self._path(name)) as file:
-                described = pq.read_schema(file).pandas_metadata or {}
-            return tuple(described.get("attributes", {}).get(METHODS, ()))
-        except Exception:  # a foreign parser raises anything on a broken file
-            return ()
+        """Methods that a part has for every scene of the family; only its footer is read."""
+        with suppress(Exception), open_regular(self._path(name)) as file:
+            metadata = pq.read_schema(file).pandas_metadata or {}  # raises anything, too
+            return tuple(metadata.get("attributes", {}).get(METHODS, ()))
+        return ()
 
     def failures(self, name: str) -> tuple[Failure, ...]:
-        """What of a family could not be done; a record that is damaged counts as none."""
+        """What of a family could not be done; a damaged record counts as none."""
         path = self._failed(name)
         if not path.exists():
             return ()
@@ -145,7 +145,7 @@ class Parts:
             return ()
 
     def write_failures(self, name: str, label: str, failures: Sequence[Failure]) -> None:
-        """Record what could not be done, or that nothing is left that could not."""
+        """Record what could not be done; without failures, remove an earlier record."""
         path = self._failed(name)
         if not failures:
             path.unlink(missing_ok=True)
@@ -161,8 +161,10 @@ class Parts:
         return self.folder / PARTS / f"{name}.failed.json"
 
 
-def merged(old: pd.DataFrame | None, new: pd.DataFrame | None, again: Iterable[str]) -> Any:
-    """Rows of both; those of the methods that were done `again` come from the new ones alone."""
+def merged(
+    old: pd.DataFrame | None, new: pd.DataFrame | None, again: Iterable[str]
+) -> pd.DataFrame | None:
+    """Join two tables of a family; rows of methods done `again` come from the new one alone."""
     if old is None:
         return new
     kept = old[~old.method.isin(list(again))]
@@ -175,11 +177,11 @@ def merged(old: pd.DataFrame | None, new: pd.DataFrame | None, again: Iterable[s
 
 
 def in_order(table: pd.DataFrame, family: FamilyPlan, methods: Iterable[str]) -> pd.DataFrame:
-    """The rows of `methods`, ordered by scene and method, however they came together."""
-    scenes = {scene.id: place for place, scene in enumerate(family.scenes)}
-    places = {method: place for place, method in enumerate(dict.fromkeys(methods))}
-    wanted = table[table.method.isin(places)]
-    order = wanted.scene.map(scenes) * len(places) + wanted.method.map(places)
-    found = wanted.iloc[order.to_numpy().argsort(kind="stable")].reset_index(drop=True)
-    found.attrs = dict(table.attrs)
-    return found
+    """Rows of `methods`, ordered by the family's scenes and the methods."""
+    scene_rank = {scene.id: rank for rank, scene in enumerate(family.scenes)}
+    method_rank = {method: rank for rank, method in enumerate(dict.fromkeys(methods))}
+    rows = table[table.method.isin(method_rank)]
+    rank = rows.scene.map(scene_rank) * len(method_rank) + rows.method.map(method_rank)
+    ordered = rows.iloc[rank.to_numpy().argsort(kind="stable")].reset_index(drop=True)
+    ordered.attrs = dict(table.attrs)
+    return ordered

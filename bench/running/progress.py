@@ -1,4 +1,4 @@
-"""How far long work is: told to whoever asks, or shown as a bar with the time left."""
+"""Progress of long work, shown as a bar with the time left, and the memory that it took."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rich.progress import Progress as Bar
 def peak_memory() -> int:
     """Peak resident bytes of this process plus those of its largest child that has ended.
 
-    Zero on Windows, which does not tell.
+    Zero on Windows, where the number is not available.
 
     Examples
     --------
@@ -26,20 +26,20 @@ def peak_memory() -> int:
     except ImportError:
         return 0
     unit = 1 if sys.platform == "darwin" else 1024
-    asked = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    return sum(resource.getrusage(who).ru_maxrss for who in asked) * unit
+    processes = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return sum(resource.getrusage(who).ru_maxrss for who in processes) * unit
 
 
 Progress = Callable[[int, int, str], None]
-"""Called with what is done, all there is, and the label of what comes next."""
+"""Called with the number done, the number in all, and the label of what comes next."""
 
 
 def silent(_done: int, _total: int, _label: str) -> None:
-    """Progress that nobody watches."""
+    """Progress that is shown nowhere."""
 
 
 def with_progress(console: Console, what: str, work: Callable[[Progress], Any]) -> Any:
-    """Do some work under a progress bar on the console, and return what it returns."""
+    """Call `work` under a progress bar on the console, and return its value."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -1,4 +1,4 @@
-"""The main job: render every family, let every method reconstruct, score, and keep the results."""
+"""Run a suite: render every family, let every method reconstruct, score, and store the results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from malus.bench.running.examples import chosen
+from malus.bench.running.examples import example_ids
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
 from malus.bench.running.plan import FamilyPlan, plan, plan_record
@@ -26,38 +26,6 @@ from malus.scenes.core.files import owned, write_whole
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.result_files import EXAMPLES
 from malus.scenes.suite import Suite
-
-
-@dataclass
-class Collected:
-    """What the record of a run tells of its families, gathered while their tables go by.
-
-    Attributes
-    ----------
-    families : list of FamilyPlan
-        Those with a table: done at any time.
-    samples : list of int
-        Samples a pixel of each.
-    """
-
-    families: list[FamilyPlan] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
-    samples: list[int] = field(default_factory=list)
-    scenes: int = 0
-    interpolation_rms: float = 0.0
-    render_seconds: float = 0.0
-
-    def add(self, family: FamilyPlan, table: pd.DataFrame) -> None:
-        """Count a family's table."""
-        self.families.append(family)
-        self.samples.append(table.attrs["samples"])
-        self.scenes += table.scene.nunique()
-        self.interpolation_rms = max(self.interpolation_rms, table.attrs["interpolation_rms"])
-        self.render_seconds += table.attrs["render_seconds"]
-
-
-REASONS_KEPT = 20
-"""Failures that `run.json` tells at most; the parts and `malus status` tell all."""
 
 
 def run(
@@ -99,22 +67,22 @@ def run(
     methods = {get_method(reference).name: reference for reference in suite.methods}
     get_metrics(suite.metrics)  # whose names are checked before anything is rendered
     folder = prepare_folder(as_path(out), "a run")
-    job = Job(suite, families, methods, folder, chosen_variant, progress, retry_failed)
+    suite_run = SuiteRun(suite, families, methods, folder, chosen_variant, progress, retry_failed)
     with owned(folder, suite.id):
         write_plan(folder, suite, families, methods, chosen_variant)
-        for task, made in (engine or here(chosen_variant))(job.tasks()):
-            job.keep(task, made)
+        for task, result in (engine or here(chosen_variant))(suite_run.tasks()):
+            suite_run.keep(task, result)
         progress(len(families), len(families), "writing")
-        found = Collected()
-        write_tables(folder, job.tables_of(found))
-        job.seconds["total"] = time.perf_counter() - started
-        write_run(folder, job.record(found))
+        totals = RunTotals()
+        write_tables(folder, suite_run.tables(totals))
+        suite_run.seconds["total"] = time.perf_counter() - started
+        write_run(folder, suite_run.record(totals))
     return read_results(folder)
 
 
 @dataclass
-class Job:
-    """One run: what it is about, where it writes, and the seconds that its stages took."""
+class SuiteRun:
+    """One run of a suite: its tasks, where their results go, and the seconds of its stages."""
 
     suite: Suite
     families: Sequence[FamilyPlan]
@@ -129,66 +97,67 @@ class Job:
 
     @property
     def parts(self) -> Parts:
-        """Where the families' results are kept."""
+        """Parts in the folder: the results of each family."""
         return Parts(self.folder)
 
     def tasks(self) -> Iterator[FamilyTask]:
-        """What is left to do; each is looked up when it is its turn, as others may do it too."""
-        examples = chosen(self.families)
+        """Tasks that are left; each is looked up when it is its turn, as others may do it too."""
+        examples = example_ids(self.families)
         for family in self.families:
             name = part_id(family, self.suite, self.variant.name)
-            missing = self._missing(name)
+            missing = self._missing_methods(name)
             if not missing:
                 self.finished += 1
                 continue
             self.progress(self.finished, len(self.families), family.label)
-            mine = examples & {scene.id for scene in family.scenes}
-            suite = self.suite
-            ladder = suite.knowledge == "ladder"
-            yield FamilyTask(name, family, suite.renderer, missing, suite.metrics, mine, ladder)
+            yield FamilyTask(
+                name,
+                family,
+                self.suite.renderer,
+                missing,
+                self.suite.metrics,
+                examples & {scene.id for scene in family.scenes},
+                ladder=self.suite.knowledge == "ladder",
+            )
 
-    def _missing(self, name: str) -> dict[str, str]:
-        """The methods that a family lacks, without those that failed before."""
-        table = self.parts.table(name)
-        have = set() if table is None else set(table.attrs.get(METHODS, ()))
-        if have >= set(self.methods):
+    def _missing_methods(self, name: str) -> dict[str, str]:
+        """Methods that a part lacks, without those whose failure is final."""
+        done = _whole_methods(self.parts.table(name))
+        if done >= set(self.methods):
             self.taken_over += 1
             return {}
-        failed = {
-            failure.method
-            for failure in self.parts.failures(name)
-            if not (self.retry_failed or failure.mendable)
-        }
+        failures = self.parts.failures(name)
+        failed = {why.method for why in failures if why.is_final(self.retry_failed)}
         if None in failed:
             return {}
         return {
             method: reference
             for method, reference in self.methods.items()
-            if method not in have | failed
+            if method not in done | failed
         }
 
-    def keep(self, task: FamilyTask, made: FamilyResult) -> None:
-        """Store what came of a task: examples first, so that a part that is there has them."""
-        for name, content in made.examples.items():
+    def keep(self, task: FamilyTask, result: FamilyResult) -> None:
+        """Store the result of a task: examples first, so that a part that is there has them."""
+        for name, content in result.examples.items():
             _write_bytes(self.folder / EXAMPLES / name, content)
         old = self.parts.table(task.id)
-        table = merged(old, made.table, task.methods)
+        table = merged(old, result.table, task.methods)
         if table is not None:
-            have = set() if old is None else set(old.attrs.get(METHODS, ()))
-            whole = (have - set(task.methods)) | made.whole(task.methods)
-            self.parts.write(task.id, table, whole)
-        others = [
+            done = (_whole_methods(old) - set(task.methods)) | result.whole(task.methods)
+            self.parts.write(task.id, table, done)
+        failures_of_others = [
             failure
             for failure in self.parts.failures(task.id)
             if failure.method not in {None, *task.methods}
         ]
-        self.parts.write_failures(task.id, task.family.label, [*others, *made.failures])
-        for stage, seconds in made.seconds.items():
+        failures = [*failures_of_others, *result.failures]
+        self.parts.write_failures(task.id, task.family.label, failures)
+        for stage, seconds in result.seconds.items():
             self.seconds[stage] += seconds
         self.finished += 1
 
-    def tables_of(self, found: Collected) -> Iterator[pd.DataFrame]:
-        """The tables of all families, one at a time; what is known of them is added to `found`.
+    def tables(self, totals: RunTotals) -> Iterator[pd.DataFrame]:
+        """Tables of all families, one at a time; each is counted in `totals`.
 
         Raises
         ------
@@ -200,22 +169,21 @@ class Job:
             table = self.parts.table(name)
             if table is not None and table.method.isin(self.methods).any():
                 ordered = in_order(table, family, self.methods)
-                found.add(family, ordered)
+                totals.add(family, ordered)
                 yield ordered
-            have = set() if table is None else set(table.attrs.get(METHODS, ()))
-            lacking = set(self.methods) - have
+            lacking = set(self.methods) - _whole_methods(table)
             if lacking:
-                found.failures.append(_reason(self.parts.failures(name), lacking, family))
-        if not found.families:
+                totals.failures.append(_reason(self.parts.failures(name), lacking, family))
+        if not totals.families:
             raise InputError(
                 f"suite {self.suite.name}",
                 "a family that can be rendered and scored",
-                f"{len(found.failures)} that failed",
-                f"the first says: {found.failures[0].reason if found.failures else 'nothing'}",
+                f"{len(totals.failures)} that failed",
+                f"the first says: {totals.failures[0].reason if totals.failures else 'nothing'}",
             )
 
-    def record(self, found: Collected) -> dict[str, Any]:
-        """What `run.json` says: how the results came about."""
+    def record(self, totals: RunTotals) -> dict[str, Any]:
+        """Record for `run.json`: how the results came about."""
         return origin() | {
             "suite": self.suite.model_dump(mode="json"),
             "suite_id": self.suite.id,
@@ -223,17 +191,22 @@ class Job:
             "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
             "families": len(self.families),
             "families_taken_over": self.taken_over,
-            "families_failed": len(found.failures),
-            "failures": [failure.reason for failure in found.failures[:REASONS_KEPT]],
-            "scenes": found.scenes,
-            "interpolation_rms": found.interpolation_rms,
-            "samples": {"least": min(found.samples), "most": max(found.samples)},
-            "plan": plan_record(self.suite, found.families, found.render_seconds),
+            "families_failed": len(totals.failures),
+            "failures": [failure.reason for failure in totals.failures[:REASONS_KEPT]],
+            "scenes": totals.scenes,
+            "interpolation_rms": totals.interpolation_rms,
+            "samples": {"least": min(totals.samples), "most": max(totals.samples)},
+            "plan": plan_record(self.suite, totals.families, totals.render_seconds),
         }
 
 
+def _whole_methods(table: pd.DataFrame | None) -> set[str]:
+    """Methods that the table of a part has for every scene of its family."""
+    return set() if table is None else set(table.attrs.get(METHODS, ()))
+
+
 def _reason(failures: Iterable[Failure], lacking: set[str], family: FamilyPlan) -> Failure:
-    """The first failure that tells why a family lacks these methods."""
+    """The first failure that explains why a family lacks these methods."""
     for failure in failures:
         if failure.method is None or failure.method in lacking:
             return failure
@@ -243,3 +216,37 @@ def _reason(failures: Iterable[Failure], lacking: set[str], family: FamilyPlan) 
 
 def _write_bytes(path: Path, content: bytes) -> None:
     write_whole(path, lambda temporary: temporary.write_bytes(content))
+
+
+REASONS_KEPT = 20
+"""Largest number of failures in `run.json`; the parts and `malus status` have all."""
+
+
+@dataclass
+class RunTotals:
+    """Totals over the families of a run, for its record, counted while their tables are written.
+
+    Attributes
+    ----------
+    families : list of FamilyPlan
+        Those with a table, of this run or an earlier one.
+    failures : list of Failure
+        The first of each family of which something failed.
+    samples : list of int
+        Samples a pixel of each.
+    """
+
+    families: list[FamilyPlan] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    samples: list[int] = field(default_factory=list)
+    scenes: int = 0
+    interpolation_rms: float = 0.0
+    render_seconds: float = 0.0
+
+    def add(self, family: FamilyPlan, table: pd.DataFrame) -> None:
+        """Count a family's table."""
+        self.families.append(family)
+        self.samples.append(table.attrs["samples"])
+        self.scenes += table.scene.nunique()
+        self.interpolation_rms = max(self.interpolation_rms, table.attrs["interpolation_rms"])
+        self.render_seconds += table.attrs["render_seconds"]

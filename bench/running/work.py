@@ -1,7 +1,7 @@
-"""The work on one family: render it, let every method reconstruct, score. Nothing is stored here.
+"""The work on one family of scenes: render, let every method reconstruct, score. Nothing is stored.
 
-A task is small and holds parameters only; what comes back is a table. It may therefore be done in
-this process or in any other. An exception costs the scene and the method that it came from.
+A task is small and holds parameters only; its result is a table. It may therefore be done in this
+process or in any other. An exception costs the scene and the method that it came from.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from malus.bench.running.examples import keep
+from malus.bench.running.examples import write_example
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan
 from malus.bench.running.results import Record, describe, inapplicable, record, table_of
-from malus.bench.running.worker_process import ATTEMPTS, Died, WorkerProcess
+from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.bench.scoring.judge import Judge, Metric
 from malus.bench.scoring.knowledge_ladder import EVERYTHING, rungs
@@ -37,17 +37,15 @@ from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
 from malus.scenes.scene import Scene
 
-_NO_ROOM = {errno.ENOSPC, errno.EDQUOT}
-
 
 @dataclass(frozen=True)
 class FamilyTask:
-    """What shall be done for one family.
+    """What shall be done for one family of scenes.
 
     Attributes
     ----------
     id : str
-        Of the part that it makes.
+        Of the part of the run's results that the task makes.
     methods : dict of name to reference
         By the reference, such as `package.module:object`, another process finds the method.
     examples : frozenset of str
@@ -67,7 +65,7 @@ class FamilyTask:
 
 @dataclass
 class FamilyResult:
-    """What came of a task.
+    """The outcome of a task.
 
     Attributes
     ----------
@@ -78,7 +76,7 @@ class FamilyResult:
         Compressed images of the few scenes that were asked for.
     seconds : dict of stage to seconds
     clock : function
-        What tells the seconds of a stage: by default the clock on the wall.
+        The clock that measures the seconds of a stage; by default that on the wall.
     """
 
     table: pd.DataFrame | None = None
@@ -113,8 +111,11 @@ class FamilyResult:
             yield
         except Exception as error:
             _raise_what_stops(error)
-            name = scene.id if scene else None
-            self.failures.append(Failure.of(error, name, method.name if method else None))
+            scene_id = scene.id if scene else None
+            self.failures.append(Failure.of(error, scene_id, method.name if method else None))
+
+
+_NO_ROOM = {errno.ENOSPC, errno.EDQUOT}
 
 
 def _raise_what_stops(error: BaseException) -> None:
@@ -125,6 +126,128 @@ def _raise_what_stops(error: BaseException) -> None:
         if full or not isinstance(cause, Exception):
             raise cause
         cause = cause.__cause__ or cause.__context__
+
+
+Engine = Callable[[Iterable[FamilyTask]], Iterator[tuple[FamilyTask, FamilyResult]]]
+"""Does tasks, in any order; takes the next from the iterable only when it is about to start it."""
+
+
+def here(variant: Variant) -> Engine:
+    """Engine that does one task after the other in this process."""
+
+    def one_after_the_other(
+        tasks: Iterable[FamilyTask],
+    ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
+        for task in tasks:
+            yield task, work(task, variant, os.cpu_count() or 1)
+
+    return one_after_the_other
+
+
+def apart(variant: Variant, worker: WorkerProcess) -> Engine:
+    """Engine that does one task after the other in a worker process.
+
+    A family that crashes the worker or takes too long is tried again, then recorded as failed.
+    """
+
+    def one_after_the_other(
+        tasks: Iterable[FamilyTask],
+    ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
+        for task in tasks:
+            yield task, _in_worker(worker, task, variant)
+
+    return one_after_the_other
+
+
+def _in_worker(worker: WorkerProcess, task: FamilyTask, variant: Variant) -> FamilyResult:
+    result: FamilyResult
+    try:
+        (result,) = retried(lambda: worker.stream(_one_result, task, variant))
+    except Died as death:
+        return FamilyResult(failures=[Failure(None, None, str(death))])
+    return result
+
+
+def _one_result(task: FamilyTask, variant: Variant) -> Iterator[FamilyResult]:
+    yield work(task, variant, os.cpu_count() or 1)
+
+
+def work(task: FamilyTask, variant: Variant, threads: int = 1) -> FamilyResult:
+    """Render a family and score every method on each of its scenes.
+
+    Scenes are shared out among `threads` where every method allows it. The seconds of a stage are
+    then its part of the time that passed.
+    """
+    result = FamilyResult()
+    methods = [get_method(reference) for reference in task.methods.values()]
+    plan = ScoringPlan(methods, get_metrics(task.metrics), task.ladder)
+    scene_results: list[SceneResult] = []
+    with result.guard():
+        stage, truth_of = _renderer(task.family, task.renderer, variant, result, False)
+
+        together = threads if all(method.per_pixel for method in methods) else 1
+        # Threads wait for each other in Python: the work of each is measured by its own clock.
+        clock = time.perf_counter if together == 1 else time.thread_time
+
+        def score_scene(scene: Scene) -> SceneResult:
+            scene_result = SceneResult(scene, outcome=FamilyResult(clock=clock))
+            scene_result.score(stage, truth_of, plan, scene.id in task.examples)
+            return scene_result
+
+        started = time.perf_counter()
+        for scene_result in _in_threads(score_scene, task.family.scenes, together):
+            scene_results.append(scene_result)
+            result.failures += scene_result.outcome.failures
+            result.examples |= scene_result.outcome.examples
+        _add_seconds(result, scene_results, time.perf_counter() - started)
+    records = [record for scene_result in scene_results for record in scene_result.records]
+    if records:
+        with result.stage("score"):
+            result.table = _table(task, records, scene_results)
+        result.table.attrs["render_seconds"] = sum(result.seconds[name] for name in RENDERING)
+    return result
+
+
+def _table(
+    task: FamilyTask, records: Sequence[Record], scene_results: Sequence[SceneResult]
+) -> pd.DataFrame:
+    """Table of a family; its attributes tell the samples and the error of the interpolation."""
+    table = table_of(records)
+    table.insert(table.columns.get_loc("method"), "renderer", task.renderer)
+    table.attrs["interpolation_rms"] = max(result.interpolation_rms for result in scene_results)
+    samples = (result.samples for result in scene_results if result.samples)
+    table.attrs["samples"] = next(samples, task.family.sampling.samples)
+    return table
+
+
+def _in_threads(
+    score_scene: Callable[[Scene], SceneResult], scenes: Sequence[Scene], threads: int
+) -> Iterator[SceneResult]:
+    """Results of all scenes in their order, the same to the bit for any number of threads."""
+    # Several BLAS threads add in an order that depends on who else computes.
+    with threadpool_limits(1, "blas"):
+        if threads == 1:
+            yield from map(score_scene, scenes)
+            return
+        pool = ThreadPoolExecutor(threads)
+        try:
+            yield from pool.map(score_scene, scenes)
+        finally:
+            # After an error, or Ctrl-C, the scenes that have not begun are left.
+            pool.shutdown(cancel_futures=True)
+
+
+def _add_seconds(
+    result: FamilyResult, scene_results: Sequence[SceneResult], elapsed: float
+) -> None:
+    """Share out the elapsed time among the stages, as all threads together spent theirs."""
+    busy: defaultdict[str, float] = defaultdict(float)
+    for scene_result in scene_results:
+        for stage, seconds in scene_result.outcome.seconds.items():
+            busy[stage] += seconds
+    total = sum(busy.values())
+    for stage, seconds in busy.items():
+        result.seconds[stage] += elapsed * seconds / total
 
 
 @dataclass(frozen=True)
@@ -138,185 +261,78 @@ class ScoringPlan:
 
 @dataclass
 class SceneResult:
-    """What came of one scene of a task."""
+    """Scores of every method on one scene; `outcome` has failures, examples and seconds."""
 
     scene: Scene
     records: list[Record] = field(default_factory=list)
-    made: FamilyResult = field(default_factory=FamilyResult)
+    outcome: FamilyResult = field(default_factory=FamilyResult)
     interpolation_rms: float = 0.0
     samples: int | None = None
 
-    def do(
-        self, stage: str, truth_of: Callable[[Scene], Truth], exam: ScoringPlan, keep_example: bool
+    def score(
+        self,
+        render_stage: str,
+        truth_of: Callable[[Scene], Truth],
+        plan: ScoringPlan,
+        keep_example: bool,
     ) -> None:
         """Make the truth, score every method on it, and keep its images if they are wanted."""
         truth = None
-        with self.made.guard(self.scene), self.made.stage(stage):
+        with self.outcome.guard(self.scene), self.outcome.stage(render_stage):
             truth = truth_of(self.scene)
         if truth is None:
             return
         self.samples = truth.samples
         self.interpolation_rms = truth.interpolation_error.get("rms", 0.0)
-        with self.made.guard(self.scene):
-            self._examine(truth, exam)
+        with self.outcome.guard(self.scene):
+            self._score_methods(truth, plan)
         if keep_example:
-            with self.made.guard(self.scene), self.made.stage("write examples"):
-                self.made.examples |= _example(truth, self.made.worked(exam.methods))
+            with self.outcome.guard(self.scene), self.outcome.stage("write examples"):
+                self.outcome.examples |= _example(truth, self.outcome.worked(plan.methods))
 
-    def _examine(self, truth: Truth, exam: ScoringPlan) -> None:
-        with self.made.stage("score"):
-            judge, about = Judge(truth), describe(truth.scene)
-        with self.made.stage("reconstruct"):
-            told = list(rungs(judge.sight)) if exam.ladder else []
-        for method in exam.methods:
-            # Methods that need a picture have knowledge of their own: blind, blind-light, …
-            below = told if method.per_pixel else []
-            with self.made.guard(self.scene, method):
-                for knowledge, known in [(EVERYTHING, judge.sight.known), *below]:
-                    self._score(judge, method, exam.metrics, (about, knowledge, known))
+    def _score_methods(self, truth: Truth, plan: ScoringPlan) -> None:
+        with self.outcome.stage("score"):
+            judge, columns = Judge(truth), describe(truth.scene)
+        with self.outcome.stage("reconstruct"):
+            rungs_below = list(rungs(judge.pixels)) if plan.ladder else []
+        for method in plan.methods:
+            # Methods that need a picture have rungs of their own: blind, blind-light, …
+            below = rungs_below if method.per_pixel else []
+            with self.outcome.guard(self.scene, method):
+                for rung in [(EVERYTHING, judge.pixels.observation), *below]:
+                    self._score_rung(judge, method, plan.metrics, columns, rung)
 
-    def _score(
+    def _score_rung(
         self,
         judge: Judge,
         method: Method,
         metrics: Sequence[Metric],
-        rung: tuple[dict[str, Any], str, Observation | Inapplicable],
+        columns: dict[str, Any],
+        rung: tuple[str, Observation | Inapplicable],
     ) -> None:
-        about, knowledge, known = rung
+        """Record the score of one method on one rung, or why there is none."""
+        knowledge, observation = rung
         try:
-            if isinstance(known, Inapplicable):
-                raise known
-            with self.made.stage("reconstruct"):
-                estimate = judge.sight.estimate(method, known)
-            with self.made.stage("score"):
+            if isinstance(observation, Inapplicable):
+                raise observation
+            with self.outcome.stage("reconstruct"):
+                estimate = judge.pixels.estimate(method, observation)
+            with self.outcome.stage("score"):
                 values = judge.score_estimate(estimate, metrics).values()
-                self.records.append(record(about, method.name, values, knowledge=knowledge))
+                self.records.append(record(columns, method.name, values, knowledge=knowledge))
         except Inapplicable as reason:
-            self.records.append(inapplicable(about, method.name, str(reason), knowledge))
+            self.records.append(inapplicable(columns, method.name, str(reason), knowledge))
 
 
 def _example(truth: Truth, methods: Sequence[Method]) -> dict[str, bytes]:
+    """Content of the scene's file of example images, by file name."""
     with tempfile.TemporaryDirectory() as folder:
-        keep(Path(folder), truth, methods)
+        write_example(Path(folder), truth, methods)
         return {path.name: path.read_bytes() for path in Path(folder).rglob("*.npz")}
 
 
 RENDERING = ("render", "interpolate in eta")
-"""Stages that truths come from."""
-
-Engine = Callable[[Iterable[FamilyTask]], Iterator[tuple[FamilyTask, FamilyResult]]]
-"""Does tasks, in any order; takes the next from the iterable only when it is about to start it."""
-
-
-def here(variant: Variant) -> Engine:
-    """The engine that does one task after the other, in this process."""
-
-    def one_after_the_other(
-        tasks: Iterable[FamilyTask],
-    ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-        for task in tasks:
-            yield task, work(task, variant, os.cpu_count() or 1)
-
-    return one_after_the_other
-
-
-def apart(variant: Variant, child: WorkerProcess) -> Engine:
-    """The engine that does one task after the other in a process of its own.
-
-    A family that crashes it or takes too long is tried `ATTEMPTS` times, then recorded as failed.
-    """
-
-    def one_after_the_other(
-        tasks: Iterable[FamilyTask],
-    ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-        for task in tasks:
-            yield task, _attempted(child, task, variant)
-
-    return one_after_the_other
-
-
-def _attempted(child: WorkerProcess, task: FamilyTask, variant: Variant) -> FamilyResult:
-    reason = ""
-    for _ in range(ATTEMPTS):
-        try:
-            (made,) = child.stream(_only, task, variant)
-        except Died as death:
-            reason = f"{death}, {ATTEMPTS} times"
-        else:
-            return cast(FamilyResult, made)
-    return FamilyResult(failures=[Failure(None, None, reason)])
-
-
-def _only(task: FamilyTask, variant: Variant) -> Iterator[FamilyResult]:
-    yield work(task, variant, os.cpu_count() or 1)
-
-
-def work(task: FamilyTask, variant: Variant, threads: int = 1) -> FamilyResult:
-    """Render a family and score every method on each of its scenes.
-
-    Scenes are shared out among `threads` where every method allows it. The seconds of a stage are
-    then its part of the time that passed.
-    """
-    made = FamilyResult()
-    methods = [get_method(reference) for reference in task.methods.values()]
-    exam = ScoringPlan(methods, get_metrics(task.metrics), task.ladder)
-    shares: list[SceneResult] = []
-    with made.guard():
-        stage, truth_of = _renderer(task.family, task.renderer, variant, made, False)
-
-        together = threads if all(method.per_pixel for method in methods) else 1
-        # Threads wait for each other in Python: what each of them does is told by its own clock.
-        clock = time.perf_counter if together == 1 else time.thread_time
-
-        def one(scene: Scene) -> SceneResult:
-            share = SceneResult(scene, made=FamilyResult(clock=clock))
-            share.do(stage, truth_of, exam, scene.id in task.examples)
-            return share
-
-        started = time.perf_counter()
-        for share in _each(one, task.family.scenes, together):
-            shares.append(share)
-            made.failures += share.made.failures
-            made.examples |= share.made.examples
-        _add_seconds(made, shares, time.perf_counter() - started)
-    records = [record for share in shares for record in share.records]
-    if records:
-        with made.stage("score"):
-            made.table = table_of(records)
-            made.table.insert(made.table.columns.get_loc("method"), "renderer", task.renderer)
-        made.table.attrs["interpolation_rms"] = max(share.interpolation_rms for share in shares)
-        told = (share.samples for share in shares if share.samples)
-        made.table.attrs["samples"] = next(told, task.family.sampling.samples)
-        made.table.attrs["render_seconds"] = sum(made.seconds[name] for name in RENDERING)
-    return made
-
-
-def _each(
-    one: Callable[[Scene], SceneResult], scenes: Sequence[Scene], threads: int
-) -> Iterator[SceneResult]:
-    """The shares of all scenes in their order, the same to the bit however many threads."""
-    # Several BLAS threads add in an order that depends on who else computes.
-    with threadpool_limits(1, "blas"):
-        if threads == 1:
-            yield from map(one, scenes)
-            return
-        pool = ThreadPoolExecutor(threads)
-        try:
-            yield from pool.map(one, scenes)
-        finally:
-            # After an error, or Ctrl-C, the scenes that have not begun are left.
-            pool.shutdown(cancel_futures=True)
-
-
-def _add_seconds(made: FamilyResult, shares: Sequence[SceneResult], passed: float) -> None:
-    """Share out the time that passed as the stages were busy in all threads together."""
-    busy: defaultdict[str, float] = defaultdict(float)
-    for share in shares:
-        for stage, seconds in share.made.seconds.items():
-            busy[stage] += seconds
-    whole = sum(busy.values())
-    for stage, seconds in busy.items():
-        made.seconds[stage] += passed * seconds / whole
+"""Stages that make the truths."""
 
 
 def truths(
@@ -324,29 +340,29 @@ def truths(
     scenes: Iterable[Scene],
     renderer: str,
     variant: Variant,
-    made: FamilyResult,
+    result: FamilyResult,
     errors: bool = False,
 ) -> Iterator[tuple[Scene, Truth]]:
-    """Truths of some scenes of a family; those without one are recorded in `made` and left out.
+    """Truths of some scenes of a family; those that fail are recorded in `result` and left out.
 
     All of the family is rendered, because its nodes in η follow from all of its scenes. Standard
     errors cost time, and no score needs them: they are zero without `errors`.
     """
-    stage, truth_of = _renderer(family, renderer, variant, made, errors)
+    stage, truth_of = _renderer(family, renderer, variant, result, errors)
     for scene in scenes:
         truth = None
-        with made.guard(scene), made.stage(stage):
+        with result.guard(scene), result.stage(stage):
             truth = truth_of(scene)
         if truth is not None:
             yield scene, truth
 
 
 def _renderer(
-    family: FamilyPlan, renderer: str, variant: Variant, made: FamilyResult, errors: bool
+    family: FamilyPlan, renderer: str, variant: Variant, result: FamilyResult, errors: bool
 ) -> tuple[str, Callable[[Scene], Truth]]:
-    """What makes the truth of one scene, and the name of that stage; renders what all share."""
+    """Function that makes the truth of a scene, and its stage; renders what all scenes share."""
     if renderer == "torrance-sparrow":
         return RENDERING[0], render_torrance_sparrow
-    with made.stage(RENDERING[0]):
+    with result.stage(RENDERING[0]):
         rendered = render_family(family.scenes, family.sampling, variant, errors=errors)
     return RENDERING[1], partial(rendered.truth, standard_error=errors)

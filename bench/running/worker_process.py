@@ -1,6 +1,6 @@
-"""Work in a child process: a crash or a hang of native code costs one task, not the run.
+"""A worker process: a crash or a hang of native code costs one task, not the run.
 
-Python cannot interrupt a renderer that never returns, nor outlive its segmentation fault. A child
+Python cannot interrupt a renderer that never returns, nor outlive its segmentation fault. A worker
 process can be given up; the next task gets a fresh one.
 """
 
@@ -15,31 +15,34 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, TypeVar
 
 from malus.scenes.core.errors import InputError
 
 ATTEMPTS = 2
-"""Children that one task may cost before it is recorded as failed."""
+"""Worker processes that one task may cost before it is recorded as failed."""
 
 TIMEOUT_SECONDS = 3600.0
-"""Time that one task may take by default: some hundred times what the largest family of the suites
-that malus brings takes on two cores."""
+"""Time that one task may take by default: a hundred times that of the largest family of scenes in
+the suites of malus, on two cores."""
 
 LONGEST_SECONDS = 1e6
-"""Eleven days; far longer ones overflow the clock of the watchdog."""
+"""Largest timeout, eleven days; far longer ones overflow the clock of the watchdog."""
 
 _END = "end"
 _ITEM = "item"
 _ERROR = "error"
 
 
+_Item = TypeVar("_Item")
+
+
 class Died(Exception):
-    """The child is gone; the message tells what of."""
+    """The worker process is gone; the message says why."""
 
 
 class WorkerProcess:
-    """A process that does one task after the other; a context manager that ends it.
+    """A process that does one task after the other; as a context manager it is ended at the end.
 
     It is started with the first task, and again after it died.
 
@@ -51,12 +54,12 @@ class WorkerProcess:
     Raises
     ------
     InputError
-        If that is no time, or more than `LONGEST_SECONDS`.
+        If `timeout` is not above 0, or is more than `LONGEST_SECONDS`.
 
     Examples
     --------
-    >>> with Child(timeout=60) as child:
-    ...     list(child.stream(range, 3))
+    >>> with WorkerProcess(timeout=60) as worker:
+    ...     list(worker.stream(range, 3))
     [0, 1, 2]
     """
 
@@ -77,12 +80,12 @@ class WorkerProcess:
         self._stop()
 
     def stream(self, function: Callable[..., Iterable[Any]], *arguments: Any) -> Iterator[Any]:
-        """What `function(*arguments)` yields in the child; both have to be picklable.
+        """Yield what `function(*arguments)` yields in the worker; both have to be picklable.
 
         Raises
         ------
         Died
-            Where it crashed, was killed, or took longer than `timeout`.
+            Where the worker crashed, was killed, or took longer than `timeout`.
         Exception
             What the function raises.
         """
@@ -109,12 +112,13 @@ class WorkerProcess:
     def _start(self) -> None:
         # A fork would copy locks that the threads of LLVM and BLAS hold.
         context = multiprocessing.get_context("spawn")
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs,))
+        self._connection, worker_end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(worker_end,))
         self._process.start()
-        theirs.close()
+        worker_end.close()
 
     def _reason(self, seconds: float) -> str:
+        """Why the worker is gone, after so many seconds of its task."""
         self._process.join()
         code = self._process.exitcode
         self._stop()
@@ -132,14 +136,32 @@ class WorkerProcess:
             self._process = self._connection = None
 
 
+def retried(attempt: Callable[[], Iterator[_Item]]) -> Iterator[_Item]:
+    """Yield what `attempt()` yields, and call it again where the worker dies, `ATTEMPTS` times.
+
+    Raises
+    ------
+    Died
+        Where the worker died in the last attempt, too.
+    """
+    for attempts_left in reversed(range(ATTEMPTS)):
+        try:
+            yield from attempt()
+        except Died as death:
+            if not attempts_left:
+                raise Died(f"{death}, {ATTEMPTS} times") from None
+        else:
+            return
+
+
 @contextmanager
 def at_most(seconds: float) -> Iterator[None]:
-    """End this process at once where the block takes longer, in native code too.
+    """End this process at once where the block takes longer, also in native code.
 
-    The watchdog is a thread of C, which waits for no lock of Python's.
+    The watchdog is a thread written in C, which does not wait for the lock of Python.
     """
-    with open(os.devnull, "w", encoding="ascii") as nothing:
-        faulthandler.dump_traceback_later(seconds, exit=True, file=nothing)
+    with open(os.devnull, "w", encoding="ascii") as discarded:
+        faulthandler.dump_traceback_later(seconds, exit=True, file=discarded)
         try:
             yield
         finally:
@@ -147,8 +169,8 @@ def at_most(seconds: float) -> Iterator[None]:
 
 
 def _serve(connection: Connection) -> None:
-    """Do what the parent asks, until it hangs up."""
-    # Ctrl-C goes to all processes of a terminal: the parent's business.
+    """Do the tasks that come through the connection, until the parent closes it."""
+    # Ctrl-C goes to all processes of a terminal; the parent ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow_parent, daemon=True).start()
     while True:
@@ -166,7 +188,7 @@ def _serve(connection: Connection) -> None:
 
 
 def _follow_parent() -> None:
-    """End with the parent, also where that was killed."""
+    """End this process when its parent ends, also where that was killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

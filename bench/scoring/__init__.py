@@ -1,1 +1,1 @@
-"""One method on one truth: errors, skill, colour and what knowledge is worth."""
+"""Scores of a method on a truth: errors, skill, colour difference, the ladder of knowledge."""

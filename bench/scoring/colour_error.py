@@ -1,4 +1,4 @@
-"""How different an estimate looks: ΔE76 and ΔE2000 in CIELAB.
+"""Visible difference of an estimate from the truth: ΔE76 and ΔE2000 in CIELAB.
 
 Bands are narrow. The integral of the observer's colour-matching functions over wavelength is a sum
 over the bands' centres, each weighted by the width of its cell (half-way to its neighbours, the
@@ -12,14 +12,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from malus.bench.scoring.metrics import PixelSums
-from malus.scenes.colour import Image, delta_e_maps
-
-Found = Iterator[tuple[str, float | None, PixelSums]]
+from malus.scenes.colour import delta_e_maps
+from malus.scenes.core.arrays import FloatArray
 
 
 def delta_e(
-    estimated: Image, true: Image, wavelengths_nm: tuple[float, ...], method: str = "CIE 1976"
-) -> Found:
+    estimated: FloatArray,
+    true: FloatArray,
+    wavelengths_nm: tuple[float, ...],
+    method: str = "CIE 1976",
+) -> Iterator[tuple[str, float | None, PixelSums]]:
     """Sums over pixels of the colour difference of I_max, I_min, every I(ϑ), and all I(ϑ).
 
     Parameters as those of `delta_e_maps`.
@@ -28,10 +30,10 @@ def delta_e(
     ------
     (suffix, polariser angle in degrees or None, PixelSums)
     """
-    whole = PixelSums()
+    all_angles = PixelSums()
     for suffix, angle, difference in delta_e_maps(estimated, true, wavelengths_nm, method):
         sums = PixelSums.of(difference)
         if angle is not None:
-            whole = whole + sums
+            all_angles = all_angles + sums
         yield suffix, angle, sums
-    yield "", None, whole
+    yield "", None, all_angles

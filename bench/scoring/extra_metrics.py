@@ -1,4 +1,4 @@
-"""Metrics that are computed only where they are asked for, by name.
+"""Further metrics, computed only where a suite names them: colour, DoLP and AoLP, PSNR, SSIM.
 
 The noise beside a value is what a perfect method would score against this truth because of the
 truth's own Monte Carlo noise: errors below it mean nothing.
@@ -10,13 +10,11 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.bench.scoring.colour_error import delta_e
-from malus.bench.scoring.judge import Measure, Metric, Value
+from malus.bench.scoring.judge import Metric, MetricValue, StokesMetric
 from malus.bench.scoring.metrics import PixelSums, cos_zenith, peak, skills
 from malus.bench.scoring.polarisation_error import (
     PolarisationError,
@@ -26,18 +24,16 @@ from malus.bench.scoring.polarisation_error import (
     ssim,
 )
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.validation import near
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 
-Floats = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
-
-class _Fields:
+class _RelativeStokes:
     """Stokes vectors (pixels, bands, 3) of the truth's mask over the peak of its image.
 
-    `noisy` is the truth plus one draw of its own noise: what a perfect method scores is its noise.
+    `noisy` is the truth plus one draw of its own noise: a perfect method's score is that of it.
     """
 
     def __init__(self, truth: Truth) -> None:
@@ -45,85 +41,88 @@ class _Fields:
         self.true = scaled(truth.stokes, truth)
         self.noisy = scaled(_noisy(truth), truth)
 
-    def of(self, stokes: Image) -> Floats:
-        """Of an estimate's Stokes vectors."""
+    def of(self, stokes: FloatArray) -> Float64Array:
+        """Stokes vectors of an estimate over the same peak."""
         return np.divide(stokes, self.peak, dtype=np.float64)
 
 
-def _noisy(truth: Truth) -> Image:
+def _noisy(truth: Truth) -> FloatArray:
     return truth.stokes + truth.specular_noise + truth.diffuse_noise
 
 
-def delta_e76(truth: Truth) -> Measure:
+def delta_e76(truth: Truth) -> StokesMetric:
     """Colour difference ΔE76 of I_max, I_min and I(ϑ); 2.3 is just noticeable."""
     return _colour_difference(truth, "delta_e76", "CIE 1976")
 
 
-def delta_e2000(truth: Truth) -> Measure:
+def delta_e2000(truth: Truth) -> StokesMetric:
     """Colour difference ΔE2000 of I_max, I_min and I(ϑ)."""
     return _colour_difference(truth, "delta_e2000", "CIE 2000")
 
 
-def _colour_difference(truth: Truth, name: str, method: str) -> Measure:
-    fields, bands = _Fields(truth), truth.scene.wavelengths_nm
-    floor = list(delta_e(fields.noisy, fields.true, bands, method))
+def _colour_difference(truth: Truth, name: str, method: str) -> StokesMetric:
+    relative, bands = _RelativeStokes(truth), truth.scene.wavelengths_nm
+    noises = list(delta_e(relative.noisy, relative.true, bands, method))
 
-    def measure(stokes: Image) -> Iterator[Value]:
-        found = delta_e(fields.of(stokes), fields.true, bands, method)
-        for (suffix, angle, sums), (_, _, noise) in zip(found, floor, strict=True):
-            yield Value(name + suffix, sums.mean, noise.mean, angle_deg=angle)
-            yield Value(f"{name}{suffix}_std", sums.std, noise.std, angle_deg=angle)
+    def measure(stokes: FloatArray) -> Iterator[MetricValue]:
+        differences = delta_e(relative.of(stokes), relative.true, bands, method)
+        for (suffix, angle, sums), (_, _, noise) in zip(differences, noises, strict=True):
+            yield MetricValue(name + suffix, sums.mean, noise.mean, angle_deg=angle)
+            yield MetricValue(f"{name}{suffix}_std", sums.std, noise.std, angle_deg=angle)
 
     return measure
 
 
-def polarisation_error(truth: Truth) -> Measure:
-    """Mean absolute errors of DoLP and AoLP (degrees), RMSE of s1 and s2 over the peak, NMSE of
-    I_max and I_min.
+def polarisation_error(truth: Truth) -> StokesMetric:
+    """Errors of DoLP, AoLP, s1, s2, I_max and I_min.
+
+    Mean absolute errors of DoLP and AoLP (degrees), RMSE of s1 and s2 over the peak, NMSE of I_max
+    and I_min.
     """
-    fields = _Fields(truth)
-    noise = PolarisationError.of(fields.noisy, fields.true)
+    relative = _RelativeStokes(truth)
+    noise = PolarisationError.of(relative.noisy, relative.true)
 
-    def measure(stokes: Image) -> Iterator[Value]:
-        found = PolarisationError.of(fields.of(stokes), fields.true)
-        yield Value("dolp_mae", found.dolp.mean, noise.dolp.mean)
-        yield Value("aolp_mae_deg", math.degrees(found.aolp.mean), math.degrees(noise.aolp.mean))
-        yield Value("s1_rmse", found.s1.rms, noise.s1.rms)
-        yield Value("s2_rmse", found.s2.rms, noise.s2.rms)
-        yield Value("nmse_i_max", found.i_max.mean_square, noise.i_max.mean_square)
-        yield Value("nmse_i_min", found.i_min.mean_square, noise.i_min.mean_square)
-
-    return measure
-
-
-def psnr_values(truth: Truth) -> Measure:
-    """Peak signal-to-noise ratio of I(ϑ) in dB; its noise is the largest that can be told."""
-    fields = _Fields(truth)
-    floor = [squared_error(fields.noisy, fields.true, angle) for angle in PAPER_ANGLES_DEG]
-
-    def measure(stokes: Image) -> Iterator[Value]:
-        estimated, whole = fields.of(stokes), PixelSums()
-        for angle, noise in zip(PAPER_ANGLES_DEG, floor, strict=True):
-            found = squared_error(estimated, fields.true, angle)
-            whole = whole + found
-            yield Value("psnr", psnr(found), psnr(noise), angle_deg=angle)
-        yield Value("psnr", psnr(whole), psnr(sum(floor, PixelSums())))
+    def measure(stokes: FloatArray) -> Iterator[MetricValue]:
+        error = PolarisationError.of(relative.of(stokes), relative.true)
+        aolp_noise_deg = math.degrees(noise.aolp.mean)
+        yield MetricValue("dolp_mae", error.dolp.mean, noise.dolp.mean)
+        yield MetricValue("aolp_mae_deg", math.degrees(error.aolp.mean), aolp_noise_deg)
+        yield MetricValue("s1_rmse", error.s1.rms, noise.s1.rms)
+        yield MetricValue("s2_rmse", error.s2.rms, noise.s2.rms)
+        yield MetricValue("nmse_i_max", error.i_max.mean_square, noise.i_max.mean_square)
+        yield MetricValue("nmse_i_min", error.i_min.mean_square, noise.i_min.mean_square)
 
     return measure
 
 
-def ssim_values(truth: Truth) -> Measure:
-    """Structural similarity of I(ϑ); its noise is the largest that can be told."""
+def psnr_values(truth: Truth) -> StokesMetric:
+    """Peak signal-to-noise ratio of I(ϑ) in dB; its noise is the largest measurable value."""
+    relative = _RelativeStokes(truth)
+    noises = [squared_error(relative.noisy, relative.true, angle) for angle in PAPER_ANGLES_DEG]
+
+    def measure(stokes: FloatArray) -> Iterator[MetricValue]:
+        estimated, all_angles = relative.of(stokes), PixelSums()
+        for angle, noise in zip(PAPER_ANGLES_DEG, noises, strict=True):
+            error = squared_error(estimated, relative.true, angle)
+            all_angles = all_angles + error
+            yield MetricValue("psnr", psnr(error), psnr(noise), angle_deg=angle)
+        yield MetricValue("psnr", psnr(all_angles), psnr(sum(noises, PixelSums())))
+
+    return measure
+
+
+def ssim_values(truth: Truth) -> StokesMetric:
+    """Structural similarity of I(ϑ); its noise is the largest measurable value."""
     noisy = _noisy(truth)[truth.mask]
-    floor = [ssim(noisy, truth, angle) for angle in PAPER_ANGLES_DEG]
+    noises = [ssim(noisy, truth, angle) for angle in PAPER_ANGLES_DEG]
 
-    def measure(stokes: Image) -> Iterator[Value]:
-        whole = PixelSums()
-        for angle, noise in zip(PAPER_ANGLES_DEG, floor, strict=True):
-            found = ssim(stokes, truth, angle)
-            whole = whole + found
-            yield Value("ssim", found.mean, noise.mean, angle_deg=angle)
-        yield Value("ssim", whole.mean, sum(floor, PixelSums()).mean)
+    def measure(stokes: FloatArray) -> Iterator[MetricValue]:
+        all_angles = PixelSums()
+        for angle, noise in zip(PAPER_ANGLES_DEG, noises, strict=True):
+            similarity = ssim(stokes, truth, angle)
+            all_angles = all_angles + similarity
+            yield MetricValue("ssim", similarity.mean, noise.mean, angle_deg=angle)
+        yield MetricValue("ssim", all_angles.mean, sum(noises, PixelSums()).mean)
 
     return measure
 
@@ -132,36 +131,39 @@ ZENITHS_DEG = (0, 15, 30, 45, 60, 75, 90)
 """Edges of the bins of zenith angle."""
 
 
-def zenith_values(truth: Truth) -> Measure:
+def zenith_values(truth: Truth) -> StokesMetric:
     """NMSE and skill of the pixels in each bin of zenith angle, over the peak of all of them.
 
     The noise is that of the guess I(ϑ) = I/2, which a method that keeps the image has to first
     order. Bins without a pixel have no values.
     """
-    fields = _Fields(truth)
-    place = np.digitize(np.degrees(np.arccos(cos_zenith(truth))), ZENITHS_DEG[1:-1])
-    pixels = np.bincount(place, minlength=len(ZENITHS_DEG) - 1)
+    relative = _RelativeStokes(truth)
+    bins = np.digitize(np.degrees(np.arccos(cos_zenith(truth))), ZENITHS_DEG[1:-1])
+    pixels = np.bincount(bins, minlength=len(ZENITHS_DEG) - 1)
 
     filled = np.flatnonzero(pixels)
     polarised = np.array([0.0, 1.0, 1.0])
 
-    def binned(difference: Image) -> Floats:
-        return np.bincount(place, _squared(difference))[filled] / pixels[filled]
+    def binned(difference: FloatArray) -> Float64Array:
+        return np.bincount(bins, _squared(difference))[filled] / pixels[filled]
 
-    guess, noise = binned(fields.true * polarised), binned((fields.noisy - fields.true) * polarised)
+    guess, noise = (
+        binned(relative.true * polarised),
+        binned((relative.noisy - relative.true) * polarised),
+    )
     names = [f"zenith_{low}_{high}" for low, high in itertools.pairwise(ZENITHS_DEG)]
 
-    def measure(stokes: Image) -> Iterator[Value]:
-        error = binned(fields.of(stokes) - fields.true)
-        worth = skills(error - noise, guess - noise, noise, pixels[filled])
-        for k, bin_error, floor, skilled in zip(filled, error, noise, worth, strict=True):
-            yield Value(f"nmse_{names[k]}", float(bin_error), float(floor))
-            yield Value(f"skill_{names[k]}", float(skilled))
+    def measure(stokes: FloatArray) -> Iterator[MetricValue]:
+        error = binned(relative.of(stokes) - relative.true)
+        skill = skills(error - noise, guess - noise, noise, pixels[filled])
+        for k, bin_error, bin_noise, bin_skill in zip(filled, error, noise, skill, strict=True):
+            yield MetricValue(f"nmse_{names[k]}", float(bin_error), float(bin_noise))
+            yield MetricValue(f"skill_{names[k]}", float(bin_skill))
 
     return measure
 
 
-def _squared(difference: Image) -> Image:
+def _squared(difference: FloatArray) -> FloatArray:
     """Squared error (pixels,) of Stokes differences (pixels, bands, 3): mean of bands, angles."""
     weighted = difference.reshape(-1, 3) @ angle_weights()
     sums = np.einsum("pbi,pbi->p", weighted.reshape(difference.shape), difference)
@@ -181,12 +183,12 @@ METRICS: dict[str, Metric] = {
 
 @functools.cache
 def get_metrics(names: tuple[str, ...]) -> tuple[Metric, ...]:
-    """The metrics of those names.
+    """Look metrics up by their names.
 
     Raises
     ------
     InputError
-        If there is none of a name.
+        Unknown name.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""How an estimated polarisation field lies along and across the true one, and how sure that is.
+"""Slope and rotation of an estimated against the true polarisation field, with standard errors.
 
 Near a perfect method NMSE and skill move as the square of its error and are mostly noise. The
 slope of the estimated on the true Stokes field is linear in the error: a degree of polarisation
@@ -13,17 +13,15 @@ import math
 from dataclasses import dataclass
 from typing import Self
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from malus.scenes.core.arrays import Float64Array
 
 ALONG, ACROSS, ERROR, ENERGY, TRIVIAL = range(5)
+"""Indices of the totals of an `Agreement`."""
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Sums over pixels and bands, divided by the squared peak, and their covariance by noise.
+    """Sums over pixels and bands, divided by the squared peak, and their covariance from noise.
 
     Attributes
     ----------
@@ -40,13 +38,14 @@ class Agreement:
     --------
     A method that finds nine tenths of a noiseless field has a gain of 0.9:
 
+    >>> import numpy as np
     >>> totals = np.array([-0.1, 0.0, 0.01, 1.0, 1.0])
     >>> round(Agreement(totals, np.zeros((5, 5)), count=4).gain[0], 12)
     0.9
     """
 
-    totals: Floats
-    covariance: Floats
+    totals: Float64Array
+    covariance: Float64Array
     count: int
 
     def __add__(self, other: Self) -> Agreement:
@@ -82,29 +81,29 @@ class Agreement:
 
     @property
     def facing_skill(self) -> tuple[float, float]:
-        """Skill of what faces the viewer, and its standard error; 1 is perfect.
+        """Skill that weighs surfaces facing the camera most, and its standard error; 1 is perfect.
 
         Pixels weigh by the fourth power of the zenith angle's cosine: those of the rim come and go
         with the samples, and where the error sits there, the plain skill jumps by 13 times the
         noise that the halves can show (measured: distant light, roughness 0.4).
         """
-        part, error = self._ratio(ERROR, TRIVIAL)
-        return 1.0 - part, error
+        ratio, error = self._ratio(ERROR, TRIVIAL)
+        return 1.0 - ratio, error
 
-    def _ratio(self, top: int, bottom: int) -> tuple[float, float]:
-        """Quotient of two totals and its standard error, NaN where there is nothing below."""
-        if not self.totals[bottom] > 0.0:
+    def _ratio(self, numerator: int, denominator: int) -> tuple[float, float]:
+        """Ratio of two totals and its standard error, NaN where the denominator is not above 0."""
+        divisor = float(self.totals[denominator])
+        if not divisor > 0.0:
             return math.nan, math.nan
-        below = float(self.totals[bottom])
-        quotient = float(self.totals[top]) / below
+        ratio = float(self.totals[numerator]) / divisor
         covariance = self.covariance
         variance = (
-            float(covariance[top, top])
-            - 2.0 * quotient * float(covariance[top, bottom])
-            + quotient**2 * float(covariance[bottom, bottom])
+            float(covariance[numerator, numerator])
+            - 2.0 * ratio * float(covariance[numerator, denominator])
+            + ratio**2 * float(covariance[denominator, denominator])
         )
-        # NaN stays: the greater of it and zero would be zero.
-        return quotient, math.sqrt(0.0 if variance < 0.0 else variance) / below
+        # max(variance, 0) would turn NaN into 0.
+        return ratio, math.sqrt(0.0 if variance < 0.0 else variance) / divisor
 
     def _error(self, index: int) -> float:
         return math.sqrt(float(self.covariance[index, index]))

@@ -1,4 +1,4 @@
-"""One method on one truth: errors, skill and violations, whole and by band and angle."""
+"""Score of one method on one truth: errors, skill and violations, in all and by band and angle."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from malus.bench.scoring.field_agreement import ALONG, ENERGY, ERROR, TRIVIAL, A
 from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.metrics import (
     Error,
-    Floats,
-    Image,
     Residuals,
     brightest,
     cos_zenith,
@@ -23,19 +21,20 @@ from malus.bench.scoring.metrics import (
     skills,
 )
 from malus.bench.scoring.pixel_kernels import (
-    Form,
-    Planes,
+    QuadraticForm,
+    ThreeImages,
     count_violations,
     difference_sums,
     products,
 )
 from malus.reconstruct import Components, Method, get_method
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 
 
-class Value(NamedTuple):
+class MetricValue(NamedTuple):
     """One number of a results table; band and angle are None where it is over all of them."""
 
     metric: str
@@ -45,11 +44,11 @@ class Value(NamedTuple):
     angle_deg: float | None = None
 
 
-Measure = Callable[[Image], Iterable[Value]]
-"""What a further metric says of the Stokes vectors (pixels, bands, 3) of the mask's pixels."""
+StokesMetric = Callable[[FloatArray], Iterable[MetricValue]]
+"""Function of the estimated Stokes vectors (pixels, bands, 3) of the mask's pixels."""
 
-Metric = Callable[[Truth], Measure]
-"""A further metric: told the truth, it does what all methods share. See `extra_metrics`."""
+Metric = Callable[[Truth], StokesMetric]
+"""A further metric: computes once a truth what all methods share, see `extra_metrics`."""
 
 
 @dataclass(frozen=True)
@@ -59,18 +58,17 @@ class Score:
     Attributes
     ----------
     residuals, noise : Residuals
-        Of the method on the whole truth, and of the change that one draw of the Monte Carlo noise
-        makes to its residual.
+        Errors of the method's estimate, and their change by one draw of the Monte Carlo noise.
     trivial, trivial_noise : Residuals
         The same for the guess I(ϑ) = I/2.
     violations, invalid : int
-        Pixels whose estimate is unphysical, and whose inputs were so that there is none.
+        Numbers of pixels whose estimate is unphysical, and whose inputs allow no estimate.
     agreement : Agreement
         Slope and rotation of the estimated against the true field.
-    extra : tuple of Value
-        Of the further metrics that were asked for.
+    extra : tuple of MetricValue
+        Values of the further metrics that were asked for.
     converged : bool or None
-        As the method says of its own search; None where it searches nothing.
+        Whether the method's own search converged; None where it searches nothing.
     """
 
     residuals: Residuals
@@ -81,7 +79,7 @@ class Score:
     invalid: int
     wavelengths_nm: tuple[float, ...]
     agreement: Agreement
-    extra: tuple[Value, ...] = ()
+    extra: tuple[MetricValue, ...] = ()
     converged: bool | None = None
 
     @property
@@ -91,32 +89,32 @@ class Score:
 
     @property
     def skill(self) -> float:
-        """1 is perfect, 0 no better than "unpolarised"; NaN where that guess is pure noise."""
+        """Skill: 1 is perfect, 0 no better than I(ϑ) = I/2; NaN where that guess is pure noise."""
         method = Error(self.residuals.nmse(), self.noise.nmse())
         trivial = Error(self.trivial.nmse(), self.trivial_noise.nmse())
         return skill(method, trivial, self.residuals.pixels)
 
-    def values(self) -> Iterator[Value]:
-        """Everything for the results table."""
-        parts = (self.residuals, self.noise, self.trivial, self.trivial_noise)
-        by_set = nmse_by(parts, _ANGLE_SETS)
+    def values(self) -> Iterator[MetricValue]:
+        """All rows of this score in the results table."""
+        residuals = (self.residuals, self.noise, self.trivial, self.trivial_noise)
+        by_angles = nmse_by(residuals, _ANGLE_SETS)
         # Over all, for every angle, for every band.
-        nmse, noise, guess, guess_noise = np.hstack([by_set.mean(axis=2), by_set[:, 0]])
-        worth = skills(nmse - noise, guess - guess_noise, guess_noise, self.residuals.pixels)
+        nmse, noise, guess, guess_noise = np.hstack([by_angles.mean(axis=2), by_angles[:, 0]])
+        skill = skills(nmse - noise, guess - guess_noise, guess_noise, self.residuals.pixels)
         angles, bands = PAPER_ANGLES_DEG, self.wavelengths_nm
-        places = [(None, None), *((None, a) for a in angles), *((b, None) for b in bands)]
-        errors = zip(places, nmse.tolist(), noise.tolist(), worth.tolist(), strict=True)
-        for (band, angle), error, floor, skilled in errors:
-            yield Value("nmse", error, floor, band, angle)
-            yield Value("skill", skilled, 0.0, band, angle)
-        yield Value("gain", *self.agreement.gain)
-        yield Value("rotation", *self.agreement.rotation)
-        yield Value("facing_skill", *self.agreement.facing_skill)
-        yield Value("signal", *self.agreement.signal)
-        yield Value("violations", float(self.violations))
-        yield Value("invalid", float(self.invalid))
+        groups = [(None, None), *((None, a) for a in angles), *((b, None) for b in bands)]
+        rows = zip(groups, nmse.tolist(), noise.tolist(), skill.tolist(), strict=True)
+        for (band, angle), nmse_value, noise_value, skill_value in rows:
+            yield MetricValue("nmse", nmse_value, noise_value, band, angle)
+            yield MetricValue("skill", skill_value, 0.0, band, angle)
+        yield MetricValue("gain", *self.agreement.gain)
+        yield MetricValue("rotation", *self.agreement.rotation)
+        yield MetricValue("facing_skill", *self.agreement.facing_skill)
+        yield MetricValue("signal", *self.agreement.signal)
+        yield MetricValue("violations", float(self.violations))
+        yield MetricValue("invalid", float(self.invalid))
         if self.converged is not None:
-            yield Value("converged", float(self.converged))
+            yield MetricValue("converged", float(self.converged))
         yield from self.extra
 
 
@@ -124,7 +122,7 @@ _ANGLE_SETS = (PAPER_ANGLES_DEG, *((angle,) for angle in PAPER_ANGLES_DEG))
 
 
 class Judge:
-    """Scores methods on one truth; what they share is computed once.
+    """Score methods on one truth; what all of them share is computed once.
 
     Examples
     --------
@@ -147,28 +145,31 @@ class Judge:
             hint = "use more resolution, or a camera that is nearer"
             raise InputError(truth.scene.label, "an object that covers a pixel", "none", hint)
         self.truth = truth
-        self._measures: dict[Metric, Measure] = {}
-        self.sight = MaskedPixels.of(truth)
-        known = self.sight.known
-        self.peak = brightest(known.image[0])
+        self._stokes_metrics: dict[Metric, StokesMetric] = {}
+        self.pixels = MaskedPixels.of(truth)
+        image = self.pixels.observation.image
+        self.peak = brightest(image[0])
         self.facing = np.square(np.square(cos_zenith(truth)))  # see Agreement.facing_skill
-        self.draws = np.empty((5, len(self.sight.pixels)))
-        nothing = np.zeros_like(self.sight.true)
-        moments, (along, _, error) = self._sums((known.image, nothing, nothing))
+        self.draws = np.empty((5, len(self.pixels.indices)))
+        unpolarised = np.zeros_like(self.pixels.true)
+        moments, (along, _, error) = self._sums((image, unpolarised, unpolarised))
         self.guess = self._residuals(moments)
         # The guess lacks the whole field: its product with that is minus the field's energy.
         self.totals = -along, error
         self.draws[ENERGY], self.draws[TRIVIAL] = -self.draws[ALONG], self.draws[ERROR]
 
     def score(self, method: Method, metrics: Sequence[Metric] = ()) -> Score:
-        """The score of one method; raises Inapplicable where it cannot work on this truth.
+        """Score one method, with further `metrics` besides those that every score has.
 
-        `metrics` are further ones that cost more than those that every score has.
+        Raises
+        ------
+        Inapplicable
+            Where the method cannot work on this truth.
         """
-        return self.score_estimate(self.sight.estimate(method), metrics)
+        return self.score_estimate(self.pixels.estimate(method), metrics)
 
     def score_estimate(self, estimate: Components, metrics: Sequence[Metric] = ()) -> Score:
-        """The score of what a method made of this truth's sight."""
+        """Score an estimate (2, pixels, bands) that a method made of this truth's masked pixels."""
         moments, totals = self._sums((estimate.image, estimate.s1, estimate.s2))
         scale = self.peak**2
         residuals, noise = self._residuals(moments)
@@ -177,45 +178,46 @@ class Judge:
             noise,
             *self.guess,
             self._violations(estimate),
-            estimate.invalid(self.sight.as_rendered),
+            estimate.invalid(self.pixels.as_rendered),
             self.truth.scene.wavelengths_nm,
             Agreement(
                 np.array([*totals, *self.totals]) / scale,
                 products(self.draws) / scale**2,
-                self.sight.true[0].size,
+                self.pixels.true[0].size,
             ),
             tuple(self._extra(estimate, metrics)) if metrics else (),
             estimate.converged,
         )
 
-    def _extra(self, estimate: Components, metrics: Sequence[Metric]) -> Iterator[Value]:
+    def _extra(self, estimate: Components, metrics: Sequence[Metric]) -> Iterator[MetricValue]:
         stokes = np.stack([estimate.image[0], estimate.s1[0], estimate.s2[0]], axis=-1)
         for metric in metrics:
-            if metric not in self._measures:
-                self._measures[metric] = metric(self.truth)
-            yield from self._measures[metric](stokes)
+            if metric not in self._stokes_metrics:
+                self._stokes_metrics[metric] = metric(self.truth)
+            yield from self._stokes_metrics[metric](stokes)
 
-    def _sums(self, estimate: Planes) -> tuple[Floats, Floats]:
-        """Moments and totals; the draws of these totals are written."""
-        known = self.sight.known.image, self.sight.true, self.sight.draw
-        image, s1, s2 = (np.ascontiguousarray(plane) for plane in estimate)
-        return difference_sums((image, s1, s2), known, self.facing, _form(), self.draws)
+    def _sums(self, estimate: ThreeImages) -> tuple[Float64Array, Float64Array]:
+        """Moments and totals of an estimate, see `difference_sums`; `self.draws` is written."""
+        truth = self.pixels.observation.image, self.pixels.true, self.pixels.draw
+        image, s1, s2 = (np.ascontiguousarray(component) for component in estimate)
+        return difference_sums((image, s1, s2), truth, self.facing, _form(), self.draws)
 
-    def _residuals(self, moments: Floats) -> tuple[Residuals, Residuals]:
-        """Of an estimate, and of what one draw of the noise changes in it."""
-        pixels = self.sight.true.shape[1]
-        whole, change = (Residuals.of_products(part, self.peak, pixels) for part in moments)
-        return whole, change
+    def _residuals(self, moments: Float64Array) -> tuple[Residuals, Residuals]:
+        """Error moments of the estimate, and of its response to one draw of the noise."""
+        count = self.pixels.true.shape[1]
+        error, response = (Residuals.of_products(m, self.peak, count) for m in moments)
+        return error, response
 
     def _violations(self, estimate: Components) -> int:
-        planes = estimate.image[0], estimate.s1[0], estimate.s2[0]
+        components = estimate.image[0], estimate.s1[0], estimate.s2[0]
         # A few rounding errors of the dtype are allowed.
-        slack = 1.0 + 8.0 * float(np.finfo(planes[0].dtype).eps)
-        return count_violations(*planes, self.sight.known.image[0], slack)
+        slack = 1.0 + 8.0 * float(np.finfo(components[0].dtype).eps)
+        return count_violations(*components, self.pixels.observation.image[0], slack)
 
 
 @functools.cache
-def _form() -> Form:
+def _form() -> QuadraticForm:
+    """The matrix of the mean squared error over the paper's polariser angles."""
     a, b, c, d, e, f = angle_weights()[np.triu_indices(3)].tolist()
     return a, b, c, d, e, f
 

@@ -1,10 +1,9 @@
-"""The ladder of knowledge: one thing after another is estimated instead of told.
+"""The ladder of knowledge: a method's inputs are replaced by estimates, one after another.
 
-Every rung takes one thing more from what a method is told and puts in its place what the chain
-for one ordinary image (`malus.reconstruct.single_image.blind`) finds without it, down to the
-picture alone.
-What is estimated comes from the picture as rendered and is held for the draw of its noise: the
-noise of a rung is what the method makes of that draw.
+Every rung replaces one input more by what the chain for one ordinary image
+(`malus.reconstruct.single_image.blind`) estimates without it, down to the picture alone.
+Estimates come from the picture as rendered and are kept for the picture with a draw of the noise:
+the noise of a rung is what the method itself makes of that draw.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from malus.bench.scoring.masked_pixels import MaskedPixels
-from malus.bench.scoring.observe import KNOWN, observe
+from malus.bench.scoring.observe import INPUTS, observe
 from malus.reconstruct import Inapplicable, Observation
 from malus.reconstruct.single_image.blind import run_chain
 
@@ -26,15 +25,15 @@ RUNGS: dict[str, frozenset[str]] = {
     "index and roughness estimated": frozenset({"eta", "alpha"}),
     "light estimated": frozenset({"light"}),
 }
-"""What each rung no longer tells, besides what those before it did not."""
+"""Inputs that become estimates at each rung, besides those of the rungs before."""
 
 
-def rungs(sight: MaskedPixels) -> Iterator[tuple[str, Observation | Inapplicable]]:
-    """What methods are given at every rung below `EVERYTHING`, or why the chain finds nothing.
+def rungs(pixels: MaskedPixels) -> Iterator[tuple[str, Observation | Inapplicable]]:
+    """Observation at every rung below `EVERYTHING`, or why the chain estimates nothing.
 
     Yields
     ------
-    (name of the rung, Observation as `Sight.known` is, or the reason)
+    (name of the rung, Observation as `MaskedPixels.observation` is, or the reason)
 
     Examples
     --------
@@ -43,30 +42,30 @@ def rungs(sight: MaskedPixels) -> Iterator[tuple[str, Observation | Inapplicable
     >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
     ...               light=Distant(incidence_deg=60), camera=Camera(resolution=24))
     >>> truth = render(scene, renderer="torrance-sparrow")
-    >>> name, seen = next(rungs(Sight.of(truth)))
-    >>> name, seen.alpha
+    >>> name, observation = next(rungs(MaskedPixels.of(truth)))
+    >>> name, observation.alpha
     ('lobes estimated', 0.3)
     """
-    untold: frozenset[str] = frozenset()
-    for name, more in RUNGS.items():
-        untold |= more
+    estimated: frozenset[str] = frozenset()
+    for name, inputs in RUNGS.items():
+        estimated |= inputs
         try:
-            yield name, _estimated(sight, untold)
+            yield name, _with_estimates(pixels, estimated)
         except Inapplicable as reason:
             yield name, reason
 
 
-def _estimated(sight: MaskedPixels, untold: frozenset[str]) -> Observation:
-    """`sight.known` with what the chain finds in place of all that is untold."""
-    truth, known = sight.truth, sight.known
-    found = run_chain(observe(truth, KNOWN - untold)).observation
+def _with_estimates(pixels: MaskedPixels, names: frozenset[str]) -> Observation:
+    """The observation of the masked pixels, with estimates of the chain in place of `names`."""
+    truth, observation = pixels.truth, pixels.observation
+    estimates = run_chain(observe(truth, INPUTS - names)).observation
     picture = truth.image[truth.mask]
-    mirrored = found.require("specular")[truth.mask]
-    share = np.divide(mirrored, picture, out=np.zeros_like(picture), where=picture > 0)
-    specular = (known.image * np.clip(share, 0.0, 1.0)).astype(known.image.dtype)
-    filled = replace(known, specular=specular, diffuse=known.image - specular)
-    if "normals" in untold:
-        normals = found.require("normals")[truth.mask].astype(known.image.dtype)
-        filled = replace(filled, normals=np.stack([normals, normals]))
-    others = untold & {"eta", "alpha", "light"}
-    return replace(filled, **{name: getattr(found, name) for name in others})
+    specular = estimates.require("specular")[truth.mask]
+    fraction = np.divide(specular, picture, out=np.zeros_like(picture), where=picture > 0)
+    specular = (observation.image * np.clip(fraction, 0.0, 1.0)).astype(observation.image.dtype)
+    observation = replace(observation, specular=specular, diffuse=observation.image - specular)
+    if "normals" in names:
+        normals = estimates.require("normals")[truth.mask].astype(observation.image.dtype)
+        observation = replace(observation, normals=np.stack([normals, normals]))
+    others = names & {"eta", "alpha", "light"}
+    return replace(observation, **{name: getattr(estimates, name) for name in others})

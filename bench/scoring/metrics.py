@@ -1,4 +1,4 @@
-"""Scores as functions of sums over pixels that can be added.
+"""Normalised mean squared error and skill, from sums over pixels that can be added.
 
 The error through a polariser is linear in the Stokes difference Δs, so that its mean square over
 pixels, and over any set of angles, is a quadratic form in the second moments Σ Δs Δsᵀ of a band:
@@ -11,15 +11,13 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import Float64Array, FloatArray, IntArray
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
-
-Image = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -28,8 +26,8 @@ class PixelSums:
 
     Examples
     --------
-    >>> whole = PixelSums.of(np.array([1.0, 2.0])) + PixelSums.of(np.array([6.0]))
-    >>> whole.mean, round(whole.std, 3)
+    >>> sums = PixelSums.of(np.array([1.0, 2.0])) + PixelSums.of(np.array([6.0]))
+    >>> sums.mean, round(sums.std, 3)
     (3.0, 2.16)
     """
 
@@ -38,7 +36,7 @@ class PixelSums:
     squares: float = 0.0
 
     @classmethod
-    def of(cls, values: Image) -> Self:
+    def of(cls, values: FloatArray) -> Self:
         """Sums of an array of any shape, in float64."""
         values = np.asarray(values, dtype=np.float64)
         return cls(values.size, float(values.sum()), float(np.vdot(values, values)))
@@ -51,12 +49,12 @@ class PixelSums:
 
     @property
     def mean(self) -> float:
-        """NaN without pixels."""
+        """Mean over the pixels; NaN without pixels."""
         return self.total / self.count if self.count else math.nan
 
     @property
     def mean_square(self) -> float:
-        """NaN without pixels."""
+        """Mean of the squares over the pixels; NaN without pixels."""
         return self.squares / self.count if self.count else math.nan
 
     @property
@@ -85,7 +83,7 @@ class WeightedSum:
     total: float = 0.0
 
     @classmethod
-    def of(cls, values: Image, weights: Image) -> Self:
+    def of(cls, values: FloatArray, weights: FloatArray) -> Self:
         """Sums of arrays of one shape, in float64."""
         weights = np.asarray(weights, dtype=np.float64)
         return cls(float(weights.sum()), float(np.vdot(weights, np.asarray(values, np.float64))))
@@ -96,11 +94,9 @@ class WeightedSum:
 
     @property
     def mean(self) -> float:
-        """NaN without weight."""
+        """Weighted mean; NaN without weight."""
         return self.total / self.weight if self.weight > 0 else math.nan
 
-
-Floats = NDArray[np.float64]
 
 SIGNIFICANCE = 10.0
 """Standard deviations by which the trivial guess must rise above the noise to have a skill: the
@@ -120,7 +116,7 @@ class Residuals:
     pixels : int
     """
 
-    moments: Floats
+    moments: Float64Array
     pixels: int
 
     def __add__(self, other: Self) -> Residuals:
@@ -128,15 +124,15 @@ class Residuals:
         return Residuals(self.moments + other.moments, self.pixels + other.pixels)
 
     @classmethod
-    def of(cls, difference: Image, peak: float) -> Residuals:
+    def of(cls, difference: FloatArray, peak: float) -> Residuals:
         """Moments of Stokes differences (pixels, bands, 3) that are divided by `peak`."""
         scaled = difference.astype(np.float64) / peak
         moments = np.einsum("pbi,pbj->bij", scaled, scaled, optimize=True)
         return cls(moments, len(difference))
 
     @classmethod
-    def of_products(cls, products: Floats, peak: float, pixels: int) -> Residuals:
-        """From the six distinct products (00 01 02 11 12 22, bands) of `pixel_kernels`."""
+    def of_products(cls, products: Float64Array, peak: float, pixels: int) -> Residuals:
+        """Moments from the six distinct products (00 01 02 11 12 22, bands) of `pixel_kernels`."""
         return cls(products.T[:, _SYMMETRIC] / peak**2, pixels)
 
     def nmse(self, angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> float:
@@ -144,42 +140,45 @@ class Residuals:
 
         Examples
         --------
-        >>> one = Residuals.of(np.array([[[0.2, 0.0, 0.0]]]), peak=1.0)
-        >>> round(one.nmse(), 12)
+        >>> residuals = Residuals.of(np.array([[[0.2, 0.0, 0.0]]]), peak=1.0)
+        >>> round(residuals.nmse(), 12)
         0.01
         """
         return float(nmse_by([self], (angles_deg,)).mean())
 
 
-def nmse_by(parts: Sequence[Residuals], angle_sets: tuple[tuple[float, ...], ...]) -> Floats:
-    """NMSE of residuals of the same pixels, for sets of angles and every band apart.
+def nmse_by(
+    residuals: Sequence[Residuals], angle_sets: tuple[tuple[float, ...], ...]
+) -> Float64Array:
+    """NMSE of several residuals on the same pixels, for every set of angles and every band.
 
     Returns
     -------
-    (parts, sets, bands) array; NaN without pixels.
+    (residuals, sets, bands) array; NaN without pixels.
     """
-    pixels = parts[0].pixels
-    moments = np.stack([part.moments.reshape(-1, 9).T for part in parts])
+    pixels = residuals[0].pixels
+    moments = np.stack([r.moments.reshape(-1, 9).T for r in residuals])
     if pixels == 0:
-        return np.full((len(parts), len(angle_sets), moments.shape[2]), np.nan)
-    return np.asarray(_forms(angle_sets) @ moments / pixels)
+        return np.full((len(residuals), len(angle_sets), moments.shape[2]), np.nan)
+    return np.asarray(_angle_forms(angle_sets) @ moments / pixels)
 
 
 @functools.cache
-def _forms(angle_sets: tuple[tuple[float, ...], ...]) -> Floats:
+def _angle_forms(angle_sets: tuple[tuple[float, ...], ...]) -> Float64Array:
+    """Quadratic form (sets, 9) of the mean squared error over each set of polariser angles."""
     return np.stack([angle_weights(angles).ravel() for angles in angle_sets])
 
 
 @dataclass(frozen=True)
 class Error:
-    """A normalised mean squared error and the part of it that Monte Carlo noise made."""
+    """A normalised mean squared error, and the part of it that is expected from noise."""
 
     nmse: float
     noise: float
 
     @property
     def bias(self) -> float:
-        """What is left without the noise; unbiased, so that it can be negative by chance."""
+        """NMSE minus the expected noise: unbiased, so that it can be negative by chance."""
         return self.nmse - self.noise
 
 
@@ -204,20 +203,20 @@ def skill(method: Error, trivial: Error, pixels: int) -> float:
 
 
 def skills(
-    method_bias: Floats,
-    trivial_bias: Floats,
-    trivial_noise: Floats | float,
-    pixels: NDArray[np.intp] | int,
-) -> Floats:
-    """The same of many pairs of errors: for their biases, and the noise of the guess."""
+    method_bias: Float64Array,
+    trivial_bias: Float64Array,
+    trivial_noise: Float64Array | float,
+    pixels: IntArray | int,
+) -> Float64Array:
+    """Skill of many pairs of errors at once, from their biases and the noise of the guess."""
     # The noise is a mean of about `pixels` squares: its own relative deviation is √(2/pixels).
     spread = trivial_noise * np.sqrt(2.0 / np.maximum(pixels, 1))
-    told = (trivial_bias > SIGNIFICANCE * spread) & (trivial_bias > 0.0)
-    share = np.divide(method_bias, trivial_bias, out=np.full(told.shape, np.nan), where=told)
-    return 1.0 - share
+    significant = (trivial_bias > SIGNIFICANCE * spread) & (trivial_bias > 0.0)
+    undefined = np.full(significant.shape, np.nan)
+    return 1.0 - np.divide(method_bias, trivial_bias, out=undefined, where=significant)
 
 
-def cos_zenith(truth: Truth) -> Floats:
+def cos_zenith(truth: Truth) -> Float64Array:
     """Cosine of the angle between normal and direction to the camera, (pixels of the mask,)."""
     cosine = truth.normals[..., 2]
     if truth.view_direction is not None:
@@ -230,7 +229,7 @@ def peak(truth: Truth) -> float:
     return brightest(truth.image[truth.mask])
 
 
-def brightest(lit: Image) -> float:
-    """Largest value of what lies in the mask; 1 where all is dark."""
-    largest = float(lit.max()) if lit.size else 0.0
+def brightest(radiances: FloatArray) -> float:
+    """Largest radiance of the mask's pixels; 1 where all is dark."""
+    largest = float(radiances.max()) if radiances.size else 0.0
     return largest if largest > 0 else 1.0

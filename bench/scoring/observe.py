@@ -1,4 +1,4 @@
-"""From a truth to what a method may see."""
+"""What a method is told of a truth: an Observation with the inputs that it needs, no more."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from malus.renderers.truth import Truth
 
 
 def _unless_nan(value: Any) -> Any:
+    """The value, or None where any of it is NaN: not known."""
     return None if np.isnan(value).any() else value
 
 
-_KNOWN: dict[str, Callable[[Truth], Any]] = {
+_INPUTS: dict[str, Callable[[Truth], Any]] = {
     "specular": lambda truth: truth.specular[..., 0] if truth.scene.lobes_known else None,
     "diffuse": lambda truth: truth.diffuse[..., 0] if truth.scene.lobes_known else None,
     "normals": lambda truth: truth.normals,
@@ -24,8 +25,8 @@ _KNOWN: dict[str, Callable[[Truth], Any]] = {
     "light": lambda truth: truth.scene.light_in_image,
 }
 
-KNOWN = frozenset(_KNOWN)
-"""All that a method can be told besides the picture."""
+INPUTS = frozenset(_INPUTS)
+"""Names of all that a method can be told besides the picture."""
 
 
 def observe(truth: Truth, needs: frozenset[str]) -> Observation:
@@ -55,16 +56,19 @@ def observe(truth: Truth, needs: frozenset[str]) -> Observation:
     >>> observe(truth, frozenset({"alpha"})).alpha
     0.3
     """
-    return Observation(image=truth.image, mask=truth.mask, **told(truth, needs))
+    return Observation(image=truth.image, mask=truth.mask, **inputs(truth, needs))
 
 
-def told(truth: Truth, needs: frozenset[str]) -> dict[str, Any]:
-    """What `observe` fills in besides the picture, by the names of Observation's attributes."""
-    unknown = needs - _KNOWN.keys()
+def inputs(truth: Truth, needs: frozenset[str]) -> dict[str, Any]:
+    """Inputs besides the picture, by the names of Observation's attributes.
+
+    The wavelengths and those in `needs`; the direction to the camera with normals or light.
+    """
+    unknown = needs - _INPUTS.keys()
     if unknown:
-        raise ValueError(f"needs: expected some of {sorted(_KNOWN)}, found {sorted(unknown)}")
+        raise ValueError(f"needs: expected some of {sorted(_INPUTS)}, found {sorted(unknown)}")
     return {
         "wavelengths_nm": truth.scene.wavelengths_nm,
         "view_direction": truth.view_direction if needs & {"normals", "light"} else None,
-        **{name: _KNOWN[name](truth) for name in needs},
+        **{name: _INPUTS[name](truth) for name in needs},
     }

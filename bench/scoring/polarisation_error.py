@@ -1,24 +1,22 @@
 """Errors of the degree and angle of polarisation, of the Stokes components and of the images.
 
-Every metric is a function of sums over the mask's pixels and bands that can be added.
+Every metric follows from sums over the mask's pixels and bands. Sums of parts of an image add up
+to those of the whole.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.bench.scoring.metrics import PixelSums, WeightedSum, peak
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
+from malus.scenes.core.arrays import Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
-
-Floats = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 SSIM_WINDOW = 7
 """Side of the window of the structural similarity, scikit-image's default."""
@@ -26,9 +24,9 @@ SSIM_WINDOW = 7
 
 @dataclass(frozen=True)
 class PolarisationError:
-    """Sums of |ΔDoLP|, of |ΔAoLP| weighted by true polarised intensity, and of the squares of
-    Δs1, Δs2, ΔI_max and ΔI_min.
+    """Sums over pixels of the errors of DoLP, AoLP, s1, s2, I_max and I_min.
 
+    They are absolute errors of DoLP and AoLP, the latter weighted by true polarised intensity.
     Stokes components and weights are divided by the peak of the unpolarised image.
 
     Examples
@@ -52,7 +50,7 @@ class PolarisationError:
     i_min: PixelSums
 
     @classmethod
-    def of(cls, estimated: Image, true: Image) -> Self:
+    def of(cls, estimated: FloatArray, true: FloatArray) -> Self:
         """Sums over `scaled` Stokes vectors (..., 3)."""
         difference = estimated - true
         extremes = zip(polarisation.extremes(estimated), polarisation.extremes(true), strict=True)
@@ -64,7 +62,7 @@ class PolarisationError:
             ),
             PixelSums.of(difference[..., 1]),
             PixelSums.of(difference[..., 2]),
-            *(PixelSums.of(found - wanted) for found, wanted in extremes),
+            *(PixelSums.of(e - t) for e, t in extremes),
         )
 
     def __add__(self, other: Self) -> PolarisationError:
@@ -79,12 +77,12 @@ class PolarisationError:
         )
 
 
-def scaled(stokes: Image, truth: Truth) -> Floats:
+def scaled(stokes: FloatArray, truth: Truth) -> Float64Array:
     """Stokes vectors (pixels, bands, 3) of the truth's mask over the peak of its image, float64."""
     return stokes[truth.mask].astype(np.float64) / peak(truth)
 
 
-def angle_between(a: Image, b: Image) -> Floats:
+def angle_between(a: FloatArray, b: FloatArray) -> Float64Array:
     """Absolute difference of two orientations modulo 180°, radians in [0, π/2].
 
     Examples
@@ -96,7 +94,7 @@ def angle_between(a: Image, b: Image) -> Floats:
     return np.asarray(np.minimum(difference, np.pi - difference))
 
 
-def squared_error(estimated: Image, true: Image, angle: float) -> PixelSums:
+def squared_error(estimated: FloatArray, true: FloatArray, angle: float) -> PixelSums:
     """Sums of I_est(ϑ) − I_true(ϑ) over `scaled` Stokes vectors; ϑ in degrees."""
     return PixelSums.of(polarisation.polarised(estimated - true, angle))
 
@@ -113,7 +111,7 @@ def psnr(sums: PixelSums) -> float:
     return math.inf if mean_square == 0.0 else -10.0 * math.log10(mean_square)
 
 
-def ssim(estimated: Image, truth: Truth, angle: float) -> PixelSums:
+def ssim(estimated: FloatArray, truth: Truth, angle: float) -> PixelSums:
     """Structural similarity of I(ϑ): one number an image, as sums over images.
 
     A window spans many pixels, so that no part of an image has a similarity of its own: images can
@@ -134,8 +132,8 @@ def ssim(estimated: Image, truth: Truth, angle: float) -> PixelSums:
 
     mask = truth.mask
     if min(mask.shape) < SSIM_WINDOW:
-        found = "×".join(map(str, mask.shape))
-        raise InputError("ssim", f"at least {SSIM_WINDOW} pixels a side", found, "leave it out")
+        size = "×".join(map(str, mask.shape))
+        raise InputError("ssim", f"at least {SSIM_WINDOW} pixels a side", size, "leave it out")
     images = []
     for stokes in (truth.stokes[mask], estimated):
         image = np.zeros(truth.image.shape)

@@ -1,1 +1,1 @@
-"""Benchmarks and studies that make tables of their own."""
+"""Studies and benchmarks: they measure fixed cases and make tables of their own."""

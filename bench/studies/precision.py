@@ -1,15 +1,14 @@
-"""`malus run precision`: error against run time of R, of rendering, and of whole methods.
+"""Study of precision: error against run time of R, of rendering, and of whole methods.
 
-Every point of a diagram is a setting that somebody could choose: seconds are medians of several
-runs after one that warms up, with their spread, and errors are against a far more accurate run
-of the same kind. A setting is on the Pareto front when none is both faster and more accurate.
+Every point of a diagram is a setting that a user could choose: seconds are medians of several runs
+after one to warm up, with their spread, and errors are against a far more accurate run of the same
+kind. A setting is on the Pareto front when none is both faster and more accurate.
 """
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
@@ -19,6 +18,7 @@ import pandas as pd
 from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.observe import observe
 from malus.bench.studies.reference import reference_dolp
+from malus.bench.studies.timing import median_and_spread
 from malus.reconstruct import get_method, specular_dolp
 from malus.reconstruct.facets.table import DolpTable
 from malus.renderers.families.family import render_family
@@ -36,24 +36,24 @@ METHODS = ("unpolarised", "eq8", "visible+body", "shadowed+body", "half_vector+b
 
 
 def precision(variant: Variant, repeats: int = REPEATS) -> pd.DataFrame:
-    """All diagrams as one table.
+    """Measure all diagrams, as one table.
 
     Returns
     -------
     DataFrame
         Columns diagram, method, setting, seconds, spread (half the interquartile range of the
-        seconds), unit (of what the seconds are a part), error, pareto.
+        seconds), unit (of work, that the seconds are for), error, pareto.
     """
     rows = [*_ratio_rows(repeats), *_render_rows(variant, repeats), *_method_rows(variant, repeats)]
     table = pd.DataFrame(rows)
     table["pareto"] = False
-    for _, part in table.groupby("diagram"):
-        table.loc[part.index, "pareto"] = pareto(part["seconds"], part["error"])
+    for _, points in table.groupby("diagram"):
+        table.loc[points.index, "pareto"] = pareto(points["seconds"], points["error"])
     return table
 
 
 def pareto(seconds: pd.Series, error: pd.Series) -> list[bool]:
-    """Whether no other point is at least as fast and as accurate, and better in one of them.
+    """Whether each point is on the Pareto front: no other is as fast and accurate, better in one.
 
     Examples
     --------
@@ -79,23 +79,11 @@ def _row(
     }
 
 
-def _timed(work: Callable[[], Any], repeats: int, parts: float = 1.0) -> tuple[float, float]:
-    """Median seconds a part and half the interquartile range, after one run that warms up."""
-    work()
-    seconds = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        work()
-        seconds.append((time.perf_counter() - started) / parts)
-    low, middle, high = np.quantile(seconds, [0.25, 0.5, 0.75])
-    return float(middle), float(high - low) / 2
-
-
 def _ratio_rows(repeats: int) -> Iterator[dict[str, Any]]:
     """ρ of `visible` at one surface: tolerances of the quadrature, the table, the reference."""
     diagram, unit, count = "ratio", "a value of ρ", len(ZENITHS)
     exact = [reference_dolp(float(z), ETA, SIGMA, "visible") for z in ZENITHS]
-    true = np.array([found.value for found in exact])
+    true = np.array([reference.value for reference in exact])
     for exponent in (2, 4, 6, 8, 10):
         tolerance = 10.0**-exponent
 
@@ -104,16 +92,23 @@ def _ratio_rows(repeats: int) -> Iterator[dict[str, Any]]:
 
         error = float(np.abs(integrate() - true).max())
         setting = f"tolerance 1e-{exponent}"
-        yield _row(diagram, "quadrature", setting, unit, _timed(integrate, repeats, count), error)
+        yield _row(
+            diagram,
+            "quadrature",
+            setting,
+            unit,
+            median_and_spread(integrate, repeats, count),
+            error,
+        )
     table = DolpTable(ETA, SIGMA, "visible")
-    many = np.random.default_rng(1).random(1_000_000).astype(np.float32)
+    cosines = np.random.default_rng(1).random(1_000_000).astype(np.float32)
     error = float(np.abs(table(np.cos(ZENITHS)) - true).max())
-    timing = _timed(lambda: table(many), repeats, len(many))
+    timing = median_and_spread(lambda: table(cosines), repeats, len(cosines))
     yield _row(diagram, "table", "already built", unit, timing, error)
-    slow = partial(reference_dolp, 1.0, ETA, SIGMA, "visible")
-    timing = _timed(slow, max(1, repeats // 2))
-    # What its last refinement changed: nothing is more exact to compare it with.
-    error = max(found.error for found in exact)
+    reference = partial(reference_dolp, 1.0, ETA, SIGMA, "visible")
+    timing = median_and_spread(reference, max(1, repeats // 2))
+    # The change by its last refinement: nothing is more exact to compare it with.
+    error = max(value.error for value in exact)
     yield _row(diagram, "adaptive reference", "rings", unit, timing, error)
 
 
@@ -130,13 +125,13 @@ def _render_rows(variant: Variant, repeats: int) -> Iterator[dict[str, Any]]:
             return render_family(scenes, sampling, variant, errors=False, nodes=nodes)
 
         family = render()
-        wrong = [
-            family.truth(scene, standard_error=False).stokes - t
-            for scene, t in zip(scenes, true, strict=True)
+        differences = [
+            family.truth(scene, standard_error=False).stokes - stokes
+            for scene, stokes in zip(scenes, true, strict=True)
         ]
-        error = float(np.sqrt(np.mean(np.square(wrong))) / np.max(true))
+        error = float(np.sqrt(np.mean(np.square(differences))) / np.max(true))
         setting = f"{samples} samples, {nodes} nodes"
-        yield _row(diagram, variant.name, setting, unit, _timed(render, repeats), error)
+        yield _row(diagram, variant.name, setting, unit, median_and_spread(render, repeats), error)
 
 
 def _method_rows(variant: Variant, repeats: int) -> Iterator[dict[str, Any]]:
@@ -150,17 +145,17 @@ def _method_rows(variant: Variant, repeats: int) -> Iterator[dict[str, Any]]:
             if name == "half_vector+body" and not isinstance(light, Distant):
                 continue
             score = judge.score(method)
-            known = observe(truth, method.needs)
+            observation = observe(truth, method.needs)
 
-            def reconstruct(method: Any = method, known: Any = known) -> Any:
-                return method.reconstruct(known)
+            def reconstruct(method: Any = method, observation: Any = observation) -> Any:
+                return method.reconstruct(observation)
 
             megapixels = truth.mask.size / 1e6
             noise = score.noise.nmse()
-            # The least that can be told: the difference is uncertain by about that much.
+            # The smallest measurable error: the difference is uncertain by about that much.
             least = noise / math.sqrt(score.residuals.pixels)
             error = max(score.residuals.nmse() - noise, least)
-            timing = _timed(reconstruct, repeats, megapixels)
+            timing = median_and_spread(reconstruct, repeats, megapixels)
             yield _row(f"methods, {light.label}", name, "", "a megapixel", timing, error)
 
 

@@ -1,4 +1,4 @@
-"""ρ by brute force over rings of facets around the viewer: slow, literal, independent.
+"""Reference for ρ: Equations 4 to 8 by brute force over rings of facets, slow and independent.
 
 malus integrates in slopes (r, φ) around the mean normal N, by two ladders of rules, with Fresnel
 in a form of its own. This integrates over directions (γ, β) around the viewer V, so that no node,
@@ -18,12 +18,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from malus.scenes.core.arrays import Float64Array
 
 RATIO = 4.0
-"""Of the widths of neighbouring pieces: Gauss of n nodes then errs by 3^(−2n) at worst."""
+"""Ratio of the widths of neighbouring pieces: Gauss of n nodes then errs by 3^(−2n) at worst."""
 
 ORDERS = (8, 11, 15, 20, 27)
 G1_END = 1.6  # Mitsuba's microfacet.h: Smith's G1 is 1 from there on
@@ -31,22 +30,22 @@ _CHUNK = 1 << 15  # numbers in one temporary array
 
 
 class Reference(NamedTuple):
-    """ρ and the change that the last refinement made, which is the error of the one before."""
+    """ρ, and its change by the last refinement: the error of the value before."""
 
     value: float
     error: float
 
 
 class _Rings(NamedTuple):
-    """Outer nodes: cos γ and sin γ, γ − θ and the weight, all without cancellation."""
+    """Rings of constant γ: cos γ, sin γ, γ − θ and the weight, all without cancellation."""
 
-    cosine: FloatArray
-    sine: FloatArray
-    offset: FloatArray
-    weight: FloatArray
+    cosine: Float64Array
+    sine: Float64Array
+    offset: Float64Array
+    weight: Float64Array
 
 
-def _graded(order: int, depth: float) -> tuple[FloatArray, FloatArray]:
+def _graded(order: int, depth: float) -> tuple[Float64Array, Float64Array]:
     """Offsets from the start of a unit interval to its middle, and weights."""
     x, w = np.polynomial.legendre.leggauss(order)
     count = math.ceil(math.log(1.0 / depth) / math.log(RATIO))
@@ -57,26 +56,26 @@ def _graded(order: int, depth: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _elevations(theta: float, eta: complex, sigma: float, measure: str) -> list[float]:
-    """Angles π/2 − γ, descending, where a ring meets something.
+    """Breakpoints in π/2 − γ, descending, between which the integrand is smooth.
 
     Grazing, N, the horizon, the critical angle, the edges of shadow.
     """
     quarter = math.pi / 2.0
     above = quarter - theta
-    found = [0.0, quarter, above, theta]
+    breakpoints = [0.0, quarter, above, theta]
     n2 = (eta * eta).real
     if 0.0 < n2 < 1.0 and eta.imag == 0.0:
-        found.append(math.asin(math.sqrt((1.0 - eta.real) * (1.0 + eta.real))))
+        breakpoints.append(math.asin(math.sqrt((1.0 - eta.real) * (1.0 + eta.real))))
     if measure == "shadowed":
         for edge in (quarter, math.atan(math.sqrt(sigma) / G1_END)):
-            found += [quarter - abs(edge - theta) / 2.0, quarter - (edge + theta) / 2.0]
-    inside = sorted((e for e in found if 0.0 <= e <= quarter), reverse=True)
-    # Rounding of π/2 makes twins 1e-16 apart.
+            breakpoints += [quarter - abs(edge - theta) / 2.0, quarter - (edge + theta) / 2.0]
+    inside = sorted((e for e in breakpoints if 0.0 <= e <= quarter), reverse=True)
+    # Rounding of π/2 makes equal breakpoints differ by 1e-16.
     return [e for i, e in enumerate(inside) if i == 0 or inside[i - 1] - e > 4e-16]
 
 
 def _rings(theta: float, eta: complex, sigma: float, measure: str, order: int) -> _Rings:
-    """Nodes between the anchors, measured from the nearer one so that layers keep their digits."""
+    """Nodes between breakpoints, measured from the nearer one so that thin layers are resolved."""
     offsets, weights = _graded(order, 1e-16)
     parts = []
     above = math.pi / 2.0 - theta
@@ -91,7 +90,7 @@ def _rings(theta: float, eta: complex, sigma: float, measure: str, order: int) -
     return _Rings(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def reflectances(cosine: FloatArray, eta: complex) -> tuple[FloatArray, FloatArray]:
+def reflectances(cosine: Float64Array, eta: complex) -> tuple[Float64Array, Float64Array]:
     """(F_⊥, F_∥) over |η² − 1|², which cancels from ρ, from differences of admittances.
 
     c − q = −δ/(c + q) and η² c − q = δ ((η² + 1) c² − 1)/(η² c + q), with δ = η² − 1, q² = c² + δ.
@@ -106,7 +105,7 @@ def reflectances(cosine: FloatArray, eta: complex) -> tuple[FloatArray, FloatArr
     return perpendicular, numerator * np.abs(square * cosine + q) ** -4.0
 
 
-def _shadowing(cos_light: FloatArray, sigma: float) -> FloatArray:
+def _shadowing(cos_light: Float64Array, sigma: float) -> Float64Array:
     """Smith's G1 for Beckmann slopes, the rational fit of Mitsuba's microfacet.h."""
     light = np.clip(cos_light, 1e-300, 1.0)
     tangent = np.sqrt((1.0 - light) * (1.0 + light)) / light
@@ -116,7 +115,7 @@ def _shadowing(cos_light: FloatArray, sigma: float) -> FloatArray:
     return np.asarray(np.where(cos_light <= 0.0, 0.0, np.where(a >= G1_END, 1.0, fit)))
 
 
-def _azimuths(rings: _Rings, theta: float, sigma: float, measure: str) -> FloatArray:
+def _azimuths(rings: _Rings, theta: float, sigma: float, measure: str) -> Float64Array:
     """Ascending breakpoints of β on every ring, (rings, k): horizon or edges of shadow."""
     ct, st = math.cos(theta), math.sin(theta)
     c, s = rings.cosine, rings.sine
@@ -132,7 +131,7 @@ def _azimuths(rings: _Rings, theta: float, sigma: float, measure: str) -> FloatA
 
 def _around(
     rings: _Rings, theta: float, sigma: float, measure: str, order: int
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Float64Array, Float64Array]:
     """∫ w cos 2β dβ and ∫ w dβ over every ring."""
     ct, st = math.cos(theta), math.sin(theta)
     t, w = _graded(order, 1e-17)
@@ -158,22 +157,24 @@ def _around(
 
 
 def _dolp(theta: float, eta: complex, sigma: float, measure: str, order: int) -> float:
+    """ρ with Gauss rules of one order."""
     rings = _rings(theta, eta, sigma, measure, order)
     # A ring whose facets all have exp(−σ tan²α) below e^−150 adds nothing: F varies by < e^130.
-    seen = (rings.cosine > 0.0) & (rings.sine > 0.0)
-    seen &= sigma * np.tan(np.clip(rings.offset, -1.5, 1.5)) ** 2 <= 150.0
-    rings = _Rings(*(field[seen] for field in rings))
+    relevant = (rings.cosine > 0.0) & (rings.sine > 0.0)
+    relevant &= sigma * np.tan(np.clip(rings.offset, -1.5, 1.5)) ** 2 <= 150.0
+    rings = _Rings(*(field[relevant] for field in rings))
     step = max(1, _CHUNK // (6 * _graded(order, 1e-17)[0].size))
-    signed, plain = [], []
+    with_cosine, without_cosine = [], []
     for start in range(0, rings.cosine.size, step):
-        part = _Rings(*(field[start : start + step] for field in rings))
-        pair = _around(part, theta, sigma, measure, order)
-        signed.append(pair[0])
-        plain.append(pair[1])
+        some_rings = _Rings(*(field[start : start + step] for field in rings))
+        cosine_integral, integral = _around(some_rings, theta, sigma, measure, order)
+        with_cosine.append(cosine_integral)
+        without_cosine.append(integral)
     perpendicular, parallel = reflectances(rings.cosine, eta)
-    share = rings.weight * rings.sine
-    above = np.sum(share * (perpendicular - parallel) * np.concatenate(signed))
-    return float(above / np.sum(share * (perpendicular + parallel) * np.concatenate(plain)))
+    weight = rings.weight * rings.sine
+    polarised = np.sum(weight * (perpendicular - parallel) * np.concatenate(with_cosine))
+    total = np.sum(weight * (perpendicular + parallel) * np.concatenate(without_cosine))
+    return float(polarised / total)
 
 
 def reference_dolp(
@@ -182,12 +183,12 @@ def reference_dolp(
     """ρ = (I_⊥ − I_∥)/(I_⊥ + I_∥) of Equations 4 to 8, refined until two orders agree.
 
     Arguments as those of `malus.reconstruct.specular_dolp`, scalars. At eta = 1, where nothing is
-    reflected, the next double stands for the limit.
+    reflected, the next larger number of double precision stands for the limit.
 
     Examples
     --------
-    >>> found = reference_dolp(np.radians(50), 1.5, 10.0)
-    >>> round(found.value, 8), found.error <= 1e-9
+    >>> reference = reference_dolp(np.radians(50), 1.5, 10.0)
+    >>> round(reference.value, 8), reference.error <= 1e-9
     (0.80949744, True)
     """
     index = 1.0 + np.finfo(float).eps if eta == 1.0 else eta

@@ -1,6 +1,6 @@
-"""What many scenes cost besides rendering: planning, tables, files, messages and memory.
+"""Benchmark of many scenes: the cost of planning, tables, files, messages and memory.
 
-A made-up engine stands in for the renderer: it gives back the table of one family that was really
+A made-up engine stands in for the renderer: it returns the table of one family that was really
 scored, with the names of the scenes changed. Everything else is what `malus run` does.
 """
 
@@ -26,15 +26,15 @@ from malus.scenes.suite import Suite
 FAMILY = 24
 """Scenes of a family, as in fig5."""
 
-_NOBODY = Variant("scalar_spectral_polarized", "nothing is rendered")
+_NO_RENDERER = Variant("scalar_spectral_polarized", "nothing is rendered")
 _MEGABYTE = 1e6
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What a run of so many scenes costs besides rendering and scoring.
+    """Cost of a run of so many scenes besides rendering and scoring.
 
-    `memory_mb` is the peak of the whole process, of which `start_mb` were there before.
+    `memory_mb` is the peak of the whole process, of which `start_mb` were in use before.
     """
 
     scenes: int
@@ -47,7 +47,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Messages:
-    """What a scheduler has to carry for a family of `FAMILY` scenes."""
+    """Bytes and seconds that pass through a scheduler for a family of `FAMILY` scenes."""
 
     task_bytes: int
     result_bytes: int
@@ -78,36 +78,36 @@ def made_up_suite(scenes: int) -> Suite:
 
 
 def measure(scenes: Sequence[int]) -> list[Scale]:
-    """A run of made-up results for each number of scenes, each in a process of its own."""
-    found = []
+    """Measure a run of made-up results for each number of scenes, in a process of its own."""
+    scales = []
     for count in scenes:
-        with WorkerProcess() as child:
-            found += list(child.stream(_measured, count))
-    return found
+        with WorkerProcess() as worker:
+            scales += list(worker.stream(_measured, count))
+    return scales
 
 
 def messages(families: int = 200) -> Messages:
-    """Size and time of what passes through a scheduler with two workers that do nothing."""
+    """Measure tasks and results that pass through a scheduler to two workers that do nothing."""
     suite = made_up_suite(FAMILY)
     task = _task(suite)
-    made = work(task, _NOBODY)
+    result = work(task, _NO_RENDERER)
     with local_cluster(2) as client:
-        there = client.scatter(made, broadcast=True)
-        client.gather([client.submit(_answer, task, there, k) for k in range(4)])
+        scattered = client.scatter(result, broadcast=True)
+        client.gather([client.submit(_answer, task, scattered, k) for k in range(4)])
         started = time.perf_counter()
-        client.gather([client.submit(_answer, task, there, -k) for k in range(1, families)])
+        client.gather([client.submit(_answer, task, scattered, -k) for k in range(1, families)])
         seconds = (time.perf_counter() - started) / families
-    return Messages(len(pickle.dumps(task)), len(pickle.dumps(made)), seconds)
+    return Messages(len(pickle.dumps(task)), len(pickle.dumps(result)), seconds)
 
 
 def report_lines(scales: Sequence[Scale], carried: Messages) -> list[str]:
-    """The table, with 1e5 and 1e6 scenes drawn on from the largest two."""
+    """Lines of a table, with 1e5 and 1e6 scenes extrapolated from the largest two."""
     lines = [
         f"{'scenes':>9} {'plan':>8} {'tables':>9} {'store':>10} {'memory':>10} {'scheduler':>10}"
     ]
     measured = [(scale, "") for scale in scales]
-    drawn = [(_drawn_on(scales[-2], scales[-1], n), "  (drawn on)") for n in (10**5, 10**6)]
-    for scale, note in measured + drawn:
+    beyond = [(_extrapolated(scales[-2], scales[-1], n), "  (drawn on)") for n in (10**5, 10**6)]
+    for scale, note in measured + beyond:
         busy = carried.seconds * scale.scenes / FAMILY
         lines.append(
             f"{scale.scenes:9d} {scale.plan_seconds:6.1f} s {scale.run_seconds:7.1f} s "
@@ -120,20 +120,21 @@ def report_lines(scales: Sequence[Scale], carried: Messages) -> list[str]:
     return lines
 
 
-def _drawn_on(one: Scale, other: Scale, scenes: int) -> Scale:
-    share = (scenes - other.scenes) / (other.scenes - one.scenes)
+def _extrapolated(smaller: Scale, larger: Scale, scenes: int) -> Scale:
+    """Cost of so many scenes, on the straight line through two that were measured."""
+    factor = (scenes - larger.scenes) / (larger.scenes - smaller.scenes)
 
-    def at(name: str) -> float:
-        last = getattr(other, name)
-        return float(last + share * (last - getattr(one, name)))
+    def extrapolate(name: str) -> float:
+        last = getattr(larger, name)
+        return float(last + factor * (last - getattr(smaller, name)))
 
     names = ("plan_seconds", "run_seconds", "store_mb", "start_mb", "memory_mb")
-    return Scale(scenes, **{name: at(name) for name in names})
+    return Scale(scenes, **{name: extrapolate(name) for name in names})
 
 
 def _measured(scenes: int) -> Iterator[Scale]:
     suite = made_up_suite(scenes)
-    template = work(_task(suite), _NOBODY)
+    template = work(_task(suite), _NO_RENDERER)
     start = peak_memory() / _MEGABYTE
     started = time.process_time()
     families = plan(suite)
@@ -142,7 +143,7 @@ def _measured(scenes: int) -> Iterator[Scale]:
     del families
     with tempfile.TemporaryDirectory() as folder:
         started = time.process_time()
-        run(suite, folder, _NOBODY, engine=lambda tasks: _made_up(tasks, template))
+        run(suite, folder, _NO_RENDERER, engine=lambda tasks: _made_up(tasks, template))
         seconds = time.process_time() - started - planned
         size = sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file())
     yield Scale(count, planned, seconds, size / _MEGABYTE, start, peak_memory() / _MEGABYTE)
@@ -156,14 +157,15 @@ def _task(suite: Suite) -> FamilyTask:
 def _made_up(
     tasks: Iterable[FamilyTask], template: FamilyResult
 ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
+    """Engine that answers every task with the template's table, under the task's scenes."""
     assert template.table is not None
-    old = list(template.table.scene.unique())
+    scene_ids = list(template.table.scene.unique())
     for task in tasks:
-        names = dict(zip(old, (scene.id for scene in task.family.scenes), strict=True))
+        names = dict(zip(scene_ids, (scene.id for scene in task.family.scenes), strict=True))
         table = template.table.assign(scene=template.table.scene.map(names))
         table.attrs = dict(template.table.attrs)
         yield task, FamilyResult(table)
 
 
-def _answer(task: FamilyTask, made: FamilyResult, _: int) -> Any:
-    return made
+def _answer(task: FamilyTask, result: FamilyResult, _: int) -> Any:
+    return result

@@ -1,29 +1,29 @@
-"""What one ordinary image tells, stage by stage, on truths.
+"""Study of the chain for one ordinary image: errors of each stage, against truths.
 
 To run it: `python -m malus.bench.studies.single_image`.
 
-Every stage is measured against the truth of the same scenes: separation by colour on coloured
-bodies; shape, parameters and polarisation on grey ones, where separation has to come from the
-shape, or with `--coloured` on the same coloured bodies. With `--rows` a measurement that
-was stopped goes on where it stopped.
+Separation of the lobes by colour is measured on coloured bodies; shape, parameters and
+polarisation on grey ones, where the separation has to come from the shape, or with `coloured` on
+the same coloured bodies. With a file of rows, a study that was stopped goes on where it stopped.
 """
 
 from __future__ import annotations
 
 import json
+import random
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from malus.bench.scoring.metrics import Error, Residuals, peak, skill
 from malus.bench.scoring.observe import observe
-from malus.bench.studies.single_image_rows import Row, kept_rows
-from malus.bench.studies.single_image_scenes import BANDS_NM, photo_scenes
+from malus.bench.studies.timing import timed
 from malus.reconstruct import Components, Inapplicable
 from malus.reconstruct.single_image.blind import run_chain
 from malus.reconstruct.single_image.convergence import Convergence
@@ -31,29 +31,176 @@ from malus.reconstruct.single_image.illuminant import ILLUMINANTS, specular_tint
 from malus.reconstruct.single_image.separation import SEPARATIONS, separate
 from malus.renderers.families.family import render_family
 from malus.renderers.truth import Truth
-from malus.scenes import Distant, InputError, Sampling, Scene
+from malus.scenes import Blob, Camera, Dielectric, Distant, InputError, Sampling, Scene, Sphere
+from malus.scenes.materials.materials import materials, surfaces
 
-Image = NDArray[np.floating[Any]]
+Row = dict[str, Any]
 
 LEVELS = {
     "blind": frozenset[str](),
     "blind-light": frozenset({"light"}),
     "blind-normals": frozenset({"light", "normals"}),
 }
+"""Inputs that the chain is given besides the picture, by the name of the level."""
+
+SAMPLES = 64
+
+
+def single_image(
+    stage: str,
+    shapes: Sequence[str] = ("sphere", "blob"),
+    every: int = 1,
+    levels: Sequence[str] = ("blind-light",),
+    resolution: int = 48,
+    coloured: bool = False,
+    rows_file: Path | None = None,
+) -> pd.DataFrame:
+    """Measure one stage of the chain on 24 materials x 5 surfaces x 2 bodies x 4 lights.
+
+    Parameters
+    ----------
+    stage : 'separation' or 'chain'
+    shapes : 'sphere', 'blob' (seed 0) or 'blobN'
+    every : every n-th material, a divisor of 24
+    levels : names of `LEVELS`, for the chain
+    resolution : pixels a side
+    coloured : coloured bodies for the chain, too
+    rows_file : Path, optional
+        Every row is written to it as a line of JSON; scenes that it has are not measured again.
+
+    Returns
+    -------
+    DataFrame
+        One row a scene, and level of the chain.
+
+    Raises
+    ------
+    InputError
+        If the file holds something else than rows of this study.
+    """
+    chain = stage == "chain"
+    scenes = photo_scenes(shapes, every, resolution, coloured or not chain)
+    return pd.DataFrame(list(_rows(scenes, levels if chain else ("",), rows_file)))
+
+
+def _rows(scenes: Sequence[Scene], levels: Sequence[str], rows_file: Path | None) -> Iterator[Row]:
+    """Row of every scene and level, the level '' being separation; rows of the file are kept."""
+    rows = _kept_rows(rows_file) if rows_file else {}
+    for scene in scenes:
+        missing = [level for level in levels if (scene.id, level) not in rows]
+        if missing:
+            truth = render_family([scene], Sampling(samples=SAMPLES)).truth(scene)
+        for level in missing:
+            row = chain_row(truth, level) if level else separation_row(truth)
+            rows[scene.id, level] = row
+            if rows_file:
+                with rows_file.open("a", encoding="utf-8") as file:
+                    print(json.dumps(row), file=file)
+        yield from (rows[scene.id, level] for level in levels)
+
+
+_START = b'{"scene": "'
+"""Start of every row: a file that is cut off elsewhere is not one of this study."""
+
+
+def _kept_rows(path: Path) -> dict[tuple[str, str], Row]:
+    """Rows of an earlier run by scene and level; a last line that was cut off is removed.
+
+    Raises
+    ------
+    InputError
+        If another line is not a row.
+    """
+    if not path.exists():
+        return {}
+    content = path.read_bytes()
+    complete = content[: content.rfind(b"\n") + 1]
+    rows = {}
+    for number, line in enumerate(complete.splitlines(), start=1):
+        try:
+            row = json.loads(line)
+            rows[row["scene"], row.get("level", "")] = row
+        except (ValueError, TypeError, KeyError) as error:
+            raise _not_a_row(path, number, line) from error
+    cut_off = content[len(complete) :]
+    if not cut_off.startswith(_START[: len(cut_off)]):
+        raise _not_a_row(path, len(rows) + 1, cut_off)
+    if cut_off:
+        path.write_bytes(complete)
+    return rows
+
+
+def _not_a_row(path: Path, number: int, line: bytes) -> InputError:
+    shown = line.decode("utf-8", "replace")
+    return InputError(f"{path}, line {number}", "a row of this command", shown, "name a new file")
+
+
+COLOURS = ("blue", "light_skin", "green", "foliage", "red", "yellow", "magenta")
+"""Swatches of coloured bodies, some strong, some pale; materials take turns."""
+INCIDENCES_DEG = (20.0, 45.0, 60.0, 80.0)
+BANDS_NM = (450.0, 550.0, 650.0)
+
+
+def photo_scenes(shapes: Sequence[str], every: int, resolution: int, coloured: bool) -> list[Scene]:
+    """All 24 x 5 x 2 bodies x 4 lights of each shape, or of every n-th material.
+
+    Materials take turns: with every 24th each of them comes up, with every fourth it comes up once
+    on each surface and body, under another light on the next surface. The order is shuffled, always
+    in the same way, so that a study that is stopped is a fair sample of all scenes.
+
+    Parameters
+    ----------
+    shapes : 'sphere', 'blob' (seed 0) or 'blobN'
+    every : a divisor of 24
+    resolution : pixels a side
+    coloured : whether bodies have the colours of `COLOURS`; otherwise they are grey
+
+    Examples
+    --------
+    >>> [len(photo_scenes(["sphere", "blob"], n, 48, coloured=False)) for n in (24, 4, 1)]
+    [80, 480, 1920]
+    """
+    names = list(materials())
+    scenes = []
+    lit = product(surfaces(), ("unpolarised", "polarised"), INCIDENCES_DEG)
+    for turn, (surface, body, incidence) in enumerate(lit):
+        # Seven and 24 have no common divisor. Two bodies on a surface make eight turns: they share
+        # the light of a material, and the next surface gets another.
+        for index in range((7 * turn + turn // 8) % every, len(names), every):
+            colour = COLOURS[(index + turn) % len(COLOURS)] if coloured else None
+            dielectric = _surface(names[index], surface, body, colour)
+            scenes += [_scene(shape, dielectric, incidence, resolution) for shape in shapes]
+    random.Random(0).shuffle(scenes)
+    return scenes
+
+
+def _surface(material: str, surface: str, body: Any, colour: str | None) -> Dielectric:
+    grey = Dielectric.named(material, surface, body)
+    return grey if colour is None else grey.model_copy(update={"albedo": colour})
+
+
+def _scene(shape: str, surface: Dielectric, incidence: float, resolution: int) -> Scene:
+    return Scene(
+        shape=Sphere() if shape == "sphere" else Blob(seed=int(shape.removeprefix("blob") or 0)),
+        surface=surface,
+        light=Distant(incidence_deg=incidence),
+        camera=Camera(resolution=resolution),
+        wavelengths_nm=BANDS_NM,
+    )
 
 
 def separation_row(truth: Truth) -> Row:
     """RMSE of I_s over its largest value, by method, without and with the tint of dispersion."""
     true, mask = truth.specular[..., 0], truth.mask
-    tint = specular_tint(BANDS_NM)
+    dispersion = specular_tint(BANDS_NM)
     row = _scene_columns(truth)
     for method in SEPARATIONS:
-        for label, used in (("", None), ("+tint", tint)):
+        for label, tint in (("", None), ("+tint", dispersion)):
             try:
-                found = separate(truth.image, mask, None, method, used).specular
+                specular = separate(truth.image, mask, None, method, tint).specular
             except Inapplicable as reason:
                 return {**row, "failed": str(reason)}
-            error = np.sqrt(np.mean(np.square((found - true)[mask], dtype=np.float64)))
+            error = np.sqrt(np.mean(np.square((specular - true)[mask], dtype=np.float64)))
             row[method + label] = float(error) / float(true[mask].max())
     for name, estimator in ILLUMINANTS.items():
         try:
@@ -75,54 +222,20 @@ def chain_row(truth: Truth, level: str) -> Row:
     except Inapplicable as reason:
         return {**row, "failed": str(reason)}
     row["seconds"] = time.perf_counter() - started
-    found, mask = chain.observation, truth.mask
-    cosine = np.clip((found.require("normals") * truth.normals)[mask].sum(axis=-1), -1, 1)
-    eta, alpha = float(np.mean(found.require("eta"))), float(found.require("alpha"))
-    error, guess, noise = _errors(chain.components, truth)
+    estimated, mask = chain.observation, truth.mask
+    cosine = np.clip((estimated.require("normals") * truth.normals)[mask].sum(axis=-1), -1, 1)
+    eta, alpha = float(np.mean(estimated.require("eta"))), float(estimated.require("alpha"))
+    error, guess, noise = _nmse(chain.components, truth)
     row |= {
         "normals_deg": float(np.degrees(np.arccos(cosine)).mean()),
         "eta_error": abs(eta - float(np.mean(truth.eta.real))),
         "alpha_error": abs(alpha / float(np.mean(truth.alpha)) - 1.0),
         "body_right": float(chain.body == truth.scene.surface.body),
-        "light_deg": _light_error(found.light, truth.scene.light_in_image),
+        "light_deg": _light_error_deg(estimated.light, truth.scene.light_in_image),
         "nmse": error,
         "skill": skill(Error(error, noise), Error(guess, noise), int(mask.sum())),
     }
     return row | _convergence_columns(chain.convergence)
-
-
-def _convergence_columns(found: Convergence | None) -> Row:
-    if found is None:
-        return {}
-    unanimous = float(found.agreed == found.starts)
-    return {
-        "converged": float(found.converged),
-        "residual": found.residual,
-        "unanimous": unanimous,
-        "rival": found.rival,
-        "decided": float(found.decided),
-    }
-
-
-def _errors(found: Components, truth: Truth) -> tuple[float, float, float]:
-    """NMSE of an estimate, of the guess that does nothing, and of the noise in both.
-
-    A method that keeps the image has, to first order, the noise of that guess.
-    """
-    mask, unit = truth.mask, peak(truth)
-    true = truth.stokes[mask]
-    polarised = np.array([0, 1, 1], dtype=true.dtype)
-    noise = (truth.specular_noise + truth.diffuse_noise)[mask]
-    differences = (found.stokes[mask] - true, true * polarised, noise * polarised)
-    error, guess, part = (Residuals.of(d, unit).nmse() for d in differences)
-    return error, guess, part
-
-
-def _light_error(found: Any, true: Any) -> float:
-    assert isinstance(found, Distant)
-    assert isinstance(true, Distant)
-    cosine = float(np.dot(found.direction, true.direction))
-    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def _scene_columns(truth: Truth) -> Row:
@@ -137,58 +250,76 @@ def _scene_columns(truth: Truth) -> Row:
     }
 
 
+def _convergence_columns(convergence: Convergence | None) -> Row:
+    if convergence is None:
+        return {}
+    return {
+        "converged": float(convergence.converged),
+        "residual": convergence.residual,
+        "unanimous": float(convergence.agreed == convergence.starts),
+        "rival": convergence.rival,
+        "decided": float(convergence.decided),
+    }
+
+
+def _nmse(estimate: Components, truth: Truth) -> tuple[float, float, float]:
+    """NMSE of an estimate, of the guess I(ϑ) = I/2, and of the noise in both.
+
+    A method that keeps the image has, to first order, the noise of that guess.
+    """
+    mask, unit = truth.mask, peak(truth)
+    true = truth.stokes[mask]
+    polarised = np.array([0, 1, 1], dtype=true.dtype)
+    draw = (truth.specular_noise + truth.diffuse_noise)[mask]
+    differences = (estimate.stokes[mask] - true, true * polarised, draw * polarised)
+    error, guess, noise = (Residuals.of(d, unit).nmse() for d in differences)
+    return error, guess, noise
+
+
+def _light_error_deg(estimated: Any, true: Any) -> float:
+    """Angle between two distant lights, degrees."""
+    assert isinstance(estimated, Distant)
+    assert isinstance(true, Distant)
+    cosine = float(np.dot(estimated.direction, true.direction))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
 def megapixels_per_second(megapixels: float = 2.0, repeats: int = 3) -> dict[str, float]:
-    """Speed of every separation on a picture of 16 colours; the best of several runs."""
+    """Speed of every separation on a picture of 1024 colours; the best of several runs."""
     rng = np.random.default_rng(0)
     side = round((megapixels * 1e6) ** 0.5 / 32)
     colours = np.kron(rng.random((32, 32, 3)), np.ones((side, side, 1)))
     shade = rng.random((32 * side, 32 * side, 1))
     image = (colours * shade + 0.2 * (shade > 0.7)).astype(np.float32)
     mask = np.ones(image.shape[:2], bool)
-    found = {}
+    speeds = {}
     for method in SEPARATIONS:
-        times = []
-        for _ in range(1 if method == "suv" else repeats):
-            started = time.perf_counter()
-            separate(image, mask, None, method)
-            times.append(time.perf_counter() - started)
-        found[method] = mask.size / 1e6 / min(times)
-    return found
-
-
-def measured(scenes: Sequence[Scene], levels: Sequence[str], path: Path | None) -> list[Row]:
-    """A row a scene and level, the level '' being separation; those in the file are not redone."""
-    kept = kept_rows(path) if path else {}
-    for scene in scenes:
-        missing = [level for level in levels if (scene.id, level) not in kept]
-        if not missing:
-            continue
-        truth = render_family([scene], Sampling(samples=64)).truth(scene)
-        for level in missing:
-            row = chain_row(truth, level) if level else separation_row(truth)
-            kept[scene.id, level] = row
-            if path:
-                with path.open("a", encoding="utf-8") as file:
-                    print(json.dumps(row), file=file)
-    return [kept[scene.id, level] for scene in scenes for level in levels]
+        runs = 1 if method == "suv" else repeats
+        seconds = min(
+            timed(lambda method=method: separate(image, mask, None, method)).clock  # type: ignore[misc]
+            for _ in range(runs)
+        )
+        speeds[method] = mask.size / 1e6 / seconds
+    return speeds
 
 
 _QUANTILES = {"median": 0.5, "lower quartile": 0.25, "least": 0.0, "largest": 1.0}
 
 
-def _summary(rows: list[Row], group: Sequence[str]) -> None:
-    import pandas as pd
-
-    table = pd.DataFrame(rows)
+def summary_lines(table: pd.DataFrame) -> list[str]:
+    """Quantiles and means of every column of numbers, by shape, body and level."""
+    keys = [key for key in ("shape", "body", "level") if key in table]
     numbers = [c for c in table.columns if table[c].dtype.kind == "f"]
-    grouped = table.groupby(list(group))
-    tables = {name: grouped[numbers].quantile(q) for name, q in _QUANTILES.items()}
-    tables |= {"mean": grouped[numbers].mean(), "scenes": grouped[["scene"]].count()}
-    for name, numbers_of_it in tables.items():
-        click.echo(f"{name}:")
-        click.echo(numbers_of_it.to_string(float_format="{:.4g}".format, line_width=200))
+    grouped = table.groupby(keys)
+    statistics = {name: grouped[numbers].quantile(q) for name, q in _QUANTILES.items()}
+    statistics |= {"mean": grouped[numbers].mean(), "scenes": grouped[["scene"]].count()}
+    lines = []
+    for name, statistic in statistics.items():
+        text = statistic.to_string(float_format="{:.4g}".format, line_width=200)
+        lines += [f"{name}:", text]
     if "failed" in table:
-        click.echo(f"failed: {table['failed'].notna().sum()} of {len(table)}")
+        lines.append(f"failed: {table['failed'].notna().sum()} of {len(table)}")
+    return lines
 
 
 class _Refused(click.ClickException):
@@ -204,30 +335,21 @@ class _Refused(click.ClickException):
 @click.option("--coloured", is_flag=True, help="Coloured bodies for the chain too.")
 @click.option(
     "--rows",
-    "path",
+    "rows_file",
     type=click.Path(dir_okay=False, path_type=Path),
     help="Write every row as a line of JSON; scenes that the file has are not measured again.",
 )
-def main(
-    stage: str,
-    shapes: tuple[str, ...],
-    every: int,
-    levels: tuple[str, ...],
-    resolution: int,
-    coloured: bool,
-    path: Path | None,
-) -> None:
+def main(stage: str, **options: Any) -> None:
     """Measure one stage of the single-image chain on 24 materials x 5 surfaces x 2 bodies."""
     if stage == "speed":
         click.echo(json.dumps(megapixels_per_second(), indent=1))
         return
-    chain = stage == "chain"
-    scenes = photo_scenes(shapes, every, resolution, coloured or not chain)
     try:
-        rows = measured(scenes, levels if chain else ("",), path)
+        table = single_image(stage, **options)
     except InputError as error:
         raise _Refused(str(error)) from error
-    _summary(rows, ["shape", "body", "level"] if chain else ["shape", "body"])
+    for line in summary_lines(table):
+        click.echo(line)
 
 
 if __name__ == "__main__":

@@ -1,39 +1,38 @@
-"""`malus bench ratio`: tables and R of many points, beside a double integral a point by hand."""
+"""Benchmark of R: tables and many points, beside a double integral for every point by scipy."""
 
 from __future__ import annotations
 
 import math
 import time
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.bench.studies.reference import reference_dolp
+from malus.bench.studies.timing import timed
 from malus.reconstruct import polarisation_ratio, specular_dolp
 from malus.reconstruct.facets.breakpoints import Measure
 from malus.reconstruct.facets.table import DolpTable
-
-FloatArray = NDArray[np.float64]
+from malus.scenes.core.arrays import Float64Array
 
 TOLERANCE = 1e-6
-_TABLES = 7  # surfaces a measure; each is built once a process, so every run needs another
+_TABLES = 7  # surfaces a measure: a table is built once a process, so every run needs another
 
 
 @dataclass(frozen=True)
 class RatioSpeed:
-    """Cost of one measure.
+    """Time and error of R for one measure of the integral, and of the same by scipy.
 
     Attributes
     ----------
-    table_seconds : median over surfaces
-    points : scattered triples (zenith, eta, sigma)
-    seconds : for R of all of them
+    table_seconds : for the table of a surface, median over several
+    points : number of scattered triples (zenith, eta, sigma)
+    seconds : for R of all points
     error : largest error of ρ against the reference on a sample
-    by_hand_seconds : for all of them by scipy's dblquad, extrapolated from a few
+    by_hand_seconds : for all points by scipy's dblquad, extrapolated from a few
     by_hand_error : largest error of ρ of those few
     """
 
@@ -46,25 +45,25 @@ class RatioSpeed:
     by_hand_error: float
 
 
-def scattered(count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Zeniths over the hemisphere, dielectrics of 1.3 to 1.8, roughness 0.05 to 0.5."""
+def scattered(count: int) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Random zeniths, indices of 1.3 to 1.8 and σ of roughness 0.05 to 0.5, (count,) each."""
     random = np.random.default_rng(0)
     alpha = np.exp(random.uniform(math.log(0.05), math.log(0.5), count))
     return random.uniform(0.0, np.pi / 2, count), random.uniform(1.3, 1.8, count), alpha**-2.0
 
 
 def _table_seconds(measure: Measure) -> float:
+    """Median seconds for the table of one surface."""
     seconds = []
     for surface in range(_TABLES + 1):
-        started = time.perf_counter()
-        # Time makes another surface of every run: none is in the cache.
-        DolpTable(1.45 + 0.01 * surface, 11.1 + 1e-6 * (started % 1.0), measure)
-        seconds.append(time.perf_counter() - started)
-    return float(np.median(seconds[1:]))  # the first one also makes the rules
+        # The clock makes the surfaces of every run different: none is in the cache.
+        eta, sigma = 1.45 + 0.01 * surface, 11.1 + 1e-6 * (time.perf_counter() % 1.0)
+        seconds.append(timed(partial(DolpTable, eta, sigma, measure)).clock)
+    return float(np.median(seconds[1:]))  # the first one also makes the quadrature rules
 
 
 def by_hand(zenith: float, eta: float, sigma: float, measure: Measure) -> float:
-    """ρ as one writes it down: Equations 4 to 8 literally, scipy.integrate.dblquad.
+    """ρ by Equations 4 to 8 as they stand, with scipy.integrate.dblquad.
 
     `shadowed` by hand needs Smith's G1 on top, so that its time is taken as that of `visible`.
     """
@@ -105,14 +104,14 @@ def _integrand(
 
 
 def _by_hand(
-    points: tuple[FloatArray, FloatArray, FloatArray], few: int, measure: Measure
+    points: tuple[Float64Array, Float64Array, Float64Array], few: int, measure: Measure
 ) -> tuple[float, float]:
     """Seconds a point and largest error of ρ; zeniths up to 80°, where dblquad is at its best."""
     literal: Measure = "eq8" if measure == "eq8" else "visible"
     errors = []
     started = time.perf_counter()
     for zenith, eta, sigma in list(zip(*points, strict=True))[:few]:
-        with warnings.catch_warnings():  # it complains where it gives up
+        with warnings.catch_warnings():  # it warns where it does not converge
             warnings.simplefilter("ignore")
             value = by_hand(min(zenith, 1.4), eta, sigma, literal)
         errors.append(abs(value - float(specular_dolp(min(zenith, 1.4), eta, sigma, literal))))
@@ -120,8 +119,8 @@ def _by_hand(
 
 
 def _error(
-    points: tuple[FloatArray, FloatArray, FloatArray],
-    rho: FloatArray,
+    points: tuple[Float64Array, Float64Array, Float64Array],
+    rho: Float64Array,
     sample: int,
     measure: Measure,
 ) -> float:
@@ -149,28 +148,22 @@ def _speed(measure: Measure, count: int, sample: int, few: int, repeats: int) ->
         nonlocal ratio
         ratio = polarisation_ratio(*points, measure, tolerance=TOLERANCE)
 
-    seconds = float(np.median([_timed(work) for _ in range(repeats)]))
+    seconds = float(np.median([timed(work).clock for _ in range(repeats)]))
     rho = (1.0 - ratio) / (1.0 + ratio)
-    hand, hand_error = _by_hand(points, few, measure)
+    by_hand_seconds, by_hand_error = _by_hand(points, few, measure)
     return RatioSpeed(
         measure,
         _table_seconds(measure),
         count,
         seconds,
         _error(points, rho, sample, measure),
-        hand * count,
-        hand_error,
+        by_hand_seconds * count,
+        by_hand_error,
     )
 
 
-def _timed(work: Callable[[], object]) -> float:
-    started = time.perf_counter()
-    work()
-    return time.perf_counter() - started
-
-
 def report_lines(speeds: list[RatioSpeed]) -> list[str]:
-    """The figures in words, two lines a measure."""
+    """Two lines a measure, for people."""
     lines = []
     for speed in speeds:
         lines += [

@@ -1,8 +1,7 @@
-"""`malus bench reconstruct`: pixels a second, beside copying the same bytes."""
+"""Benchmark of reconstruction: pixels a second, beside copying the same bytes."""
 
 from __future__ import annotations
 
-import time
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from malus.bench.studies.timing import Seconds, timed
 from malus.reconstruct import Components, Observation, get_method
 from malus.scenes import Distant
+from malus.scenes.core.arrays import AnyArray
 
 METHODS = ("eq8", "eq8+body", "shadowed+body", "half_vector+body")
 BANDS_NM = (450.0, 550.0, 650.0)
@@ -20,7 +21,7 @@ ETAS = (1.525, 1.519, 1.514)  # BK7: every band has tables of its own
 
 @dataclass(frozen=True)
 class ReconstructSpeed:
-    """Cost of one method on one image; seconds are medians of runs in turns with the copy.
+    """Time and memory of one method on one image; seconds are medians.
 
     `memory_ratio` is the largest memory held during a run, inputs included, over the bytes of
     inputs and outputs.
@@ -36,12 +37,12 @@ class ReconstructSpeed:
 
     @property
     def pixels_a_second(self) -> float:
-        """By the clock."""
+        """Pixels a second by the clock."""
         return self.megapixels * 1e6 / self.seconds
 
     @property
     def times_copy(self) -> float:
-        """By the clock, over copying everything read and written once."""
+        """Seconds by the clock, over those of copying everything that is read and written."""
         return self.seconds / self.copy_seconds
 
 
@@ -68,53 +69,45 @@ def photograph(megapixels: float) -> Observation:
     )
 
 
-def _read(observation: Observation) -> list[np.ndarray[Any, Any]]:
-    """What a reconstruction reads; it writes as many bytes: three images and a mask."""
+def _read(observation: Observation) -> list[AnyArray]:
+    """Arrays that a reconstruction reads; it writes as many bytes: three images and a mask."""
     names = ("specular", "diffuse", "normals", "mask")
     return [getattr(observation, name) for name in names]
 
 
-def _copy(observation: Observation) -> list[np.ndarray[Any, Any]]:
+def _copy(observation: Observation) -> list[AnyArray]:
     return [values.copy() for values in _read(observation)]
 
 
-def _timed(work: Callable[[], object]) -> tuple[float, float]:
-    started = time.perf_counter(), time.process_time()
-    result = work()
-    ended = time.perf_counter(), time.process_time()
-    del result  # giving memory back is nobody's time
-    return ended[0] - started[0], ended[1] - started[1]
-
-
-def _memory_ratio(work: Callable[[], Components], read: list[np.ndarray[Any, Any]]) -> float:
-    """Largest memory during the work, with its inputs, over inputs and outputs."""
+def _memory_ratio(work: Callable[[], Components], read: list[AnyArray]) -> float:
+    """Largest memory during the work, inputs included, over that of inputs and outputs."""
     inputs = sum(values.nbytes for values in read)
     tracemalloc.start()
     try:
-        found = work()
+        result = work()
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    written = [found.image, found.s1, found.s2, found.valid]
+    written = [result.image, result.s1, result.s2, result.valid]
     outputs = sum(values.nbytes for values in written if values is not None)
     return float((inputs + peak) / (inputs + outputs))
 
 
 def measure(megapixels: float = 10.0, repeats: int = 5) -> list[ReconstructSpeed]:
-    """Time every method and the copy in turns, so that a busy machine slows all of them."""
+    """Time every method and copying in turns, so that a busy machine slows all of them alike."""
     observation = photograph(megapixels)
     works: dict[str, Callable[[], Any]] = {
         name: lambda name=name: get_method(name).reconstruct(observation)  # type: ignore[misc]
         for name in METHODS
     }
     works["copy"] = lambda: _copy(observation)
-    seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in works}
+    seconds: dict[str, list[Seconds]] = {name: [] for name in works}
     for turn in range(repeats + 1):
         for name, work in works.items():
-            spent = _timed(work)
+            duration = timed(work)
             if turn:  # the first one builds the tables
-                seconds[name].append(spent)
-    median = {name: np.median(spent, axis=0) for name, spent in seconds.items()}
+                seconds[name].append(duration)
+    median = {name: np.median(durations, axis=0) for name, durations in seconds.items()}
     pixels = observation.mask.size / 1e6
     return [
         ReconstructSpeed(
@@ -131,7 +124,7 @@ def measure(megapixels: float = 10.0, repeats: int = 5) -> list[ReconstructSpeed
 
 
 def report_lines(speeds: list[ReconstructSpeed]) -> list[str]:
-    """The figures in words, one line a method."""
+    """One line a method, for people."""
     first = speeds[0]
     lines = [
         f"{first.megapixels:.3g} megapixels, RGB, float32; copying what is read and written: "

@@ -1,22 +1,22 @@
-"""`malus bench render`: seconds a polariser image, ours beside what a user would do by hand."""
+"""Benchmark of rendering: seconds a polariser image, beside two ways without malus."""
 
 from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from malus.bench.running.plan import plan
+from malus.bench.studies.timing import timed
 from malus.renderers.comparison.plain_mitsuba import StokesByHand, plate_image
 from malus.renderers.comparison.profile import profiled
 from malus.renderers.families.family import render_family
 from malus.renderers.variant import Variant
 from malus.scenes.camera import Camera
+from malus.scenes.core.arrays import AnyArray
 from malus.scenes.lights.lights import Distant, Light, Uniform
 from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
@@ -30,7 +30,7 @@ LIGHTS: tuple[Light, ...] = (Distant(incidence_deg=60), Uniform())
 
 @dataclass
 class Speed:
-    """One way's cost: median seconds a polariser image, and the error of its images."""
+    """Median seconds a polariser image of one way to render, and the error of its images."""
 
     seconds_an_image: float
     error: float
@@ -39,7 +39,7 @@ class Speed:
 
 
 def matrix(light: Light, camera: Camera, sampling: Sampling) -> Suite:
-    """24 materials x 5 surfaces x 8 bands on a sphere under one light, polarised body."""
+    """Suite of 24 materials x 5 surfaces x 8 bands: a sphere under one light, polarised body."""
     return Suite(
         name="speed",
         shapes=(Sphere(),),
@@ -57,20 +57,21 @@ def matrix(light: Light, camera: Camera, sampling: Sampling) -> Suite:
 def compare(
     variant: Variant, camera: Camera, sampling: Sampling, light: Light, repeats: int = 5
 ) -> dict[str, Speed]:
-    """Time all three ways on one light in turns, so that a busy machine slows all of them.
+    """Time all three ways under one light in turns, so that a busy machine slows all of them alike.
 
-    The whole matrix is rendered our way every turn; the others are timed on an image of it each,
-    and are the same for every image. A first turn warms up all kernels. Parts are of all turns.
+    malus renders the whole matrix in every turn; the other ways are timed on one image of it, as
+    they take the same time for every image. A first turn warms up all kernels. The seconds of
+    `parts` are summed over all turns.
     """
     suite = matrix(light, camera, sampling)
     scenes = list(suite.scenes())
     reference = _reference(variant, scenes[0], sampling)
     stokes = StokesByHand(variant, scenes[0])
-    picks = list(itertools.islice(itertools.cycle(scenes[:: len(scenes) // repeats]), repeats + 1))
+    turns = list(itertools.islice(itertools.cycle(scenes[:: len(scenes) // repeats]), repeats + 1))
     plates, hands, ours = [], [], []
-    for scene in picks:
-        plates.append(_timed(partial(plate_image, variant, scene, 3, 30.0, sampling)))
-        hands.append(_timed(partial(stokes.images, scene, 3, ANGLES, sampling)))
+    for scene in turns:
+        plates.append(timed(partial(plate_image, variant, scene, 3, 30.0, sampling)).clock)
+        hands.append(timed(partial(stokes.images, scene, 3, ANGLES, sampling)).clock)
         ours.append(_whole_matrix(variant, suite))
     count = len(scenes) * len(suite.wavelengths_nm) * len(ANGLES)
     first = scenes[0]
@@ -89,20 +90,15 @@ def compare(
     }
 
 
-def _timed(work: Callable[[], Any]) -> float:
-    started = time.perf_counter()
-    work()
-    return time.perf_counter() - started
-
-
 def _median(seconds: list[float]) -> float:
+    """Median of all turns but the first."""
     return float(np.median(seconds[1:]))
 
 
 def _whole_matrix(variant: Variant, suite: Suite) -> dict[str, float]:
-    """Every polariser image of the suite; where the seconds went, all of them.
+    """Render every polariser image of the suite; seconds by part, all of them.
 
-    What is neither interpolation nor a kernel nor its compilation is Python's: planning too.
+    Seconds of neither interpolation nor kernels nor their compilation are Python's, planning too.
     """
     started = time.perf_counter()
     parts = {"interpolation": 0.0, "kernels": 0.0, "compilation": 0.0}
@@ -118,20 +114,20 @@ def _whole_matrix(variant: Variant, suite: Suite) -> dict[str, float]:
     return parts | {"python": time.perf_counter() - started - sum(parts.values())}
 
 
-def _reference(variant: Variant, scene: Scene, sampling: Sampling) -> np.ndarray[Any, Any]:
+def _reference(variant: Variant, scene: Scene, sampling: Sampling) -> AnyArray:
     """The same image with 32 times the samples and another seed."""
     many = Sampling(samples=sampling.samples * 32, seed=sampling.seed + 1000)
     return render_family([scene], many, variant).polarised(scene, (30.0,))[0, :, :, 0]
 
 
-def _error(image: np.ndarray[Any, Any], reference: np.ndarray[Any, Any]) -> float:
+def _error(image: AnyArray, reference: AnyArray) -> float:
     """Root mean square difference over the pixels that are lit, over the reference's peak."""
     lit = reference > 0
     return float(np.sqrt(np.mean((image[lit] - reference[lit]) ** 2)) / reference.max())
 
 
 def report_lines(speeds: dict[str, Speed], light: Light) -> list[str]:
-    """The comparison in words, one line a way."""
+    """One line a way to render, for people."""
     ours = speeds["malus"]
     names = {
         "plate": "a polariser plate, one render an angle, scene reloaded",
@@ -146,5 +142,5 @@ def report_lines(speeds: dict[str, Speed], light: Light) -> list[str]:
             f"rms error {speed.error:.2e} of the peak ({speed.images} images timed)"
         )
     total = sum(ours.parts.values())
-    shares = ", ".join(f"{name} {100 * value / total:.0f} %" for name, value in ours.parts.items())
-    return [*lines, f"  where our time goes: {shares}"]
+    parts = ", ".join(f"{name} {100 * value / total:.0f} %" for name, value in ours.parts.items())
+    return [*lines, f"  where our time goes: {parts}"]

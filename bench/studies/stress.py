@@ -1,4 +1,4 @@
-"""`malus run stress`: stiff and extreme cases, each with value, error, time and a verdict."""
+"""Stress study: stiff and extreme cases, each with its value, error, seconds and a verdict."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from malus.reports.tables.listing import stress_cells
 from malus.scenes.core.files import write_whole
 
 LARGEST_ERROR = 1e-8
-"""Of ρ, by default settings, in every case of the table."""
+"""Largest error of ρ with which a case passes, by default settings."""
 
 MEASURES: tuple[Measure, ...] = ("eq8", "visible", "shadowed")
 ETAS = (1.0, 1.0 + 1e-12, 1.0 - 1e-12, 1.0001, 0.6, 1.5, 4.0, 0.2 + 3.4j)
@@ -42,7 +42,7 @@ SIGMAS = (1e-6, 1e-3, 0.1, 1.0, 11.1, 1e3, 1e5, 1e8, 1e10)
 
 
 class RhoCase(NamedTuple):
-    """One point of the integral."""
+    """One point (θ, η, σ) of a measure at which ρ is computed."""
 
     name: str
     zenith: float
@@ -52,7 +52,7 @@ class RhoCase(NamedTuple):
 
 
 def rho_cases() -> list[RhoCase]:
-    """Every zenith with every index, and every σ with every measure."""
+    """Cases of ρ: every zenith with every index, and every σ with every measure."""
     sigmas, measures = cycle((11.1, 1e5, 0.1, 1e3, 1e-6)), cycle(MEASURES)
     crossed = [
         RhoCase(name, zenith, eta, next(sigmas), next(measures))
@@ -85,6 +85,7 @@ def _row(group: str, case: str, seconds: float, **more: Any) -> dict[str, Any]:
 
 
 def _rho_row(case: RhoCase, exact: float) -> dict[str, Any]:
+    """Row of one case of ρ; a warning fails it, too."""
     started = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -99,7 +100,8 @@ def _rho_row(case: RhoCase, exact: float) -> dict[str, Any]:
 
 
 def _exact(case: RhoCase) -> float:
-    # Straight along the normal nothing is polarised, by symmetry; there are no rings around V = N.
+    """ρ of a case by the independent reference."""
+    # Along the normal nothing is polarised, by symmetry; there are no rings around V = N.
     if case.zenith == 0.0:
         return 0.0
     return reference_dolp(case.zenith, case.eta, case.sigma, case.measure).value
@@ -111,6 +113,7 @@ def _label(case: RhoCase) -> str:
 
 
 def _image_rows(case: ImageCase, methods: Sequence[str]) -> list[dict[str, Any]]:
+    """Rows of one extreme image, one a precision; seconds are those of a method."""
     rows = []
     for dtype in DTYPES:
         started = time.perf_counter()
@@ -122,18 +125,18 @@ def _image_rows(case: ImageCase, methods: Sequence[str]) -> list[dict[str, Any]]
 
 
 def _shape_rows() -> list[dict[str, Any]]:
-    """0-d to 4-d arrays of both precisions, against the same point as a number."""
+    """Rows of ρ of 0-d to 4-d arrays of both precisions, against the same point as a number."""
     rows = []
     for dtype in DTYPES:
         zenith = np.dtype(dtype).type(0.9)
         exact = float(specular_dolp(float(zenith), 1.5, 20.0))
         for shape in ((), (3,), (2, 3), (1, 2, 3), (2, 1, 2, 2), (0,)):
             started = time.perf_counter()
-            found = specular_dolp(np.full(shape, zenith), 1.5, 20.0)
+            rho = specular_dolp(np.full(shape, zenith), 1.5, 20.0)
             seconds = time.perf_counter() - started
-            error = float(np.max(np.abs(found - exact), initial=0.0))
-            good = found.shape == shape and found.dtype == np.float64 and error <= LARGEST_ERROR
-            why = "" if good else f"shape {found.shape}, {found.dtype}"
+            error = float(np.max(np.abs(rho - exact), initial=0.0))
+            good = rho.shape == shape and rho.dtype == np.float64 and error <= LARGEST_ERROR
+            why = "" if good else f"shape {rho.shape}, {rho.dtype}"
             label = f"ratio of shape {shape}, {dtype}"
             rows.append(
                 _row("shape", label, seconds, value=exact, error=error, passed=good, why=why)
@@ -142,8 +145,8 @@ def _shape_rows() -> list[dict[str, Any]]:
 
 
 def _refusals() -> list[tuple[str, Callable[[], object], str]]:
-    """What must be refused, and what the message must hold: argument, range and value."""
-    rho: list[tuple[str, tuple[Any, ...], str]] = [
+    """Calls that must be refused, and a pattern of the message: argument, range and value."""
+    points: list[tuple[str, tuple[Any, ...], str]] = [
         ("zenith below 0", (-0.1, 1.5, 1.0), r"zenith must be in \[0, pi/2\].*-0\.1"),
         ("zenith above 90°", (1.6, 1.5, 1.0), r"zenith must be in \[0, pi/2\].*1\.6"),
         ("zenith NaN", (np.nan, 1.5, 1.0), r"zenith must be .*nan"),
@@ -153,7 +156,7 @@ def _refusals() -> list[tuple[str, Callable[[], object], str]]:
         ("σ infinite", (0.5, 1.5, np.inf), r"sigma must be .*> 0.*inf"),
     ]
     calls: list[tuple[str, Callable[[], object], str]] = [
-        (name, partial(specular_dolp, *arguments), message) for name, arguments, message in rho
+        (name, partial(specular_dolp, *arguments), message) for name, arguments, message in points
     ]
     image = ordinary("float64")
     for method in ("eq8", "lights", "shadowed+body"):
@@ -161,13 +164,14 @@ def _refusals() -> list[tuple[str, Callable[[], object], str]]:
             call = partial(get_method(method).reconstruct, replace(image, alpha=alpha))
             calls.append((f"{method}, alpha {alpha:g}", call, rf"alpha must be > 0.*{alpha:g}"))
     for method in ("eq8", "smooth", "half_vector", "lights", "half_vector+body"):
-        seen = replace(image, eta=np.array([1.5, -1.5, 1.5]))
-        call = partial(get_method(method).reconstruct, seen)
+        negative = replace(image, eta=np.array([1.5, -1.5, 1.5]))
+        call = partial(get_method(method).reconstruct, negative)
         calls.append((f"{method}, η below 0", call, r"eta must be > 0.*-1\.5"))
     return calls
 
 
 def _refusal_row(name: str, call: Callable[[], object], message: str) -> dict[str, Any]:
+    """Row of a call that must raise a ValueError with a message of that pattern."""
     started = time.perf_counter()
     why = "not refused"
     try:
@@ -176,7 +180,7 @@ def _refusal_row(name: str, call: Callable[[], object], message: str) -> dict[st
             call()
     except ValueError as error:
         why = "" if re.search(message, str(error)) else f"says {error}"
-    except Exception as error:  # any other is the fault that this looks for
+    except Exception as error:  # any other exception is a fault
         why = f"{type(error).__name__}: {error}"
     return _row("refusal", name, time.perf_counter() - started, passed=not why, why=why)
 
@@ -184,18 +188,18 @@ def _refusal_row(name: str, call: Callable[[], object], message: str) -> dict[st
 def stress_table(
     points: Iterable[RhoCase] | None = None, methods: Sequence[str] = METHODS
 ) -> pd.DataFrame:
-    """Every stiff and extreme case: group, case, value, error, seconds, passed, why.
+    """Table of all cases: group, case, value, error, seconds, passed, why.
 
     Parameters
     ----------
     points : cases of ρ, all by default
-    methods : names of the methods that see the extreme images, all by default
+    methods : names of the methods that reconstruct the extreme images, all by default
     """
-    chosen = rho_cases() if points is None else list(points)
+    cases = rho_cases() if points is None else list(points)
     # Catching warnings is not safe between threads: only the reference, the slow part, uses them.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        exact = list(pool.map(_exact, chosen))
-    rows = [_rho_row(case, value) for case, value in zip(chosen, exact, strict=True)]
+        exact = list(pool.map(_exact, cases))
+    rows = [_rho_row(case, value) for case, value in zip(cases, exact, strict=True)]
     for case in image_cases() + surface_cases():
         rows += _image_rows(case, methods)
     rows += _shape_rows()
@@ -204,13 +208,13 @@ def stress_table(
 
 
 def write_table(out: Path, table: pd.DataFrame) -> None:
-    """stress.csv and stress.md in a folder."""
+    """Write the table as stress.csv and stress.md to a folder."""
     write_whole(out / "stress.csv", lambda path: table.to_csv(path, index=False))
     write_whole(out / "stress.md", lambda path: path.write_text(markdown(table), encoding="utf-8"))
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """The table for people who read text."""
+    """The table as Markdown."""
     lines = ["| " + " | ".join(table.columns) + " |", "|---" * len(table.columns) + "|"]
     lines += ["| " + " | ".join(stress_cells(row)) + " |" for _, row in table.iterrows()]
     return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""Extreme pixels through the real methods: what must come out, and what is wrong if it does not."""
+"""Stress study: images with one extreme pixel, and faults of what methods make of them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct import Components, Observation, get_method
 from malus.scenes import Distant
+from malus.scenes.core.arrays import Float64Array
 
 METHODS = tuple(
     f"{specular}{body}"
@@ -19,11 +19,11 @@ METHODS = tuple(
     for body in ("", "+body")
 )
 DTYPES = ("float32", "float64")
-_PLACE = (2, 3)  # the pixel that is made extreme
+_PIXEL = (2, 3)  # row and column of the pixel that is made extreme
 
 
 class ImageCase(NamedTuple):
-    """One extreme: changes an observation in place or returns another; is that pixel invalid?"""
+    """An extreme image: makes it from an ordinary one; `invalid` says whether the pixel is."""
 
     name: str
     make: Callable[[Observation], Observation]
@@ -31,7 +31,7 @@ class ImageCase(NamedTuple):
 
 
 def ordinary(dtype: str, height: int = 5, width: int = 7) -> Observation:
-    """A cap of a sphere in three bands under a distant light: nothing is wrong with it."""
+    """Observation of a cap of a sphere in three bands under a distant light, without extremes."""
     y, x = np.meshgrid(np.linspace(0.6, -0.6, height), np.linspace(-0.7, 0.7, width), indexing="ij")
     normals = np.stack([x, y, np.sqrt(1.0 - x * x - y * y)], axis=-1).astype(dtype)
     bands = np.array([1.0, 0.5, 0.25])
@@ -51,13 +51,16 @@ def ordinary(dtype: str, height: int = 5, width: int = 7) -> Observation:
 
 
 def planted(name: str, value: float | str, *where: int) -> Callable[[Observation], Observation]:
-    """Set one pixel, or one of its bands, of an array to a value ("max", "tiny" of the dtype)."""
+    """Function that sets the pixel, or one of its bands, to a number or an extreme of the dtype.
+
+    Extremes are "max", "bright" (an eighth of it) and "tiny", the smallest above 0.
+    """
 
     def make(observation: Observation) -> Observation:
         values = getattr(observation, name).copy()
         limits = np.finfo(values.dtype)
         extremes = {"max": limits.max, "bright": limits.max / 8, "tiny": limits.smallest_subnormal}
-        values[(*_PLACE, *where)] = extremes[value] if isinstance(value, str) else value
+        values[(*_PIXEL, *where)] = extremes[value] if isinstance(value, str) else value
         return replace(observation, **{name: values})
 
     return make
@@ -71,7 +74,7 @@ def _denormal(observation: Observation) -> Observation:
 
 
 def _at_brewster(observation: Observation) -> Observation:
-    """Mirrored light only, completely polarised, at many azimuths: rounding shows at DoLP 1."""
+    """Specular light only, completely polarised, at many azimuths: rounding shows at DoLP 1."""
     dtype = observation.image.dtype
     turn = np.linspace(0.0, 2.0 * np.pi, observation.mask.size).reshape(observation.mask.shape)
     brewster = np.arctan(1.5)
@@ -90,7 +93,7 @@ def _at_brewster(observation: Observation) -> Observation:
 
 def _masked(observation: Observation) -> Observation:
     mask = np.zeros_like(observation.mask)
-    mask[_PLACE] = True
+    mask[_PIXEL] = True
     return replace(observation, mask=mask)
 
 
@@ -108,7 +111,7 @@ def _cut(height: int, width: int) -> Callable[[Observation], Observation]:
 
 
 def image_cases() -> list[ImageCase]:
-    """Every extreme image of one surface under an orthographic camera."""
+    """Extreme images of one surface under an orthographic camera."""
     cases = [
         ImageCase("ordinary pixels", lambda observation: observation, False),
         ImageCase("denormal intensities", _denormal, False),
@@ -141,41 +144,43 @@ def image_cases() -> list[ImageCase]:
 
 
 def image_faults(case: ImageCase, dtype: str, method: str) -> list[str]:
-    """What is wrong with a method's result for an extreme; warnings count as faults."""
+    """Faults of a method's result for an extreme image; warnings and exceptions are faults."""
     observation = case.make(ordinary(dtype))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found = get_method(method).reconstruct(observation)
+            result = get_method(method).reconstruct(observation)
     except Warning as warning:
         return [f"{method}: warns {warning}"]
     except ValueError as error:
         return [f"{method}: raises {error}"]
-    return [f"{method}: {fault}" for fault in _wrong(found, observation, case.invalid)]
+    return [f"{method}: {fault}" for fault in _faults(result, observation, case.invalid)]
 
 
-def _wrong(found: Components, observation: Observation, invalid: bool) -> list[str]:
+def _faults(result: Components, observation: Observation, invalid: bool) -> list[str]:
+    """Faults of a result: not finite, unphysical, of another shape, wrongly flagged."""
     faults = []
-    stokes = np.asarray(found.stokes, dtype=np.float64)
+    image, valid = result.image, result.valid
+    stokes = np.asarray(result.stokes, dtype=np.float64)
     if not np.all(np.isfinite(stokes)):
         faults.append("not finite")
-    faults += _outside(stokes, found.image.dtype)
-    if found.image.dtype != observation.image.dtype or found.image.shape != observation.image.shape:
+    faults += _outside(stokes, image.dtype)
+    if image.dtype != observation.image.dtype or image.shape != observation.image.shape:
         faults.append("another shape or dtype than the image")
     expected = np.ones(observation.mask.shape, dtype=bool)
     if invalid:
-        expected[_PLACE] = False
-    if found.valid is None or not np.array_equal(found.valid, expected):
+        expected[_PIXEL] = False
+    if valid is None or not np.array_equal(valid, expected):
         faults.append("valid does not flag the pixel, or flags others")
     elif np.any(stokes[~expected]):
         faults.append("an invalid pixel is not zero")
     return faults
 
 
-def _outside(stokes: NDArray[np.float64], dtype: Any) -> list[str]:
-    """DoLP outside [0, 1]: denormal numbers may miss it by one spacing, all others by nothing."""
+def _outside(stokes: Float64Array, dtype: Any) -> list[str]:
+    """Fault of DoLP outside [0, 1]; denormal numbers may be outside by one spacing."""
     spacing = float(np.finfo(dtype).smallest_subnormal)
-    with np.errstate(invalid="ignore"):  # not finite is told elsewhere
+    with np.errstate(invalid="ignore"):  # a fault of its own
         polarised = np.hypot(stokes[..., 1], stokes[..., 2])
         bad = (polarised > stokes[..., 0] + spacing) | (stokes[..., 0] < 0.0)
     return [f"DoLP outside [0, 1] in {np.count_nonzero(bad)} values"] if np.any(bad) else []

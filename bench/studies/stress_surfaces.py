@@ -1,4 +1,4 @@
-"""Cameras near by, maps of surfaces, and metals, as cases of the stress table."""
+"""Stress study: images of perspective cameras, of maps of surfaces, and of metals."""
 
 from __future__ import annotations
 
@@ -11,37 +11,38 @@ import numpy as np
 from malus.bench.studies.stress_images import ImageCase, planted
 from malus.reconstruct import Observation
 
-Make = Callable[[Observation], Observation]
+Change = Callable[[Observation], Observation]
 
 
 def _from_near(observation: Observation) -> Observation:
-    """A perspective camera: every pixel looks along its own ray, the middle one along the axis."""
+    """See it through a perspective camera: each pixel has its own view direction."""
     height, width = observation.mask.shape
     y, x = np.meshgrid(np.linspace(-0.4, 0.4, height), np.linspace(0.4, -0.4, width), indexing="ij")
-    view = np.stack([x, y, np.ones_like(x)], axis=-1)
-    view /= np.linalg.norm(view, axis=-1, keepdims=True)
+    direction = np.stack([x, y, np.ones_like(x)], axis=-1)
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     normals = observation.normals.copy()  # type: ignore[union-attr]
-    away = np.sum(normals * view, axis=-1) <= 0.0
-    normals[away] = view[away]
+    away = np.sum(normals * direction, axis=-1) <= 0.0
+    normals[away] = direction[away]
     return replace(
-        observation, view_direction=view.astype(observation.image.dtype), normals=normals
+        observation, view_direction=direction.astype(observation.image.dtype), normals=normals
     )
 
 
 def _metal(observation: Observation) -> Observation:
-    """Gold, which has no body light."""
+    """Make it of gold, which has no diffuse light."""
     eta = np.array([1.3 + 1.9j, 0.4 + 2.4j, 0.15 + 3.4j])
     return replace(observation, eta=eta, diffuse=np.zeros_like(observation.diffuse))
 
 
 def _mapped(observation: Observation) -> Observation:
-    """The same surface everywhere, as maps."""
+    """Give index and roughness as maps, equal everywhere."""
     shape = observation.mask.shape
     eta, alpha = np.asarray(observation.eta), observation.alpha
     return replace(observation, eta=np.tile(eta, (*shape, 1)), alpha=np.full(shape, alpha))
 
 
 def _two_objects(observation: Observation) -> Observation:
+    """Make columns of glass and metal take turns."""
     mapped = _mapped(_metal(observation))
     eta, alpha = np.array(mapped.eta), np.array(mapped.alpha)
     eta[:, ::2], alpha[:, ::2] = 1.5, 1e-3
@@ -49,7 +50,7 @@ def _two_objects(observation: Observation) -> Observation:
 
 
 def _textured(observation: Observation) -> Observation:
-    """Every pixel of another index, from total reflection to 4, and of another roughness."""
+    """Give every pixel another index, from 0.6 to 4, and another roughness."""
     mapped = _mapped(observation)
     size = mapped.mask.size
     alpha = np.geomspace(1e-3, 3.0, size).reshape(mapped.mask.shape)
@@ -57,12 +58,13 @@ def _textured(observation: Observation) -> Observation:
     return replace(mapped, eta=eta, alpha=alpha)
 
 
-def _after(first: Make, then: Make) -> Make:
+def _after(first: Change, then: Change) -> Change:
+    """One change after another."""
     return lambda observation: then(first(observation))
 
 
 def surface_cases() -> list[ImageCase]:
-    """Cameras near by, maps of surfaces and metals."""
+    """Extreme images with perspective cameras, maps of surfaces and metals."""
     near, mapped = partial(_after, _from_near), partial(_after, _mapped)
     return [
         ImageCase("perspective camera", _from_near, False),

@@ -52,8 +52,8 @@ def differences(
     truth: Truth, estimate: Components, method: str = "CIE 1976"
 ) -> dict[tuple[str, float | None], PixelSums]:
     fields = (scaled(picture.stokes, truth) for picture in (estimate, truth))
-    found = delta_e(*fields, BANDS, method)
-    return {(suffix, angle): sums for suffix, angle, sums in found}
+    sums_by_angle = delta_e(*fields, BANDS, method)
+    return {(suffix, angle): sums for suffix, angle, sums in sums_by_angle}
 
 
 def colour_science_lab(image: np.ndarray) -> np.ndarray:
@@ -82,15 +82,15 @@ def test_delta_e_equals_colour_science_on_whole_images(method: str) -> None:
     expected["_i_max", None] = colour.delta_E(*pair, method=method)[truth.mask]
     pair = [colour_science_lab(i / white) for i in (truth.image - i_max, estimate.i_min)]
     expected["_i_min", None] = colour.delta_E(*pair, method=method)[truth.mask]
-    found = differences(truth, estimate, method)
+    by_angle = differences(truth, estimate, method)
     for key, pixels in expected.items():
-        sums = found[key]
+        sums = by_angle[key]
         # 1e-7: colour-science rounds the weights of its integration no coarser than this.
         assert sums.mean == pytest.approx(pixels.mean(), rel=1e-7)
         assert sums.std == pytest.approx(pixels.std(), rel=1e-7)
     over_all = np.concatenate([expected["", angle] for angle in PAPER_ANGLES_DEG])
-    assert found["", None].mean == pytest.approx(over_all.mean(), rel=1e-7)
-    assert found["", None].std == pytest.approx(over_all.std(), rel=1e-7)
+    assert by_angle["", None].mean == pytest.approx(over_all.mean(), rel=1e-7)
+    assert by_angle["", None].std == pytest.approx(over_all.std(), rel=1e-7)
 
 
 def test_white_is_white_whatever_the_bands() -> None:
@@ -114,8 +114,8 @@ def test_equal_images_differ_by_nothing_and_nobody_sees_less_than_a_jnd() -> Non
     perfect = Components(stokes[..., 0], stokes[..., 1], stokes[..., 2])
     assert all(sums.mean < 1e-6 for sums in differences(truth, perfect).values())
     brighter = Components(*(np.moveaxis(1.01 * stokes, -1, 0)))
-    found = differences(truth, brighter).values()
-    assert all(0 < sums.mean < JUST_NOTICEABLE for sums in found)
+    brightened = differences(truth, brighter).values()
+    assert all(0 < sums.mean < JUST_NOTICEABLE for sums in brightened)
 
 
 def test_shards_add_up_to_the_whole() -> None:
@@ -137,12 +137,12 @@ def test_shards_add_up_to_the_whole() -> None:
 
 def test_noise_is_what_a_perfect_method_scores() -> None:
     truth, estimate = made_up()
-    found = METRICS["delta_e76"](truth)(estimate.stokes[truth.mask])
-    values = {v.metric: v for v in found if v.angle_deg is None}
+    noisy_values = METRICS["delta_e76"](truth)(estimate.stokes[truth.mask])
+    values = {v.metric: v for v in noisy_values if v.angle_deg is None}
     assert 0 < values["delta_e76"].noise < values["delta_e76"].value
     still = replace(truth, specular_noise=0 * truth.specular_noise)
-    found = METRICS["delta_e76"](still)(estimate.stokes[truth.mask])
-    quiet = {v.metric: v for v in found if v.angle_deg is None}
+    quiet_values = METRICS["delta_e76"](still)(estimate.stokes[truth.mask])
+    quiet = {v.metric: v for v in quiet_values if v.angle_deg is None}
     assert quiet["delta_e76"].noise < 1e-6
     assert quiet["delta_e76"].value == pytest.approx(values["delta_e76"].value)
 

@@ -23,7 +23,7 @@ from malus.bench.datasets.render import Order, render_dataset
 from malus.bench.running.cluster import engine
 from malus.bench.running.status import status
 from malus.bench.running.work import Engine, FamilyResult, FamilyTask, apart, truths
-from malus.bench.running.worker_process import Died, WorkerProcess
+from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth
 from malus.renderers.datasets.dataset import open_dataset
@@ -33,16 +33,16 @@ ROUGH = max(surface.alpha for surface in (scene.surface for scene in SUITE.scene
 UNPOLARISED = get_method("unpolarised")
 
 
-def crashes_on_the_rough(seen: Observation) -> Components:
-    if seen.alpha == ROUGH:
+def crashes_on_the_rough(observation: Observation) -> Components:
+    if observation.alpha == ROUGH:
         os.kill(os.getpid(), signal.SIGSEGV)
-    return UNPOLARISED.reconstruct(seen)
+    return UNPOLARISED.reconstruct(observation)
 
 
-def hangs_on_the_rough(seen: Observation) -> Components:
-    while seen.alpha == ROUGH:
+def hangs_on_the_rough(observation: Observation) -> Components:
+    while observation.alpha == ROUGH:
         time.sleep(60)
-    return UNPOLARISED.reconstruct(seen)
+    return UNPOLARISED.reconstruct(observation)
 
 
 CRASHES = dataclasses.replace(
@@ -83,17 +83,17 @@ def test_a_crash_or_a_hang_costs_its_own_family(
 ) -> None:
     if method == "HANGS":
         # The time must do for imports on a busy machine: wait for it once only.
-        monkeypatch.setattr("malus.bench.running.work.ATTEMPTS", 1)
+        monkeypatch.setattr("malus.bench.running.worker_process.ATTEMPTS", 1)
         monkeypatch.setattr("malus.bench.running.cluster.ATTEMPTS", 1)
     good = run(SUITE.model_copy(update={"methods": ("eq8",)}), tmp_path / "good", NOBODY).table
     smooth = good[good.alpha < ROUGH].reset_index(drop=True)
     with ExitStack() as stack:
         chosen = start(timeout, stack)
         results = run(with_method(method), tmp_path / "bad", NOBODY, engine=chosen)
-    found = results.table[results.table.method == "eq8"].reset_index(drop=True)
+    eq8_rows = results.table[results.table.method == "eq8"].reset_index(drop=True)
     # Names are categories, of which a table of two families has more than it shows here.
     names = dict.fromkeys(smooth.select_dtypes("category"), "str")
-    pd.testing.assert_frame_equal(found.astype(names), smooth.astype(names), check_exact=True)
+    pd.testing.assert_frame_equal(eq8_rows.astype(names), smooth.astype(names), check_exact=True)
     assert (results.run["families"], results.run["families_failed"]) == (2, 1)
     assert pd.Series(results.run["failures"]).str.contains(says).all()
     (reason,) = (why.reason for _, why in status(tmp_path / "bad").failed)
@@ -108,13 +108,13 @@ def test_a_crash_or_a_hang_costs_its_own_family(
 
 def test_a_family_that_crashed_once_is_done_by_the_next_process(tmp_path: Path) -> None:
     """As after the kernel killed a process for memory that another one had."""
-    with WorkerProcess() as child:
+    with WorkerProcess() as worker:
         killed: list[int] = []
 
         def kills_first(tasks: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-            (killed[:],) = child.stream(pids)
+            (killed[:],) = worker.stream(pids)
             os.kill(killed[0], signal.SIGKILL)
-            yield from apart(NOBODY, child)(tasks)
+            yield from apart(NOBODY, worker)(tasks)
 
         results = run(SUITE, tmp_path / "killed", NOBODY, engine=kills_first)
     assert killed
@@ -132,38 +132,57 @@ def raises() -> Iterator[int]:
     raise InputError("mesh.obj", "a mesh", "none", "mend it")
 
 
-def test_what_a_child_raises_arrives_and_it_lives_on() -> None:
-    with WorkerProcess(timeout=60) as child:
-        stream = child.stream(raises)
+def test_what_a_worker_raises_arrives_and_it_lives_on() -> None:
+    with WorkerProcess(timeout=60) as worker:
+        stream = worker.stream(raises)
         assert next(stream) == 1
         with pytest.raises(InputError, match=r"mesh\.obj: expected a mesh"):
             next(stream)
-        assert list(child.stream(range, 2)) == [0, 1]
+        assert list(worker.stream(range, 2)) == [0, 1]
         # Half a stream that nobody reads on must not be taken for the next one.
-        half = child.stream(range, 5)
+        half = worker.stream(range, 5)
         assert next(half) == 0
         half.close()
-        assert list(child.stream(range, 2)) == [0, 1]
+        assert list(worker.stream(range, 2)) == [0, 1]
 
 
-def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
-    """Also where the parent was killed and the child is busy."""
+def test_a_dead_worker_is_tried_again_and_then_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("malus.bench.running.worker_process.ATTEMPTS", 3)
+    attempts: list[int] = []
+
+    def dies(times: int) -> Iterator[str]:
+        attempts.append(len(attempts))
+        yield f"attempt {len(attempts)}"
+        if len(attempts) <= times:
+            raise Died("it ended")
+
+    assert list(retried(lambda: dies(2))) == ["attempt 1", "attempt 2", "attempt 3"]
+    attempts.clear()
+    with pytest.raises(Died, match=r"^it ended, 3 times$"):
+        list(retried(lambda: dies(3)))
+    assert len(attempts) == 3
+
+
+def test_a_worker_ends_with_its_parent(tmp_path: Path) -> None:
+    """Also where the parent was killed and the worker is busy."""
     script = (
         "import sys, time; sys.path[:0] = [sys.argv[1]]\n"
-        "from malus.bench.running.worker_process import Child\n"
+        "from malus.bench.running.worker_process import WorkerProcess\n"
         "from test_faults import tells_and_sleeps\n"
-        "with Child() as child: print(next(child.stream(tells_and_sleeps)), flush=True); input()"
+        "with WorkerProcess() as worker:\n"
+        "    print(next(worker.stream(tells_and_sleeps)), flush=True)\n"
+        "    input()"
     )
     command = [sys.executable, "-c", script, str(Path(__file__).parent)]
     parent = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
-    child = int(parent.stdout.readline())
+    worker_pid = int(parent.stdout.readline())
     parent.kill()
     parent.communicate()
     deadline = time.monotonic() + 20
-    while Path(f"/proc/{child}").exists() and time.monotonic() < deadline:
+    while Path(f"/proc/{worker_pid}").exists() and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert not Path(f"/proc/{child}").exists()
+    assert not Path(f"/proc/{worker_pid}").exists()
 
 
 def tells_and_sleeps() -> Iterator[int]:
@@ -172,8 +191,8 @@ def tells_and_sleeps() -> Iterator[int]:
 
 
 def test_a_hang_that_holds_the_lock_of_python_ends_too() -> None:
-    with WorkerProcess(timeout=1) as child, pytest.raises(Died, match="1 seconds of --timeout"):
-        list(child.stream(holds_the_lock))
+    with WorkerProcess(timeout=1) as worker, pytest.raises(Died, match="1 seconds of --timeout"):
+        list(worker.stream(holds_the_lock))
 
 
 def holds_the_lock() -> Iterator[int]:
@@ -213,10 +232,10 @@ def test_a_render_records_what_fails_and_goes_on(
         )
         done = render_dataset(SUITE, tmp_path, NOBODY)
         assert (done["rendered"], done["failed"]) == (3, 1)
-    found = status(tmp_path)
-    assert (found.done, found.failed_families, found.left) == (3, 1, 0)
-    assert found.finished
-    assert [(why.scene, why.reason) for _, why in found.failed] == [
+    progress = status(tmp_path)
+    assert (progress.done, progress.failed_families, progress.left) == (3, 1, 0)
+    assert progress.finished
+    assert [(why.scene, why.reason) for _, why in progress.failed] == [
         (bad, "ZeroDivisionError: made up")
     ]
     assert set(open_dataset(tmp_path).scenes) == {scene.id for scene in good}
@@ -241,24 +260,24 @@ def test_a_render_tries_a_wrong_input_again_and_needs_one_scene(
     assert render_dataset(SUITE, tmp_path, NOBODY)["rendered"] == 4
 
 
-def test_a_render_in_a_child_is_the_same_and_survives_its_death(
+def test_a_render_in_a_worker_is_the_same_and_survives_its_death(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     render_dataset(SUITE, tmp_path / "here", NOBODY)
-    with WorkerProcess() as child:
-        render_dataset(SUITE, tmp_path / "apart", NOBODY, child=child)
+    with WorkerProcess() as worker:
+        render_dataset(SUITE, tmp_path / "apart", NOBODY, child=worker)
         here, there = open_dataset(tmp_path / "here"), open_dataset(tmp_path / "apart")
         assert [entry.sha256 for entry in here.record.scenes] == [
             entry.sha256 for entry in there.record.scenes
         ]
         monkeypatch.setattr("malus.bench.datasets.render._rendered", dies_after_one)
-        done = render_dataset(SUITE, tmp_path / "dies", NOBODY, child=child)
+        done = render_dataset(SUITE, tmp_path / "dies", NOBODY, child=worker)
     # Each of two families has two scenes, and every process dies after one: no scene is lost.
     assert (done["rendered"], done["failed"]) == (4, 0)
 
 
 def dies_after_one(order: Order) -> Iterator[Truth]:
-    made = FamilyResult()
-    for _, truth in truths(order.family, order.scenes, order.renderer, order.variant, made):
+    result = FamilyResult()
+    for _, truth in truths(order.family, order.scenes, order.renderer, order.variant, result):
         yield truth
         os.kill(os.getpid(), signal.SIGKILL)

@@ -16,13 +16,13 @@ from malus.bench.commands.gate import gate_command
 from malus.bench.gates.baseline import (
     DEFAULT_RULES,
     Baseline,
-    Measured,
-    Rule,
+    PooledMetric,
+    ToleranceRule,
     measure,
     read_baseline,
     write_baseline,
 )
-from malus.bench.gates.gate import Verdict, gate, passed, updated
+from malus.bench.gates.gate import Comparison, gate, passed, updated
 from malus.bench.gates.gate_report import junit, markdown
 from malus.bench.running.plan import plan
 from malus.bench.running.results import (
@@ -105,41 +105,43 @@ def baseline(first: Results) -> Baseline:
 Fault = Callable[[Method, Observation], Components]
 
 
-def turned(method: Method, seen: Observation) -> Components:
+def turned(method: Method, observation: Observation) -> Components:
     """The angle convention is off by 90°: ψ from the horizontal."""
-    good = method.reconstruct(seen)
+    good = method.reconstruct(observation)
     return Components(good.image, -good.s1, -good.s2)
 
 
-def mirrored(method: Method, seen: Observation) -> Components:
+def mirrored(method: Method, observation: Observation) -> Components:
     """s2 counts clockwise."""
-    good = method.reconstruct(seen)
+    good = method.reconstruct(observation)
     return Components(good.image, good.s1, -good.s2)
 
 
-def denser(method: Method, seen: Observation) -> Components:
+def denser(method: Method, observation: Observation) -> Components:
     """η is 1 % too large."""
-    return method.reconstruct(dataclasses.replace(seen, eta=1.01 * seen.require("eta")))
+    return method.reconstruct(
+        dataclasses.replace(observation, eta=1.01 * observation.require("eta"))
+    )
 
 
-def one_band_lost(method: Method, seen: Observation) -> Components:
-    good = method.reconstruct(seen)
+def one_band_lost(method: Method, observation: Observation) -> Components:
+    good = method.reconstruct(observation)
     kept = np.array([1, 1, 0], dtype=good.s1.dtype)
     return Components(good.image, good.s1 * kept, good.s2 * kept)
 
 
-def stronger(method: Method, seen: Observation) -> Components:
+def stronger(method: Method, observation: Observation) -> Components:
     """ρ of the specular lobe is 2 % too large."""
-    good = method.reconstruct(seen)
-    plain = get_method(method.name.removesuffix("+body")).reconstruct(seen)
+    good = method.reconstruct(observation)
+    plain = get_method(method.name.removesuffix("+body")).reconstruct(observation)
     more = PLANTED[1]
     return Components(good.image, good.s1 + more * plain.s1, good.s2 + more * plain.s2)
 
 
-def without_jacobian(method: Method, seen: Observation) -> Components:
+def without_jacobian(method: Method, observation: Observation) -> Components:
     """Facets weighted by dr dφ in place of their projected area."""
     del method
-    return get_method("eq8").reconstruct(seen)
+    return get_method("eq8").reconstruct(observation)
 
 
 def planted(fault: Fault, names: tuple[str, ...] = METHODS) -> list[Method]:
@@ -148,14 +150,16 @@ def planted(fault: Fault, names: tuple[str, ...] = METHODS) -> list[Method]:
     def faulty(method: Method) -> Method:
         if method.name not in names:
             return method
-        return dataclasses.replace(method, reconstruct=lambda seen: fault(method, seen))
+        return dataclasses.replace(
+            method, reconstruct=lambda observation: fault(method, observation)
+        )
 
     return [faulty(method) for method in sound()]
 
 
-def red(verdicts: list[Verdict]) -> set[str]:
+def red(comparisons: list[Comparison]) -> set[str]:
     """Methods that failed."""
-    return {verdict.key[1] for verdict in verdicts if verdict.failed}
+    return {comparison.key[1] for comparison in comparisons if comparison.failed}
 
 
 @pytest.mark.parametrize("seed", [1, PLANTED[0]], ids=["paired", "other seed"])
@@ -170,9 +174,9 @@ def test_a_planted_fault_turns_every_method_red(
 def test_a_small_fault_turns_every_method_red_on_the_same_images(
     fault: Fault, baseline: Baseline
 ) -> None:
-    verdicts = gate(results(LARGE, 1, planted(fault)), baseline)
-    assert all(verdict.paired for verdict in verdicts)
-    assert red(verdicts) == set(METHODS)
+    comparisons = gate(results(LARGE, 1, planted(fault)), baseline)
+    assert all(comparison.paired for comparison in comparisons)
+    assert red(comparisons) == set(METHODS)
 
 
 @pytest.mark.parametrize("seed", [1, PLANTED[0]], ids=["paired", "other seed"])
@@ -182,21 +186,21 @@ def test_a_missing_jacobian_turns_the_gate_red(seed: int, baseline: Baseline) ->
 
 
 def test_the_same_run_passes_and_is_paired(first: Results, baseline: Baseline) -> None:
-    verdicts = gate(first, baseline)
-    assert passed(verdicts)
-    assert all(verdict.paired and verdict.outcome == "same" for verdict in verdicts)
+    comparisons = gate(first, baseline)
+    assert passed(comparisons)
+    assert all(comparison.paired and comparison.outcome == "same" for comparison in comparisons)
     # A paired comparison sees little more than its tolerance, whatever the noise of the renders.
-    gains = [v for v in verdicts if v.key[0] == "gain" and v.key[3] == "unpolarised"]
-    assert max(verdict.visible for verdict in gains) < 0.007
+    gains = [v for v in comparisons if v.key[0] == "gain" and v.key[3] == "unpolarised"]
+    assert max(comparison.visible for comparison in gains) < 0.007
 
 
 def test_noise_raises_no_alarm() -> None:
     reviewed = updated(results(SMALL, 1, sound()), None, DEFAULT_RULES)
     alarms = []
     for seed in range(2, 2 + RERUNS):
-        verdicts = gate(results(SMALL, seed, sound()), reviewed)
-        assert not any(verdict.paired for verdict in verdicts)
-        alarms += [(seed, verdict) for verdict in verdicts if verdict.failed]
+        comparisons = gate(results(SMALL, seed, sound()), reviewed)
+        assert not any(comparison.paired for comparison in comparisons)
+        alarms += [(seed, comparison) for comparison in comparisons if comparison.failed]
     assert len({seed for seed, _ in alarms}) <= FALSE_ALARMS, alarms
 
 
@@ -245,16 +249,16 @@ def test_a_turn_is_told_with_its_sense() -> None:
     turn = Method(
         "turn",
         frozenset(),
-        lambda seen: Components(
-            seen.image,
+        lambda observation: Components(
+            observation.image,
             np.cos(angle) * s1 - np.sin(angle) * s2,
             np.sin(angle) * s1 + np.cos(angle) * s2,
         ),
         "",
     )
-    found = Judge(truth).score(turn).agreement
-    assert found.rotation[0] == pytest.approx(np.sin(angle), rel=0.02)
-    assert found.gain[0] == pytest.approx(np.cos(angle), rel=0.02)
+    agreement = Judge(truth).score(turn).agreement
+    assert agreement.rotation[0] == pytest.approx(np.sin(angle), rel=0.02)
+    assert agreement.gain[0] == pytest.approx(np.cos(angle), rel=0.02)
 
 
 def test_lost_and_broken_methods_fail_and_new_ones_do_not(
@@ -278,8 +282,8 @@ def test_outcomes_have_a_direction(first: Results, baseline: Baseline) -> None:
         table = first.table.copy()
         chosen = (table.metric == metric) & (table.method == "visible")
         table.loc[chosen, "value"] += by
-        verdicts = gate(dataclasses.replace(first, table=table), baseline)
-        return {v.outcome for v in verdicts if v.outcome != "same"}
+        comparisons = gate(dataclasses.replace(first, table=table), baseline)
+        return {v.outcome for v in comparisons if v.outcome != "same"}
 
     assert moved("facing_skill", +0.05) == {"better"}
     assert moved("facing_skill", -0.05) == {"worse"}
@@ -288,7 +292,7 @@ def test_outcomes_have_a_direction(first: Results, baseline: Baseline) -> None:
 
 
 def test_the_last_rule_that_matches_holds(first: Results, baseline: Baseline) -> None:
-    wide = Rule(metric="gain", method="vis*", tolerance=10.0, reason="a test")
+    wide = ToleranceRule(metric="gain", method="vis*", tolerance=10.0, reason="a test")
     rules = (*baseline.rules, wide)
     table = first.table.copy()
     table.loc[(table.metric == "gain"), "value"] += 5.0
@@ -305,7 +309,7 @@ def test_scenes_pool_by_their_energy(first: Results) -> None:
     pooled = next(
         m
         for m in measure(dataclasses.replace(first, table=merged))
-        if isinstance(m, Measured) and m.metric == "gain"
+        if isinstance(m, PooledMetric) and m.metric == "gain"
     )
     gain = merged[merged.metric == "gain"].value.to_numpy()
     signal = merged[merged.metric == "signal"].value.to_numpy()
@@ -314,7 +318,7 @@ def test_scenes_pool_by_their_energy(first: Results) -> None:
 
 
 def test_a_baseline_survives_its_file(tmp_path: Path, baseline: Baseline, first: Results) -> None:
-    odd = Rule(metric="gain", tolerance=1e-3, reason='quotes "and" a back\\slash, – and ϑ')
+    odd = ToleranceRule(metric="gain", tolerance=1e-3, reason='quotes "and" a back\\slash, – and ϑ')
     kept = baseline.model_copy(update={"rules": (*baseline.rules, odd)})
     path = tmp_path / "baseline.toml"
     write_baseline(path, kept)
@@ -358,13 +362,13 @@ def test_other_scenes_are_refused(baseline: Baseline, first: Results) -> None:
 
 
 def test_reports_hold_every_failure(baseline: Baseline, first: Results) -> None:
-    verdicts = gate(results(LARGE, 1, planted(turned, ("eq8",))), baseline)
-    root = ElementTree.fromstring(junit(verdicts))
-    failed = sum(v.failed for v in verdicts)
+    comparisons = gate(results(LARGE, 1, planted(turned, ("eq8",))), baseline)
+    root = ElementTree.fromstring(junit(comparisons))
+    failed = sum(v.failed for v in comparisons)
     assert root.find("testsuite").attrib["failures"] == str(failed)  # type: ignore[union-attr]
     assert len(root.findall(".//failure")) == failed > 0
-    assert len(root.findall(".//testcase")) == len(verdicts)
-    text = markdown(verdicts)
+    assert len(root.findall(".//testcase")) == len(comparisons)
+    text = markdown(comparisons)
     assert "FAILED" in text.splitlines()[0]
     assert text.count("| worse |") + text.count("| changed |") == min(failed, 30)
     assert "Smallest change" in text

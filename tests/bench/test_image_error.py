@@ -86,8 +86,10 @@ def brute_force(truth: Truth, estimate: Components) -> dict[str, float]:
 
 def test_polarisation_errors_equal_brute_force() -> None:
     truth, estimate = made_up()
-    found = {v.metric: v.value for v in METRICS["polarisation"](truth)(estimate.stokes[truth.mask])}
-    assert found == pytest.approx(brute_force(truth, estimate), rel=1e-10)
+    values = {
+        v.metric: v.value for v in METRICS["polarisation"](truth)(estimate.stokes[truth.mask])
+    }
+    assert values == pytest.approx(brute_force(truth, estimate), rel=1e-10)
 
 
 def test_shards_add_up_to_the_whole() -> None:
@@ -132,8 +134,8 @@ def test_psnr_and_ssim_equal_scikit_image(angle: float) -> None:
         channel_axis=-1,
         full=True,
     )
-    found = ssim(estimate.stokes[everywhere.mask], everywhere, angle)
-    assert found.mean == pytest.approx(maps.mean(), rel=1e-10)
+    similarity = ssim(estimate.stokes[everywhere.mask], everywhere, angle)
+    assert similarity.mean == pytest.approx(maps.mean(), rel=1e-10)
 
 
 def test_ssim_is_the_mean_over_the_mask_and_the_bands() -> None:
@@ -144,9 +146,9 @@ def test_ssim_is_the_mean_over_the_mask_and_the_bands() -> None:
         pair = [np.where(truth.mask, p.polarised(30.0)[..., b], 0) for p in (truth, estimate)]
         _, one = structural_similarity(*pair, data_range=largest, full=True)
         means.append(one[truth.mask].mean())
-    found = ssim(estimate.stokes[truth.mask], truth, 30.0)
-    assert found.mean == pytest.approx(np.mean(means), rel=1e-10)
-    assert (found + found).count == 2
+    similarity = ssim(estimate.stokes[truth.mask], truth, 30.0)
+    assert similarity.mean == pytest.approx(np.mean(means), rel=1e-10)
+    assert (similarity + similarity).count == 2
 
 
 def test_what_lies_outside_the_mask_has_no_part() -> None:
@@ -157,10 +159,10 @@ def test_what_lies_outside_the_mask_has_no_part() -> None:
         image[outside] = np.nan
     dirty = replace(truth, **lobes)
     for name, metric in METRICS.items():
-        found, clean = (
+        noisy, clean = (
             [v.value for v in metric(t)(estimate.stokes[t.mask])] for t in (dirty, truth)
         )
-        assert found == pytest.approx(clean), name
+        assert noisy == pytest.approx(clean), name
 
 
 def test_pixel_sums_are_numpy_statistics() -> None:
@@ -200,11 +202,13 @@ def test_zenith_bins_are_scores_of_their_pixels() -> None:
     truth, estimate = made_up()
     zenith = np.random.default_rng(9).uniform(0.0, 1.3, truth.mask.shape)
     truth = replace(truth, normals=np.stack([np.sin(zenith), 0 * zenith, np.cos(zenith)], axis=-1))
-    found = {value.metric: value for value in METRICS["zenith"](truth)(estimate.stokes[truth.mask])}
+    by_name = {
+        value.metric: value for value in METRICS["zenith"](truth)(estimate.stokes[truth.mask])
+    }
     cosine = np.clip(truth.normals[truth.mask][:, 2], 0, 1)
     counts, _ = np.histogram(np.degrees(np.arccos(cosine)), ZENITHS_DEG)
     bins = [f"{a}_{b}" for a, b in itertools.pairwise(ZENITHS_DEG)]
-    assert {name for name in found if name.startswith("nmse")} == {
+    assert {name for name in by_name if name.startswith("nmse")} == {
         f"nmse_zenith_{name}" for name, count in zip(bins, counts, strict=True) if count
     }
     difference = (estimate.stokes - truth.stokes)[truth.mask]
@@ -214,9 +218,9 @@ def test_zenith_bins_are_scores_of_their_pixels() -> None:
         inside = (angles >= low) & (angles < high)
         if inside.any():
             part = Residuals.of(difference[inside], largest).nmse()
-            assert found[f"nmse_zenith_{name}"].value == pytest.approx(part, rel=1e-10)
+            assert by_name[f"nmse_zenith_{name}"].value == pytest.approx(part, rel=1e-10)
     perfect = METRICS["zenith"](truth)(truth.stokes[truth.mask])
     skills = [v.value for v in perfect if v.metric.startswith("skill")]
     # What noise is subtracted from a perfect estimate lifts its skill above one, by the noise.
-    told = [value for value in skills if not math.isnan(value)]
-    assert min(told) > 1.0  # of none it raises
+    defined = [value for value in skills if not math.isnan(value)]
+    assert min(defined) > 1.0  # of none it raises

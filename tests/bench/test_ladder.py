@@ -11,7 +11,7 @@ from malus.bench.running.work import SceneResult, ScoringPlan
 from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.knowledge_ladder import EVERYTHING, RUNGS, rungs
 from malus.bench.scoring.masked_pixels import MaskedPixels
-from malus.bench.scoring.observe import KNOWN, observe
+from malus.bench.scoring.observe import INPUTS, observe
 from malus.reconstruct import Inapplicable, Method, Observation, get_method, methods
 from malus.renderers import Truth, render
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
@@ -32,17 +32,17 @@ def truth() -> Truth:
 
 
 def scored(truth: Truth, names: tuple[str, ...]) -> dict[tuple[str, str], dict[str, float]]:
-    share = SceneResult(SCENE)
-    exam = ScoringPlan([get_method(name) for name in names], ladder=True)
-    share.do("render", lambda scene: truth, exam, keep_example=False)
-    assert not share.made.failures
+    result = SceneResult(SCENE)
+    plan = ScoringPlan([get_method(name) for name in names], ladder=True)
+    result.score("render", lambda scene: truth, plan, keep_example=False)
+    assert not result.outcome.failures
     return {
         (record.common["method"], record.common["knowledge"]): {
             value.metric: value.value
             for value in record.values
             if value.band_nm is None and value.angle_deg is None
         }
-        for record in share.records
+        for record in result.records
     }
 
 
@@ -50,32 +50,32 @@ def test_a_chain_that_is_right_costs_nothing(truth: Truth, monkeypatch: pytest.M
     """With the truth in place of what is estimated every rung scores as the first."""
     asked: list[Observation] = []
 
-    def perfect(seen: Observation) -> SimpleNamespace:
-        asked.append(seen)
-        return SimpleNamespace(observation=observe(truth, KNOWN))
+    def perfect(observation: Observation) -> SimpleNamespace:
+        asked.append(observation)
+        return SimpleNamespace(observation=observe(truth, INPUTS))
 
     monkeypatch.setattr("malus.bench.scoring.knowledge_ladder.run_chain", perfect)
-    found = scored(truth, ("eq8", "half_vector"))
-    assert [rung for method, rung in found if method == "eq8"] == [EVERYTHING, *RUNGS]
-    for (method, rung), values in found.items():
+    scores = scored(truth, ("eq8", "half_vector"))
+    assert [rung for method, rung in scores if method == "eq8"] == [EVERYTHING, *RUNGS]
+    for (method, rung), values in scores.items():
         # The lobes come back as shares of the picture: a few roundings of float64.
-        expected = pytest.approx(found[method, EVERYTHING], rel=1e-6, abs=1e-9)
+        expected = pytest.approx(scores[method, EVERYTHING], rel=1e-6, abs=1e-9)
         assert values == expected, (method, rung)
     untold: set[str] = set()
-    for seen, more in zip(asked, RUNGS.values(), strict=True):
+    for observation, more in zip(asked, RUNGS.values(), strict=True):
         untold |= more
-        assert {name for name in KNOWN if getattr(seen, name) is None} == untold
+        assert {name for name in INPUTS if getattr(observation, name) is None} == untold
 
 
 def misled(truth: Truth) -> Observation:
     """All of it wrong, and of every thing another value."""
-    known = observe(truth, KNOWN)
+    true = observe(truth, INPUTS)
     return Observation(
-        image=known.image,
-        mask=known.mask,
-        specular=0.25 * known.image,
-        diffuse=0.75 * known.image,
-        normals=known.require("normals")[..., [1, 0, 2]],
+        image=true.image,
+        mask=true.mask,
+        specular=0.25 * true.image,
+        diffuse=0.75 * true.image,
+        normals=true.require("normals")[..., [1, 0, 2]],
         eta=np.array([1.7, 1.8]),
         alpha=0.1,
         light=Distant(incidence_deg=10),
@@ -85,20 +85,21 @@ def misled(truth: Truth) -> Observation:
 def test_a_rung_changes_only_what_it_does_not_tell(
     truth: Truth, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sight, wrong = MaskedPixels.of(truth), misled(truth)
+    pixels, wrong = MaskedPixels.of(truth), misled(truth)
+    told = pixels.observation
     monkeypatch.setattr(
         "malus.bench.scoring.knowledge_ladder.run_chain",
-        lambda seen: SimpleNamespace(observation=wrong),
+        lambda observation: SimpleNamespace(observation=wrong),
     )
-    seen = dict(rungs(sight))
-    first, second, third, last = (seen[name] for name in RUNGS)
-    assert all(isinstance(rung, Observation) for rung in seen.values())
-    np.testing.assert_allclose(first.specular, 0.25 * sight.known.image, rtol=1e-6)
-    np.testing.assert_allclose(first.specular + first.diffuse, sight.known.image, rtol=1e-6)
-    np.testing.assert_array_equal(first.normals, sight.known.normals)
-    np.testing.assert_array_equal(second.normals, sight.known.normals[..., [1, 0, 2]])
+    by_rung = dict(rungs(pixels))
+    first, second, third, last = (by_rung[name] for name in RUNGS)
+    assert all(isinstance(rung, Observation) for rung in by_rung.values())
+    np.testing.assert_allclose(first.specular, 0.25 * told.image, rtol=1e-6)
+    np.testing.assert_allclose(first.specular + first.diffuse, told.image, rtol=1e-6)
+    np.testing.assert_array_equal(first.normals, told.normals)
+    np.testing.assert_array_equal(second.normals, told.normals[..., [1, 0, 2]])
     assert (second.alpha, third.alpha, last.alpha) == (0.3, 0.1, 0.1)
-    np.testing.assert_array_equal(second.eta, sight.known.eta)
+    np.testing.assert_array_equal(second.eta, told.eta)
     np.testing.assert_array_equal(third.eta, [1.7, 1.8])
     assert third.light == SCENE.light
     assert last.light == wrong.light
@@ -108,26 +109,26 @@ def test_methods_are_given_what_a_rung_tells(truth: Truth, monkeypatch: pytest.M
     """Those that work a pixel at a time: the others have knowledge of their own."""
     monkeypatch.setattr(
         "malus.bench.scoring.knowledge_ladder.run_chain",
-        lambda seen: SimpleNamespace(observation=misled(truth)),
+        lambda observation: SimpleNamespace(observation=misled(truth)),
     )
     whole = Method("whole", frozenset(), get_method("unpolarised").reconstruct, "needs a picture")
     monkeypatch.setitem(methods(), "whole", whole)
-    found = scored(truth, ("eq8", "half_vector", "whole"))
-    assert [rung for method, rung in found if method == "whole"] == [EVERYTHING]
+    scores = scored(truth, ("eq8", "half_vector", "whole"))
+    assert [rung for method, rung in scores if method == "whole"] == [EVERYTHING]
     judge = Judge(truth)
     for method in ("eq8", "half_vector"):
-        for rung, known in rungs(judge.sight):
-            assert isinstance(known, Observation)
-            estimate = judge.sight.estimate(get_method(method), known)
-            assert found[method, rung]["nmse"] == judge.score_estimate(estimate).nmse
-            assert found[method, rung]["nmse"] > 1.1 * found[method, EVERYTHING]["nmse"]
+        for rung, observation in rungs(judge.pixels):
+            assert isinstance(observation, Observation)
+            estimate = judge.pixels.estimate(get_method(method), observation)
+            assert scores[method, rung]["nmse"] == judge.score_estimate(estimate).nmse
+            assert scores[method, rung]["nmse"] > 1.1 * scores[method, EVERYTHING]["nmse"]
 
 
 def test_a_chain_that_finds_nothing_is_told(truth: Truth, monkeypatch: pytest.MonkeyPatch) -> None:
-    def lost(seen: Observation) -> SimpleNamespace:
+    def lost(observation: Observation) -> SimpleNamespace:
         raise Inapplicable("no outline")
 
     monkeypatch.setattr("malus.bench.scoring.knowledge_ladder.run_chain", lost)
-    found = scored(truth, ("eq8",))
-    assert "nmse" in found["eq8", EVERYTHING]
-    assert all(found["eq8", rung] == {"inapplicable": 1.0} for rung in RUNGS)
+    scores = scored(truth, ("eq8",))
+    assert "nmse" in scores["eq8", EVERYTHING]
+    assert all(scores["eq8", rung] == {"inapplicable": 1.0} for rung in RUNGS)

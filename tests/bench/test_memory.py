@@ -38,11 +38,11 @@ def test_truths_do_not_pile_up(tmp_path: Path) -> None:
 
     def count(done: int, total: int, label: str) -> None:
         # Not isinstance, which asks the dead objects behind weak references of other tests.
-        alive.append(sum(type(found) is Truth for found in gc.get_objects()))
+        alive.append(sum(type(thing) is Truth for thing in gc.get_objects()))
 
     gc.collect()  # what other tests left behind
-    found = render_dataset(many(24), tmp_path / "data", progress=count)
-    assert found["rendered"] == 24
+    done = render_dataset(many(24), tmp_path / "data", progress=count)
+    assert done["rendered"] == 24
     # One in hand, and one that the next is made beside.
     assert 1 <= max(alive) - min(alive) <= 2
 

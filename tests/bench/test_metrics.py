@@ -175,7 +175,9 @@ def test_violations_are_counted() -> None:
     s1[0, 4] = total[0, 4]  # exactly one
     total[0, 5, 1] *= 1.0001
     s1[5, 5] = np.inf  # off the mask
-    method = Method("bad", frozenset(), lambda seen: Components(total, s1, np.zeros_like(s1)), "")
+    method = Method(
+        "bad", frozenset(), lambda observation: Components(total, s1, np.zeros_like(s1)), ""
+    )
     assert Judge(truth).score(method).violations == 3
     truth.mask[0, 1] = False
     assert Judge(truth).score(method).violations == 2
@@ -201,22 +203,24 @@ def brute_force_agreement(truth: Truth, method: Method) -> tuple[np.ndarray, np.
     halves = truth.halves()
     weight = np.clip(truth.normals[truth.mask][:, 2], 0, 1) ** 4
     true = [half.stokes[truth.mask] for half in halves]
-    found = [method.reconstruct(observe(half, method.needs)).stokes[truth.mask] for half in halves]
-    missed = [f - t for f, t in zip(found, true, strict=True)]
+    estimates = [
+        method.reconstruct(observe(half, method.needs)).stokes[truth.mask] for half in halves
+    ]
+    missed = [f - t for f, t in zip(estimates, true, strict=True)]
     polarised = [t * [0, 1, 1] for t in true]
     across = [t[..., [0, 2, 1]] * [0, -1, 1] for t in true]
     angles = np.radians(PAPER_ANGLES_DEG)
     rows = 0.5 * np.stack([np.ones(5), -np.cos(2 * angles), -np.sin(2 * angles)], axis=-1)
 
-    def seen(stokes: np.ndarray) -> np.ndarray:
+    def through_polarisers(stokes: np.ndarray) -> np.ndarray:
         return stokes @ rows.T / np.sqrt(5) * np.sqrt(weight)[:, None, None]
 
     pairs = [
         (missed, polarised),
         (missed, across),
-        ([seen(m) for m in missed], [seen(m) for m in missed]),
+        ([through_polarisers(m) for m in missed], [through_polarisers(m) for m in missed]),
         (polarised, polarised),
-        ([seen(p) for p in polarised], [seen(p) for p in polarised]),
+        ([through_polarisers(p) for p in polarised], [through_polarisers(p) for p in polarised]),
     ]
     largest = truth.image[truth.mask].max()
     totals, draws = [], []
@@ -232,32 +236,34 @@ def test_agreement_equals_brute_force(noise: float) -> None:
     truth = made_up_truth(3, noise)
     normals = np.random.default_rng(4).normal(size=truth.normals.shape)
     truth.normals[:] = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
-    found = Judge(truth).score(GUESS).agreement
+    agreement = Judge(truth).score(GUESS).agreement
     totals, covariance = brute_force_agreement(truth, GUESS)
     # Sums of a few hundred float64 products in another order.
-    np.testing.assert_allclose(found.totals, totals, rtol=1e-10)
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-9, atol=1e-14)
-    assert found.count == truth.mask.sum() * BANDS
+    np.testing.assert_allclose(agreement.totals, totals, rtol=1e-10)
+    np.testing.assert_allclose(agreement.covariance, covariance, rtol=1e-9, atol=1e-14)
+    assert agreement.count == truth.mask.sum() * BANDS
 
 
 @pytest.mark.parametrize(("pixels", "bands"), [(0, 2), (1, 1), (700, 1), (100, 8), (3, MOST_BANDS)])
 def test_sums_equal_brute_force(pixels: int, bands: int) -> None:
     """For all sizes against what is summed at once, also where the picture is not kept."""
     rng = np.random.default_rng(8)
-    estimate, known = rng.normal(size=(2, 3, 2, pixels, bands))
+    estimate, truth = rng.normal(size=(2, 3, 2, pixels, bands))
     facing, root = rng.random(pixels), rng.normal(size=(3, 3))
     form = root @ root.T
-    (first, second), field, noise = known
+    (first, second), field, noise = truth
     true, draw = np.stack([first, *field]), np.stack([second - first, *noise])
     missed = estimate[:, 0] - true
     change = estimate[:, 1] - (true + draw) - missed
     draws = np.empty((3, pixels))
     moments, totals = difference_sums(
-        tuple(estimate), tuple(known), facing, tuple(form[np.triu_indices(3)]), draws
+        tuple(estimate), tuple(truth), facing, tuple(form[np.triu_indices(3)]), draws
     )
     i, j = np.triu_indices(3)
-    for found, each in zip(moments, (missed, change), strict=True):
-        np.testing.assert_allclose(found, (each[i] * each[j]).sum(axis=1), rtol=1e-10, atol=1e-11)
+    for products, each in zip(moments, (missed, change), strict=True):
+        np.testing.assert_allclose(
+            products, (each[i] * each[j]).sum(axis=1), rtol=1e-10, atol=1e-11
+        )
     along = np.diag([0.0, 1.0, 1.0])
     across = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     terms = [
@@ -275,15 +281,15 @@ def test_sums_equal_brute_force(pixels: int, bands: int) -> None:
 
 def test_noise_is_what_one_draw_changes() -> None:
     truth = made_up_truth(6, noise=0.05)
-    found = Judge(truth).score(GUESS)
+    score = Judge(truth).score(GUESS)
     half = truth.halves()[0]
     first, second = (
         constant_guess(observe(t, frozenset())).stokes - t.stokes for t in (truth, half)
     )
     change = (second - first)[truth.mask] / truth.image[truth.mask].max()
     expected = np.mean([polarised(change, a) ** 2 for a in PAPER_ANGLES_DEG])
-    assert found.noise.nmse() == pytest.approx(expected, rel=1e-10)
-    bands = nmse_by([found.residuals, found.noise], ((30.0,), PAPER_ANGLES_DEG))
+    assert score.noise.nmse() == pytest.approx(expected, rel=1e-10)
+    bands = nmse_by([score.residuals, score.noise], ((30.0,), PAPER_ANGLES_DEG))
     assert bands.shape == (2, 2, BANDS)
     assert bands[1, 1].mean() == pytest.approx(expected, rel=1e-10)
 
@@ -299,9 +305,9 @@ def test_methods_a_pixel_need_no_picture(name: str) -> None:
     scene = SCENE.model_copy(update={"light": Distant(incidence_deg=50), "surface": surface})
     truth = render(scene, renderer="torrance-sparrow")
     truth.specular_noise[...] = 0.01 * truth.specular[..., ::-1, :, :]
-    sight, method = MaskedPixels.of(truth), get_method(name)
+    pixels, method = MaskedPixels.of(truth), get_method(name)
     rows, pictures = (
-        sight.estimate(replace(method, per_pixel=flag)).stokes for flag in (True, False)
+        pixels.estimate(replace(method, per_pixel=flag)).stokes for flag in (True, False)
     )
     assert rows.shape == pictures.shape == (2, truth.mask.sum(), BANDS, 3)
     # The same operations on the same numbers, vectorised over other lengths.
@@ -310,10 +316,10 @@ def test_methods_a_pixel_need_no_picture(name: str) -> None:
 
 def test_methods_see_only_what_they_need() -> None:
     truth = made_up_truth()
-    seen = observe(truth, get_method("eq8").needs)
-    assert seen.light is None
+    observation = observe(truth, get_method("eq8").needs)
+    assert observation.light is None
     blind = observe(truth, frozenset())
-    known = ("specular", "diffuse", "normals", "eta", "alpha", "light")
-    assert all(getattr(blind, name) is None for name in known)
+    names = ("specular", "diffuse", "normals", "eta", "alpha", "light")
+    assert all(getattr(blind, name) is None for name in names)
     with pytest.raises(ValueError, match="needs"):
         observe(truth, frozenset({"stokes"}))

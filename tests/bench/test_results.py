@@ -54,8 +54,8 @@ def test_pieces_come_back_as_one_table(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr("malus.bench.running.results.GROUP_ROWS", 100)
     write_tables(pieces, (table.iloc[k : k + 30] for k in range(0, len(table), 30)))
     write_run(pieces, run)
-    found = read_results(pieces).table
-    pd.testing.assert_frame_equal(found.astype(table.dtypes), table.reset_index(drop=True))
+    read = read_results(pieces).table
+    pd.testing.assert_frame_equal(read.astype(table.dtypes), table.reset_index(drop=True))
     pd.testing.assert_frame_equal(read_results(pieces).table, read_results(at_once).table)
     assert (pieces / HEADLINES).read_bytes() == (at_once / HEADLINES).read_bytes()
     # 120 rows a group, as four pieces are the first to reach 100.
@@ -66,11 +66,11 @@ def test_a_table_that_is_read_holds_every_name_once(tmp_path: Path) -> None:
     table = sample.table()
     many = pd.concat([table] * 100, ignore_index=True)
     write_results(tmp_path, Results(many, sample.run()))
-    found = read_results(tmp_path).table
+    read = read_results(tmp_path).table
     numbers = many.select_dtypes("number").shape[1]
     texts = many.shape[1] - numbers
     # 8 bytes a number, a byte a name, and the names once; as text it is more than twice as much.
-    size = found.memory_usage(deep=True, index=False).sum()
+    size = read.memory_usage(deep=True, index=False).sum()
     assert size < 1.1 * len(many) * (8 * numbers + texts)
     assert many.memory_usage(deep=True, index=False).sum() > 2 * size
 

@@ -148,8 +148,8 @@ def test_a_stop_is_one_line_and_leaves_nothing_half_written(
     wait_for(lambda: any(tmp_path.glob(f"{PARTS}/[0-9a-f]*.parquet")), process)
     # As a terminal does, to all processes of the command.
     os.killpg(process.pid, number)
-    found, errors = end(process)
-    assert found == code
+    exit_code, errors = end(process)
+    assert exit_code == code
     assert errors.splitlines()[-1] == "malus: stopped; the same command goes on where it was"
     assert "Traceback" not in errors
     assert not [name for name in files(tmp_path) if ".part-" in name]
@@ -213,9 +213,9 @@ def counted(tasks: list[FamilyTask]) -> Engine:
     """The engine of this process, which notes what it is given."""
 
     def engine(source: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-        for task, made in here(NOBODY)(source):
+        for task, result in here(NOBODY)(source):
             tasks.append(task)
-            yield task, made
+            yield task, result
 
     return engine
 
@@ -281,14 +281,14 @@ def test_a_scene_that_cannot_be_rendered_is_recorded_and_the_run_goes_on(
     rest = good.table[good.table.scene != bad].reset_index(drop=True)
     # Names are categories, of which the table without a failure has more.
     names = dict.fromkeys(rest.select_dtypes("category"), "str")
-    found = results.table.astype(names)
-    pd.testing.assert_frame_equal(found, rest.astype(names), check_exact=True)
+    kept = results.table.astype(names)
+    pd.testing.assert_frame_equal(kept, rest.astype(names), check_exact=True)
     assert (results.run["families"], results.run["families_failed"]) == (2, 1)
     assert results.run["failures"] == ["ZeroDivisionError: made up\\non two lines"]
-    found = status(tmp_path / "bad")
-    assert (found.done, found.failed_families, found.left) == (1, 1, 0)
-    assert found.finished
-    assert [why.scene for _, why in found.failed] == [bad]
+    progress = status(tmp_path / "bad")
+    assert (progress.done, progress.failed_families, progress.left) == (1, 1, 0)
+    assert progress.finished
+    assert [why.scene for _, why in progress.failed] == [bad]
     mended = run(SUITE, tmp_path / "bad", NOBODY, retry_failed=True)
     assert mended.run["families_failed"] == 0
     pd.testing.assert_frame_equal(mended.table, good.table, check_exact=True)
@@ -352,8 +352,13 @@ def test_status_counts_what_is_left_and_refuses_what_is_no_run(tmp_path: Path) -
 
     with pytest.raises(KeyboardInterrupt):
         run(SUITE, tmp_path, NOBODY, engine=stops)
-    found = status(tmp_path).as_json()
-    assert (found["total"], found["done"], found["left"], found["finished"]) == (2, 1, 1, False)
+    progress = status(tmp_path).as_json()
+    assert (progress["total"], progress["done"], progress["left"], progress["finished"]) == (
+        2,
+        1,
+        1,
+        False,
+    )
     listed = json.loads((tmp_path / PLAN).read_text("utf-8"))
     listed["families"][0]["id"] = "../../etc/passwd"
     (tmp_path / PLAN).write_text(json.dumps(listed), "utf-8")

@@ -11,8 +11,13 @@ import pytest
 from click.testing import CliRunner
 
 from malus.bench.studies import single_image
-from malus.bench.studies.single_image import chain_row, main, separation_row
-from malus.bench.studies.single_image_scenes import COLOURS, photo_scenes
+from malus.bench.studies.single_image import (
+    COLOURS,
+    chain_row,
+    main,
+    photo_scenes,
+    separation_row,
+)
 from malus.reconstruct.single_image.separation import SEPARATIONS
 from malus.renderers.families.family import render_family
 from malus.renderers.truth import Truth
@@ -84,11 +89,11 @@ def _run(rows: Path) -> str:
 def test_the_command_writes_a_line_a_scene(tmp_path: Path, few: list[Scene]) -> None:
     rows = tmp_path / "rows.jsonl"
     printed = _run(rows)
-    found = [json.loads(line) for line in rows.read_text("utf-8").splitlines()]
-    assert [row["scene"] for row in found] == [scene.id for scene in few]
+    written = [json.loads(line) for line in rows.read_text("utf-8").splitlines()]
+    assert [row["scene"] for row in written] == [scene.id for scene in few]
     again = chain_row(_truth(few[0]), "blind-normals")
-    assert found[0]["skill"] == pytest.approx(again["skill"])
-    assert np.all([row["normals_deg"] < 0.1 for row in found])
+    assert written[0]["skill"] == pytest.approx(again["skill"])
+    assert np.all([row["normals_deg"] < 0.1 for row in written])
     assert "median" in printed
 
 

@@ -45,8 +45,8 @@ def test_the_error_of_r_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("measure", ["eq8", "visible"])
 def test_by_hand_is_the_same_integral(measure: str) -> None:
-    found = speed_ratio.by_hand(0.8, 1.5, 20.0, measure)  # type: ignore[arg-type]
-    assert found == pytest.approx(reference_dolp(0.8, 1.5, 20.0, measure).value, abs=1e-6)
+    rho = speed_ratio.by_hand(0.8, 1.5, 20.0, measure)  # type: ignore[arg-type]
+    assert rho == pytest.approx(reference_dolp(0.8, 1.5, 20.0, measure).value, abs=1e-6)
 
 
 def test_scattered_points_are_valid_and_spread() -> None:
@@ -91,10 +91,10 @@ def test_all_seconds_of_rendering_belong_to_a_part() -> None:
 
 
 def test_the_photograph_is_one_that_methods_accept() -> None:
-    found = get_method("half_vector+body").reconstruct(speed_reconstruct.photograph(0.001))
-    assert found.valid is not None
-    assert found.valid.all()
-    assert found.s1.dtype == np.float32
+    components = get_method("half_vector+body").reconstruct(speed_reconstruct.photograph(0.001))
+    assert components.valid is not None
+    assert components.valid.all()
+    assert components.s1.dtype == np.float32
 
 
 def test_the_command_writes_its_figures(tmp_path: Path) -> None:

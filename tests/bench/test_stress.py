@@ -119,9 +119,9 @@ def test_reference_against_the_stored_one() -> None:
     assert len(rows) >= 8
     for row in rows:
         eta = complex(*row["eta"]) if row["eta"][1] else row["eta"][0]
-        found = reference_dolp(row["zenith"], eta, row["sigma"], row["measure"])
+        reference = reference_dolp(row["zenith"], eta, row["sigma"], row["measure"])
         # The worst of the stored ones (rough, visible) are good to 1.5e-9.
-        assert found.value == pytest.approx(row["rho"], abs=2e-9)
+        assert reference.value == pytest.approx(row["rho"], abs=2e-9)
 
 
 @pytest.mark.parametrize("eta", [1 + 1e-12, 1 - 1e-12, 0.6, 1.5, 4.0, 0.2 + 3.4j])

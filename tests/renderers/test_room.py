@@ -320,7 +320,7 @@ def test_a_suite_with_surroundings(shelf: Path, tmp_path: Path) -> None:
     assert len(scenes) == len(families) == 4
     assert {scene.label for scene in scenes} == {"sphere in shelf", "blob in shelf"}
     # Both lobes at every band, with nothing interpolated.
-    assert {(f.interface, f.body, f.traces) for f in families} == {(2, 2, 2)}
+    assert {(f.specular_images, f.diffuse_images, f.traces) for f in families} == {(2, 2, 2)}
     assert Suite.model_validate_json(suite.model_dump_json()) == suite
     before = scenes[0].id
     (tmp_path / "wedge.obj").write_text(WEDGE.replace("v 0 0 1", "v 0 0 2"), "utf-8")

@@ -21,7 +21,7 @@ from malus.bench import run, score
 from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
 from malus.bench.scoring.judge import Judge
-from malus.bench.scoring.observe import KNOWN, observe
+from malus.bench.scoring.observe import INPUTS, observe
 from malus.reconstruct import Components, Inapplicable, Method
 from malus.renderers import Truth, render
 from malus.renderers.datasets.dataset import open_dataset
@@ -272,12 +272,12 @@ def between(ours: Truth, theirs: Truth) -> np.ndarray:
 def test_methods_are_told_what_is_known(tmp_path: Path) -> None:
     path = str(write(tmp_path / "a.pbsdf", **table(15.0)))
     truth = truth_of(scene(Measured(path=path), Camera(resolution=16)))
-    nothing = observe(truth, KNOWN)
+    nothing = observe(truth, INPUTS)
     assert [nothing.specular, nothing.diffuse, nothing.eta, nothing.alpha] == [None] * 4
     assert nothing.normals is not None
-    assert Judge(truth).sight.known.specular is None
+    assert Judge(truth).pixels.observation.specular is None
     told = truth_of(scene(Measured(path=path, eta=1.5, alpha=0.2), Camera(resolution=16)))
-    seen = observe(told, KNOWN)
+    seen = observe(told, INPUTS)
     assert seen.eta is not None
     assert (seen.eta.tolist(), seen.alpha) == ([1.5] * len(BANDS), 0.2)
     assert seen.specular is None
