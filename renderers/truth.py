@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.scenes import polarisation
+from malus.scenes.core.arrays import BoolArray, FloatArray, NumberArray
 from malus.scenes.scene import Scene
-
-Image = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -58,20 +55,20 @@ class Truth:
     """
 
     scene: Scene
-    specular: Image
-    diffuse: Image
-    normals: Image
-    mask: NDArray[np.bool_]
-    standard_error: Image
-    specular_noise: Image
-    diffuse_noise: Image
+    specular: FloatArray
+    diffuse: FloatArray
+    normals: FloatArray
+    mask: BoolArray
+    standard_error: FloatArray
+    specular_noise: FloatArray
+    diffuse_noise: FloatArray
     interpolation_error: dict[str, float] = field(default_factory=dict)
     samples: int | None = None
-    eta_map: NDArray[np.inexact[Any]] | None = None
-    alpha_map: Image | None = None
+    eta_map: NumberArray | None = None
+    alpha_map: FloatArray | None = None
 
     @property
-    def eta(self) -> NDArray[np.inexact[Any]]:
+    def eta(self) -> NumberArray:
         """Relative refractive index, (bands,) or (height, width, bands); complex for metals.
 
         NaN where it is not known.
@@ -79,23 +76,23 @@ class Truth:
         return self.scene.eta if self.eta_map is None else self.eta_map
 
     @property
-    def alpha(self) -> float | Image:
+    def alpha(self) -> float | FloatArray:
         """Beckmann roughness, one number or (height, width); NaN where it is not known."""
         alpha = self.scene.surface.alpha if self.alpha_map is None else self.alpha_map
         return math.nan if alpha is None else alpha
 
     @property
-    def stokes(self) -> Image:
+    def stokes(self) -> FloatArray:
         """Stokes image (height, width, bands, 3) of the light of both lobes."""
         return self.specular + self.diffuse
 
     @property
-    def image(self) -> Image:
+    def image(self) -> FloatArray:
         """The unpolarised image (height, width, bands) that an ordinary camera takes."""
         return self.specular[..., 0] + self.diffuse[..., 0]
 
     @property
-    def view_direction(self) -> Image | None:
+    def view_direction(self) -> FloatArray | None:
         """Unit vectors (height, width, 3) towards the camera in the image frame.
 
         None for an orthographic camera: (0, 0, 1) everywhere.
@@ -103,7 +100,7 @@ class Truth:
         view = self.scene.camera.view_directions()
         return None if view is None else view.astype(self.normals.dtype)
 
-    def polarised(self, angle_deg: float) -> Image:
+    def polarised(self, angle_deg: float) -> FloatArray:
         """The image (height, width, bands) through a polariser, angle from the vertical."""
         return polarisation.polarised(self.stokes, angle_deg)
 

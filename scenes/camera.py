@@ -6,12 +6,11 @@ import math
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 
-Floats = NDArray[np.float64]
 HALF_WIDTH = 1.05
 
 
@@ -63,7 +62,7 @@ class Camera(Model):
         return self
 
     @property
-    def axes(self) -> Floats:
+    def axes(self) -> Float64Array:
         """The image frame's x, y and z in world coordinates, the rows of a (3, 3) rotation.
 
         Examples
@@ -94,7 +93,7 @@ class Camera(Model):
             math.sqrt(0.5) if self.resolution % 2 else math.sqrt(2)
         )
 
-    def view_directions(self) -> Floats | None:
+    def view_directions(self) -> Float64Array | None:
         """Unit vectors (height, width, 3) from what a pixel's centre sees towards the camera.
 
         In the image frame; None for an orthographic camera: (0, 0, 1) everywhere.
@@ -111,5 +110,5 @@ class Camera(Model):
         across = edge * ((2.0 * np.arange(self.resolution) + 1.0) / self.resolution - 1.0)
         x, y = np.meshgrid(across, -across)
         toward = np.stack([0.0 - x, 0.0 - y, np.ones_like(x)], axis=-1)
-        result: Floats = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
+        result: Float64Array = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
         return result

@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.scenes import polarisation
+from malus.scenes.core.arrays import Float32Array, Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
-
-Floats = NDArray[np.float64]
-
-
-Image = NDArray[np.floating[Any]]
-
 
 JUST_NOTICEABLE = 2.3
 """ΔE76 of one just noticeable difference (Mahy, Van Eycken and Oosterlinck, Color Research and
@@ -27,7 +20,7 @@ Application 19, 1994)."""
 _OBSERVER = "CIE 1931 2 Degree Standard Observer"
 
 
-def band_weights(wavelengths_nm: tuple[float, ...]) -> Floats:
+def band_weights(wavelengths_nm: tuple[float, ...]) -> Float64Array:
     """What one unit of radiance in each band adds to X, Y, Z; a flat white has Y = 100.
 
     Returns
@@ -63,7 +56,7 @@ def band_weights(wavelengths_nm: tuple[float, ...]) -> Floats:
     return np.asarray(100.0 * weights / white)
 
 
-def lab(radiance: Image, weights: Floats) -> Floats:
+def lab(radiance: FloatArray, weights: Float64Array) -> Float64Array:
     """CIELAB (..., 3) of radiance (..., bands) over that of white.
 
     Examples
@@ -81,7 +74,7 @@ def lab(radiance: Image, weights: Floats) -> Floats:
     return np.asarray(found, dtype=np.float64) + 0.0
 
 
-def lab_of_linear_srgb(linear: Image, white: float) -> Floats:
+def lab_of_linear_srgb(linear: FloatArray, white: float) -> Float64Array:
     """CIELAB (..., 3) of linear sRGB (..., 1 or 3) over the radiance of white."""
     import colour
 
@@ -91,11 +84,14 @@ def lab_of_linear_srgb(linear: Image, white: float) -> Floats:
     return np.asarray(colour.XYZ_to_Lab(xyz, space.whitepoint))
 
 
-Maps = Iterator[tuple[str, float | None, Floats]]
+Maps = Iterator[tuple[str, float | None, Float64Array]]
 
 
 def delta_e_maps(
-    estimated: Image, true: Image, wavelengths_nm: tuple[float, ...], method: str = "CIE 1976"
+    estimated: FloatArray,
+    true: FloatArray,
+    wavelengths_nm: tuple[float, ...],
+    method: str = "CIE 1976",
 ) -> Maps:
     """Colour difference (pixels,) of I_max, I_min and every I(ϑ).
 
@@ -119,7 +115,7 @@ def delta_e_maps(
         yield suffix, angle, np.asarray(colour.delta_E(*pair, method=method))
 
 
-def _images() -> Iterator[tuple[str, float | None, Callable[[Image], Image]]]:
+def _images() -> Iterator[tuple[str, float | None, Callable[[FloatArray], FloatArray]]]:
     yield "_i_max", None, lambda stokes: polarisation.extremes(stokes)[0]
     yield "_i_min", None, lambda stokes: polarisation.extremes(stokes)[1]
     for angle in PAPER_ANGLES_DEG:
@@ -130,7 +126,7 @@ _FAINT = 1e-3
 """Least sum of a colour matching function over the bands: bands below it show no such colour."""
 
 
-def preview(image: Image, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float32]:
+def preview(image: FloatArray, wavelengths_nm: tuple[float, ...]) -> Float32Array:
     """Linear sRGB (height, width, 3) of radiances (height, width, bands).
 
     The bands are integrated with the CIE 1931 2° colour matching functions, scaled so that a flat
@@ -144,12 +140,12 @@ def preview(image: Image, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float
     [[[0.5, 0.5, 0.5]]]
     """
     weights = _weights(wavelengths_nm)
-    result: NDArray[np.float32] = np.asarray(image @ weights, dtype=np.float32)
+    result: Float32Array = np.asarray(image @ weights, dtype=np.float32)
     return result
 
 
 @functools.lru_cache(maxsize=16)
-def _weights(wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+def _weights(wavelengths_nm: tuple[float, ...]) -> Float64Array:
     """Matrix (bands, 3) from radiances to linear sRGB; a flat spectrum becomes white."""
     bands = len(wavelengths_nm)
     grey = np.full((bands, 3), 1.0 / bands)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from malus.scenes.camera import Camera
+from malus.scenes.core.arrays import NumberArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.lights.lights import Distant, Light, turned
@@ -98,7 +97,7 @@ class Scene(Model):
         return f"{shape} in {self.surroundings.name}" if self.surroundings else shape
 
     @property
-    def eta(self) -> NDArray[np.inexact[Any]]:
+    def eta(self) -> NumberArray:
         """Relative refractive index of every band, shape (bands,).
 
         Complex for a conductor; NaN for a measured material whose index nobody told.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 from malus.scenes.materials.surface import Surface
 from malus.scenes.shapes.shapes import ShapeOrPlane
@@ -31,7 +31,7 @@ class Placed(Model):
     turn_deg: float = Field(default=0.0, ge=-360, le=360)
 
     @property
-    def rotation(self) -> NDArray[np.float64]:
+    def rotation(self) -> Float64Array:
         """The turn as a matrix (3, 3).
 
         Examples

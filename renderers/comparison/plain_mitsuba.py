@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from malus.renderers.mitsuba.lobe_samples import Floats
 from malus.renderers.mitsuba.translate import emitter, sensor, shape_object, specular_bsdf
 from malus.renderers.variant import Variant, mitsuba
+from malus.scenes.core.arrays import Float32Array
 from malus.scenes.polarisation import polarised
 from malus.scenes.scene import Sampling, Scene
 
@@ -31,7 +31,7 @@ def _bsdf(scene: Scene, band: int) -> dict[str, Any]:
 
 def plate_image(
     variant: Variant, scene: Scene, band: int, angle_deg: float, sampling: Sampling
-) -> Floats:
+) -> Float32Array:
     """One polariser image (height, width) of one band."""
     mi = mitsuba(variant)
     turned = mi.ScalarTransform4f().translate([0, 0, PLATE_DISTANCE])
@@ -75,7 +75,7 @@ class StokesByHand:
 
     def images(
         self, scene: Scene, band: int, angles_deg: tuple[float, ...], sampling: Sampling
-    ) -> list[Floats]:
+    ) -> list[Float32Array]:
         """Polariser images (height, width) of one band at every angle from one Stokes render."""
         self.parameters["shape.bsdf.eta.value"] = float(scene.eta[band])
         self.parameters["shape.bsdf.alpha.value"] = scene.surface.alpha

@@ -8,10 +8,9 @@ words, because the layout knows 32-bit floats only.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal, cast, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.datasets.stokes_channels import (
     Channels,
@@ -20,6 +19,7 @@ from malus.renderers.datasets.stokes_channels import (
     stokes_from_channels,
 )
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import AnyArray
 
 Bands = tuple[float, ...]
 FieldName = Literal[
@@ -66,7 +66,7 @@ def _trailing(name: FieldName, bands: int) -> tuple[int, ...]:
     return special.get(name, (bands, 3))
 
 
-def planes(name: FieldName, array: NDArray[Any], bands: Bands) -> Channels:
+def planes(name: FieldName, array: AnyArray, bands: Bands) -> Channels:
     """Planes of an array by channel name, the array's name first.
 
     Examples
@@ -89,8 +89,8 @@ def planes(name: FieldName, array: NDArray[Any], bands: Bands) -> Channels:
 
 
 def assembled(
-    name: FieldName, channels: Mapping[str, NDArray[Any]], bands: Bands, dtype: DType
-) -> NDArray[Any]:
+    name: FieldName, channels: Mapping[str, AnyArray], bands: Bands, dtype: DType
+) -> AnyArray:
     """The array of `planes`; `dtype` tells whether it is complex, the channels its precision."""
     if name == "normals":
         return np.stack([channels[f"normals.{axis}"] for axis in "XYZ"], axis=-1)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from malus.renderers.datasets.planes import (
@@ -36,6 +35,7 @@ from malus.renderers.datasets.planes import (
 from malus.renderers.datasets.spectral_exr import read_exr, read_spectral, write_exr, write_spectral
 from malus.renderers.datasets.stokes_channels import Channels
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import check_digest, digest, read_json, replace_folder
 from malus.scenes.core.model import Model
@@ -207,9 +207,9 @@ def _planes(truth: Truth, names: Iterable[FieldName]) -> Channels:
     }
 
 
-def _read_images(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
+def _read_images(folder: Path, record: SceneRecord) -> dict[str, AnyArray]:
     shape, bands = record.shape, record.scene.wavelengths_nm
-    arrays: dict[str, NDArray[Any]]
+    arrays: dict[str, AnyArray]
     if record.scene.lobes_known:
         arrays = {name: read_spectral(folder / f"{name}.exr", shape, bands) for name in LOBES}
     else:
@@ -224,7 +224,7 @@ def _read_images(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
     )
 
 
-def _read_doubles(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
+def _read_doubles(folder: Path, record: SceneRecord) -> dict[str, AnyArray]:
     bands = record.scene.wavelengths_nm
     names = _channels(record, record.doubles, bands)
     stored = read_exr(folder / EXACT, record.shape, word_names(names), dtype=np.uint32)
@@ -237,5 +237,5 @@ def _channels(record: SceneRecord, names: Iterable[FieldName], bands: Bands) -> 
 
 def _assembled(
     channels: Channels, record: SceneRecord, names: Iterable[FieldName], bands: Bands
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     return {name: assembled(name, channels, bands, record.dtypes[name]) for name in names}

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
-from numpy.typing import NDArray
 
 from malus.renderers.datasets.stokes_channels import (
     Channels,
@@ -28,11 +27,10 @@ from malus.renderers.datasets.stokes_channels import (
     stokes_from_channels,
 )
 from malus.scenes.colour import preview
+from malus.scenes.core.arrays import AnyArray, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.quiet import quiet
 from malus.scenes.core.remote import lstat, readable
-
-Image = NDArray[np.floating[Any]]
 
 ATTRIBUTES = {
     "spectralLayoutVersion": "1.0",
@@ -54,7 +52,7 @@ _OVERHEAD = 1 << 20
 """Bytes that a header and a table of chunks may add to the pixels."""
 
 
-def write_spectral(path: Path, stokes: Image, wavelengths_nm: tuple[float, ...]) -> None:
+def write_spectral(path: Path, stokes: FloatArray, wavelengths_nm: tuple[float, ...]) -> None:
     """Write a Stokes image (height, width, bands, 3) in the layout, with a preview."""
     dark = np.zeros(stokes.shape[:2], dtype=np.float32)
     channels: Channels = dict(stokes_channels(stokes, wavelengths_nm))
@@ -64,7 +62,9 @@ def write_spectral(path: Path, stokes: Image, wavelengths_nm: tuple[float, ...])
     write_exr(path, channels, ATTRIBUTES)
 
 
-def read_spectral(path: Path, shape: tuple[int, int], wavelengths_nm: Sequence[float]) -> Image:
+def read_spectral(
+    path: Path, shape: tuple[int, int], wavelengths_nm: Sequence[float]
+) -> FloatArray:
     """Read a Stokes image (height, width, bands, 3); S3 and the preview may be missing.
 
     Raises
@@ -79,7 +79,7 @@ def read_spectral(path: Path, shape: tuple[int, int], wavelengths_nm: Sequence[f
 
 
 def write_exr(
-    path: Path, channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, str] | None = None
+    path: Path, channels: Mapping[str, AnyArray], attributes: Mapping[str, str] | None = None
 ) -> None:
     """Write planes (height, width) as one lossless OpenEXR file: floats as 32 bits, or uint32.
 
@@ -129,7 +129,7 @@ def read_exr(
     return planes
 
 
-def _storable(plane: NDArray[Any]) -> NDArray[Any]:
+def _storable(plane: AnyArray) -> AnyArray:
     return plane if plane.dtype == np.uint32 else plane.astype(np.float32, copy=False)
 
 
@@ -154,7 +154,7 @@ def _opened(path: Path, header_only: bool) -> Any:
     return _guarded(path, lambda: OpenEXR.File(str(path), True, header_only))
 
 
-def _decoded(path: Path, file: Any) -> dict[str, NDArray[Any] | None]:
+def _decoded(path: Path, file: Any) -> dict[str, AnyArray | None]:
     return {name: channel.pixels for name, channel in _guarded(path, file.channels).items()}
 
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from malus.renderers.mitsuba.lobe_samples import Floats, unit
+from malus.renderers.mitsuba.lobe_samples import unit
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import AnyArray, Float32Array
 from malus.scenes.scene import Sampling, Scene
 
 FIRST_PART = 16
@@ -29,7 +29,7 @@ class Renders(Protocol):
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
         """The truth of one scene."""
 
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
+    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
         """Images (angles, height, width, bands) through a polariser."""
 
 
@@ -58,7 +58,7 @@ class Repeated:
         parts = [count / self.samples for count in self.counts]
         variance = [(p * truth.standard_error) ** 2 for p, truth in zip(parts, truths, strict=True)]
 
-        def mean(name: str) -> NDArray[Any]:
+        def mean(name: str) -> AnyArray:
             return self._mean([getattr(truth, name) for truth in truths])
 
         return replace(
@@ -73,11 +73,11 @@ class Repeated:
             samples=self.samples,
         )
 
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
+    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
         """Images (angles, height, width, bands) through a polariser, as of a `Family`."""
         return self._mean([one.polarised(scene, angles_deg) for one in self.passes])
 
-    def _mean(self, images: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    def _mean(self, images: Sequence[AnyArray]) -> AnyArray:
         """Mean over all samples, in the images' type."""
         mean = np.average(images, axis=0, weights=self.counts)
         return np.asarray(mean, dtype=images[0].dtype)

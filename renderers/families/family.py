@@ -17,7 +17,7 @@ from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba import stokes_integrator as stock
 from malus.renderers.mitsuba import wavefront
 from malus.renderers.mitsuba.bsdfs import bsdfs
-from malus.renderers.mitsuba.lobe_samples import Floats, Lobes
+from malus.renderers.mitsuba.lobe_samples import Lobes
 from malus.renderers.mitsuba.path_traced import Rendered, render_room
 from malus.renderers.mitsuba.patterns import (
     check_coordinates,
@@ -27,6 +27,7 @@ from malus.renderers.mitsuba.patterns import (
 )
 from malus.renderers.mitsuba.shading import Shading
 from malus.renderers.variant import Variant, choose, mitsuba
+from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.scene import Sampling, Scene
 
@@ -152,7 +153,7 @@ def _measure(lobes: Lobes, nodes: Nodes) -> dict[str, float]:
 
 
 def _without_held_out(lobes: Lobes, nodes: int) -> Lobes:
-    def kept(values: Floats | None) -> Floats | None:
+    def kept(values: Float32Array | None) -> Float32Array | None:
         return None if values is None else values[: min(nodes, len(values))]
 
     return replace(

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import Float64Array, NumberArray
 from malus.scenes.materials.measured import Measured
 from malus.scenes.scene import Scene
-
-Floats = NDArray[np.float64]
 
 TARGET_ERROR = 2e-6
 """Wanted rms interpolation error over the image's peak: a fifth of what is promised (1e-5)."""
@@ -44,7 +42,7 @@ def node_count(low: float, high: float) -> int:
     return count
 
 
-def chebyshev_nodes(low: float, high: float, count: int) -> Floats:
+def chebyshev_nodes(low: float, high: float, count: int) -> Float64Array:
     """Chebyshev nodes of the first kind on [low, high]."""
     if count == 1:
         return np.array([0.5 * (low + high)])
@@ -72,11 +70,11 @@ class Nodes:
     7
     """
 
-    values: NDArray[np.inexact[Any]]
+    values: NumberArray
     held_out: float | None = None
 
     @classmethod
-    def of(cls, eta: NDArray[np.inexact[Any]], count: int | None = None) -> Self:
+    def of(cls, eta: NumberArray, count: int | None = None) -> Self:
         """Nodes for indices (N,); `count` asks for so many Chebyshev nodes."""
         wanted = np.unique(eta)
         if np.iscomplexobj(wanted) or len(wanted) == 1:
@@ -94,7 +92,7 @@ class Nodes:
         extra = () if self.held_out is None else (self.held_out,)
         return (*self.values.tolist(), *extra)
 
-    def weights(self, eta: NDArray[np.inexact[Any]]) -> Floats:
+    def weights(self, eta: NumberArray) -> Float64Array:
         """Weights (len(eta), K) of the nodes' images in the images at `eta`.
 
         Raises
@@ -103,7 +101,7 @@ class Nodes:
             For an index that is not among those that the nodes were made for.
         """
         if self.held_out is None:
-            hits: Floats = (eta[:, None] == self.values).astype(np.float64)
+            hits: Float64Array = (eta[:, None] == self.values).astype(np.float64)
             known = bool(hits.any(axis=1).all())
         else:
             edge = self._edge
@@ -120,7 +118,7 @@ class Nodes:
         return float(self.values[0] - self.held_out) * (1 + 1e-9) + 1e-12
 
 
-def places(scene: Scene) -> NDArray[np.inexact[Any]]:
+def places(scene: Scene) -> NumberArray:
     """Where among the nodes of its family each band of a scene lies: at its index.
 
     Nothing is interpolated for a measured material: its nodes are the bands themselves, in nm.
@@ -139,7 +137,7 @@ def family_nodes(scenes: Iterable[Scene], count: int | None = None) -> Nodes:
     return Nodes.of(wanted, count)
 
 
-def interpolation_weights(nodes: Floats, eta: Floats) -> Floats:
+def interpolation_weights(nodes: Float64Array, eta: Float64Array) -> Float64Array:
     """Lagrange weights, shape (len(eta), len(nodes)), in barycentric form.
 
     Source: Berrut and Trefethen, "Barycentric Lagrange Interpolation", SIAM Review 46 (2004).

@@ -7,15 +7,13 @@ one bounce is a sum over samples, so that the truth is the sum of the surfaces' 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.families.interpolated import Family
 from malus.renderers.family_key import FamilyKey
-from malus.renderers.mitsuba.lobe_samples import Floats
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import AnyArray, Float32Array
 from malus.scenes.materials.surface import Patterned
 from malus.scenes.scene import Scene
 
@@ -41,7 +39,7 @@ class PatternedFamily:
 
     key: FamilyKey
     families: tuple[Family, ...]
-    shares: Floats
+    shares: Float32Array
     samples: int
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
@@ -76,12 +74,12 @@ class PatternedFamily:
             alpha_map=self.shares @ alpha,
         )
 
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
+    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
         """Images (angles, height, width, bands) through a polariser, as of a `Family`."""
         truth = self.truth(scene, standard_error=False)
         return np.stack([truth.polarised(angle) for angle in angles_deg])
 
-    def _error(self, parts: list[Truth]) -> NDArray[Any]:
+    def _error(self, parts: list[Truth]) -> AnyArray:
         """A sample is on one surface only: the covariance of two is minus the product of means."""
         means = [part.stokes for part in parts]
         crossed = _sum(means) ** 2 - _sum([mean**2 for mean in means])
@@ -90,5 +88,5 @@ class PatternedFamily:
         return np.sqrt(np.maximum(variance, 0))
 
 
-def _sum(images: list[NDArray[Any]]) -> NDArray[Any]:
+def _sum(images: list[AnyArray]) -> AnyArray:
     return np.sum(images, axis=0, dtype=images[0].dtype)

@@ -12,14 +12,12 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import Float32Array, Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.quiet import quiet
 from malus.scenes.lights import sky
 from malus.scenes.lights.lights import Environment, Sky
-
-Map = NDArray[np.float32]
 
 HEIGHT = 128
 SKY_HEIGHT = 256
@@ -31,7 +29,7 @@ LARGEST_PIXELS = 1 << 26
 
 
 @functools.lru_cache(maxsize=4)
-def radiance_map(light: Environment | Sky) -> Map:
+def radiance_map(light: Environment | Sky) -> Float32Array:
     """The map's radiance, shape (height, width), one value for every band; a sky's without sun.
 
     Raises
@@ -58,7 +56,7 @@ def radiance_map(light: Environment | Sky) -> Map:
     return _checked(readers[suffix](path), path)
 
 
-def directions(height: int, width: int, turn_deg: float = 0.0) -> NDArray[np.float64]:
+def directions(height: int, width: int, turn_deg: float = 0.0) -> Float64Array:
     """Unit vectors towards the pixels' centres of a map, shape (height, width, 3).
 
     `turn_deg` is the light's: the map turned about z, anticlockwise as an unrolled camera sees it.
@@ -76,7 +74,7 @@ def directions(height: int, width: int, turn_deg: float = 0.0) -> NDArray[np.flo
     return toward @ _about_z(turn_deg).T if turn_deg else toward
 
 
-def solid_angles(height: int, width: int) -> NDArray[np.float64]:
+def solid_angles(height: int, width: int) -> Float64Array:
     """Solid angle of each row's pixels, steradians, shape (height, 1).
 
     Examples
@@ -88,12 +86,12 @@ def solid_angles(height: int, width: int) -> NDArray[np.float64]:
     return (edges[:-1] - edges[1:])[:, None] * (2 * math.pi / width)
 
 
-def _about_z(turn_deg: float) -> NDArray[np.float64]:
+def _about_z(turn_deg: float) -> Float64Array:
     cosine, sine = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _studio() -> Map:
+def _studio() -> Float32Array:
     """Two soft lamps, a bright ceiling and a dim floor: smooth, so that its pixels do not show."""
     d = directions(HEIGHT, 2 * HEIGHT)
     key = np.array([0.55, 0.45, 0.70])
@@ -105,7 +103,7 @@ def _studio() -> Map:
     return light.astype(np.float32)
 
 
-def read_grey(path: Path) -> Map:
+def read_grey(path: Path) -> Float32Array:
     """Mean of the colours of an EXR file, (rows, columns) from the top.
 
     Raises
@@ -138,7 +136,7 @@ def read_grey(path: Path) -> Map:
         return np.mean(colours, axis=0).astype(np.float32)
 
 
-def _read_hdr(path: Path) -> Map:
+def _read_hdr(path: Path) -> Float32Array:
     """Radiance's RGBE format; rows from the top, as nearly all such files are."""
     import imagecodecs
 
@@ -167,7 +165,7 @@ def _check_size(path: Path, width: int, height: int) -> None:
         )
 
 
-def _checked(values: Map, path: Path) -> Map:
+def _checked(values: Float32Array, path: Path) -> Float32Array:
     if values.size < 2 or not np.isfinite(values).all() or values.min() < 0 or values.max() <= 0:
         raise InputError(
             str(path),

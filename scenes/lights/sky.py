@@ -15,11 +15,9 @@ import math
 from importlib import resources
 
 import numpy as np
-from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.lights.lights import Distant, Light, Sky, turned
-
-Floats = NDArray[np.float64]
 
 STEP_NM, FIRST_NM = 40.0, 400.0
 SUN_ELEVATIONS_DEG = (2.0, 88.0)
@@ -41,7 +39,7 @@ def parts(light: Light) -> tuple[Light, ...]:
     return (light,)
 
 
-def radiance(sky: Sky, toward: Floats) -> Floats:
+def radiance(sky: Sky, toward: Float64Array) -> Float64Array:
     """Radiance (...) of the sky without its sun at unit vectors (..., 3) of the image frame.
 
     In W m⁻² sr⁻¹ nm⁻¹; zero below the horizon. The sky's `turn_deg` is not applied.
@@ -87,7 +85,7 @@ def sun(sky: Sky) -> Distant:
 
 
 @functools.cache
-def _data() -> dict[str, Floats]:
+def _data() -> dict[str, Float64Array]:
     entry = resources.files("malus.scenes") / "data" / "sky.npz"
     with entry.open("rb") as file, np.load(file) as stored:
         return {name: stored[name].astype(np.float64) for name in stored.files}
@@ -100,14 +98,14 @@ def _bands(wavelength_nm: float) -> tuple[tuple[int, float], ...]:
     return (low, 1.0 - (place - low)), (low + 1, place - low)
 
 
-def _at_turbidity(table: Floats, turbidity: float) -> Floats:
+def _at_turbidity(table: Float64Array, turbidity: float) -> Float64Array:
     low = min(int(turbidity) - 1, len(table) - 2)
     share = turbidity - 1 - low
-    result: Floats = (1.0 - share) * table[low] + share * table[low + 1]
+    result: Float64Array = (1.0 - share) * table[low] + share * table[low + 1]
     return result
 
 
-def _coefficients(sky: Sky, band: int) -> tuple[Floats, float]:
+def _coefficients(sky: Sky, band: int) -> tuple[Float64Array, float]:
     """The nine of the model's Equation 8 and the mean radiance: quintic Bézier in elevation."""
     x = (sky.sun_elevation_deg / 90.0) ** (1 / 3)
     bezier = np.array([math.comb(5, k) * x**k * (1 - x) ** (5 - k) for k in range(6)])

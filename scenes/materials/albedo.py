@@ -6,13 +6,12 @@ from functools import cache
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.registry import lookup, table
 
-Floats = NDArray[np.float64]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -36,7 +35,7 @@ Albedo = Annotated[
 """Grey, the name of a swatch, or one number a band."""
 
 
-def reflectance(albedo: Albedo, wavelengths_nm: tuple[float, ...]) -> Floats:
+def reflectance(albedo: Albedo, wavelengths_nm: tuple[float, ...]) -> Float64Array:
     """Reflectance of a body at wavelengths in nm, shape (bands,).
 
     Raises
@@ -61,7 +60,7 @@ def reflectance(albedo: Albedo, wavelengths_nm: tuple[float, ...]) -> Floats:
     return np.broadcast_to(values, wavelengths.shape).copy()
 
 
-def swatches() -> dict[str, Floats]:
+def swatches() -> dict[str, Float64Array]:
     """Reflectances of all swatches by name, every 10 nm from 380 to 730 nm.
 
     Examples
@@ -72,7 +71,7 @@ def swatches() -> dict[str, Floats]:
     return {name: values.copy() for name, values in _tables()[1].items()}
 
 
-def _between(name: str, wavelengths_nm: Floats) -> Floats:
+def _between(name: str, wavelengths_nm: Float64Array) -> Float64Array:
     table_nm, known = _tables()
     values = lookup(name, known, "albedo", "a number in 0..1 or a swatch")
     inside = (wavelengths_nm >= table_nm[0]) & (wavelengths_nm <= table_nm[-1])
@@ -84,7 +83,7 @@ def _between(name: str, wavelengths_nm: Floats) -> Floats:
 
 
 @cache
-def _tables() -> tuple[Floats, dict[str, Floats]]:
+def _tables() -> tuple[Float64Array, dict[str, Float64Array]]:
     data = table("swatches.toml")
     known = {name: np.array(values) for name, values in data["swatches"].items()}
     count = len(next(iter(known.values())))

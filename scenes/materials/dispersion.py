@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from malus.scenes.core.arrays import Float64Array
+
 Numbers = tuple[float, ...]
 
 
@@ -20,21 +20,21 @@ def _pairs(coefficients: Numbers) -> Iterator[tuple[float, float]]:
     return zip(coefficients[1::2], coefficients[2::2], strict=True)
 
 
-def sellmeier_squared_poles(wavelength_um: FloatArray, c: Numbers) -> FloatArray:
+def sellmeier_squared_poles(wavelength_um: Float64Array, c: Numbers) -> Float64Array:
     """Formula 1: n² = 1 + c[0] + Σ c[i] L² / (L² − c[i+1]²), L the wavelength in µm."""
     square = wavelength_um**2
     terms = (a * square / (square - pole**2) for a, pole in _pairs(c))
     return np.sqrt(sum(terms, 1.0 + c[0]))
 
 
-def sellmeier_direct_poles(wavelength_um: FloatArray, c: Numbers) -> FloatArray:
+def sellmeier_direct_poles(wavelength_um: Float64Array, c: Numbers) -> Float64Array:
     """Formula 2: n² = 1 + c[0] + Σ c[i] L² / (L² − c[i+1]), L the wavelength in µm."""
     square = wavelength_um**2
     terms = (a * square / (square - pole) for a, pole in _pairs(c))
     return np.sqrt(sum(terms, 1.0 + c[0]))
 
 
-def cauchy(wavelength_um: FloatArray, c: Numbers) -> FloatArray:
+def cauchy(wavelength_um: Float64Array, c: Numbers) -> Float64Array:
     """Formula 5: n = c[0] + Σ c[i] L^c[i+1], L the wavelength in µm.
 
     Examples
@@ -46,12 +46,12 @@ def cauchy(wavelength_um: FloatArray, c: Numbers) -> FloatArray:
     return np.asarray(sum(terms, c[0]), dtype=np.float64)
 
 
-def polynomial_in_n_squared(wavelength_um: FloatArray, c: Numbers) -> FloatArray:
+def polynomial_in_n_squared(wavelength_um: Float64Array, c: Numbers) -> Float64Array:
     """Formula 3: n² = c[0] + Σ c[i] L^c[i+1], L the wavelength in µm."""
     return np.sqrt(cauchy(wavelength_um, c))
 
 
-FORMULAS: dict[str, Callable[[FloatArray, Numbers], FloatArray]] = {
+FORMULAS: dict[str, Callable[[Float64Array, Numbers], Float64Array]] = {
     "sellmeier_squared_poles": sellmeier_squared_poles,
     "sellmeier_direct_poles": sellmeier_direct_poles,
     "polynomial_in_n_squared": polynomial_in_n_squared,

@@ -11,13 +11,13 @@ from functools import cache
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from malus.scenes.core.arrays import BoolArray, Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.registry import lookup, table
 from malus.scenes.materials.dispersion import FORMULAS, Numbers
 
-FloatArray = NDArray[np.float64]
 Kind = Literal["plastic", "liquid"]
 
 FRAUNHOFER_F_NM, FRAUNHOFER_D_NM, FRAUNHOFER_C_NM = 486.1, 587.6, 656.3
@@ -43,7 +43,7 @@ class Material:
     table_nm: Numbers = ()
     table_n: Numbers = ()
 
-    def eta(self, wavelength_nm: ArrayLike) -> FloatArray:
+    def eta(self, wavelength_nm: ArrayLike) -> Float64Array:
         """Refractive index at wavelengths in nm, same shape, relative to vacuum or air.
 
         Raises
@@ -70,7 +70,7 @@ class Material:
         self._require(wavelengths, np.isfinite(eta) & (eta > 0), "wavelengths with a real index")
         return eta
 
-    def extrapolated(self, wavelength_nm: ArrayLike) -> NDArray[np.bool_]:
+    def extrapolated(self, wavelength_nm: ArrayLike) -> BoolArray:
         """Whether a wavelength in nm lies outside the range of the data; same shape.
 
         Examples
@@ -93,13 +93,13 @@ class Material:
         n_f, n_d, n_c = self.eta([FRAUNHOFER_F_NM, FRAUNHOFER_D_NM, FRAUNHOFER_C_NM])
         return float((n_d - 1.0) / (n_f - n_c))
 
-    def _from_table(self, wavelengths: FloatArray) -> FloatArray:
+    def _from_table(self, wavelengths: Float64Array) -> Float64Array:
         low, high = self.table_nm[0], self.table_nm[-1]
         inside = (wavelengths >= low) & (wavelengths <= high)
         self._require(wavelengths, inside, f"wavelengths within its table, {low:g} to {high:g} nm")
         return np.asarray(np.interp(wavelengths, self.table_nm, self.table_n), dtype=np.float64)
 
-    def _require(self, wavelengths: FloatArray, good: NDArray[np.bool_], expected: str) -> None:
+    def _require(self, wavelengths: Float64Array, good: BoolArray, expected: str) -> None:
         if not good.all():
             found = f"{wavelengths[~good].flat[0]:g} nm"
             raise InputError(

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from malus.scenes.core.arrays import AnyArray, Float32Array, Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.named_file import NamedFile
 
@@ -70,7 +71,7 @@ class Measured(NamedFile):
         """What is inside is not known."""
         return "unknown"
 
-    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """What is known of the index of every band; NaN where nothing is.
 
         Examples
@@ -80,7 +81,7 @@ class Measured(NamedFile):
         """
         return np.full(len(wavelengths_nm), math.nan if self.eta is None else self.eta)
 
-    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """No light is told to come from inside, in no band."""
         return np.zeros(len(wavelengths_nm))
 
@@ -100,9 +101,9 @@ class PBRDF:
     """
 
     path: Path
-    axes: dict[str, NDArray[np.float32]]
+    axes: dict[str, Float32Array]
     wavelengths_nm: NDArray[np.uint16]
-    mueller: NDArray[np.float32]
+    mueller: Float32Array
 
     def check_bands(self, wavelengths_nm: Iterable[float]) -> None:
         """Check that all bands lie within the table.
@@ -119,7 +120,7 @@ class PBRDF:
                 hint = "choose other bands"
                 raise InputError(str(self.path), expected, f"{wavelength:g} nm", hint)
 
-    def at(self, wavelength_nm: float) -> NDArray[np.float32]:
+    def at(self, wavelength_nm: float) -> Float32Array:
         """Mueller matrices (phi_d, theta_d, theta_h, 4, 4) of one band, linear between two."""
         place = np.interp(wavelength_nm, self.wavelengths_nm, range(len(self.wavelengths_nm)))
         below, part = int(place), np.float32(place % 1)
@@ -159,7 +160,7 @@ def open_pbrdf(path: Path) -> PBRDF:
     return PBRDF(path, axes, bands, fields["M"])
 
 
-def _fields(path: Path) -> dict[str, NDArray[Any]]:
+def _fields(path: Path) -> dict[str, AnyArray]:
     """The arrays of a tensor file by name, mapped from it."""
     try:
         with path.open("rb") as file:

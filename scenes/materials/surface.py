@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from malus.scenes.core.arrays import Float64Array, NumberArray
 from malus.scenes.core.model import Model
 from malus.scenes.materials.albedo import Albedo, reflectance
 from malus.scenes.materials.materials import material, surface
@@ -73,7 +74,7 @@ class Dielectric(Rough):
         """Name of the material in tables."""
         return self.material or f"eta {self.eta:g}"
 
-    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """Relative refractive index of every band.
 
         Examples
@@ -85,7 +86,7 @@ class Dielectric(Rough):
             return np.full(len(wavelengths_nm), self.eta, dtype=np.float64)
         return material(self.material).eta(np.asarray(wavelengths_nm))
 
-    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """Reflectance of the body in every band.
 
         Examples
@@ -158,7 +159,7 @@ class Conductor(Rough):
         assert self.k is not None
         return np.full(len(wavelengths_nm), complex(self.eta, self.k))
 
-    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """No light comes back from inside, in no band."""
         return np.zeros(len(wavelengths_nm))
 
@@ -208,12 +209,12 @@ class Patterned(Model):
         bodies = {part.body for part in self.surfaces}
         return bodies.pop() if len(bodies) == 1 else "mixed"
 
-    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.inexact[Any]]:
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> NumberArray:
         """Mean index of every band, for tables; where each is, a truth's `eta` says."""
         found = [part.indices(wavelengths_nm) for part in self.surfaces]
         return np.asarray(np.mean(found, axis=0))
 
-    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """Mean albedo of every band."""
         found = [part.albedos(wavelengths_nm) for part in self.surfaces]
         return np.asarray(np.mean(found, axis=0))

@@ -11,14 +11,13 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import AnyArray, Float32Array, Float64Array, IntArray
 from malus.scenes.core.errors import InputError
 
-FloatArray = NDArray[np.float64]
 Faces = NDArray[np.uint32]
 
 _GOLDEN = (1.0 + math.sqrt(5.0)) / 2.0
@@ -31,7 +30,7 @@ _ICOSAHEDRON = (
 )  # fmt: skip
 
 
-def icosahedral_grid(subdivisions: int) -> tuple[FloatArray, Faces]:
+def icosahedral_grid(subdivisions: int) -> tuple[Float64Array, Faces]:
     """Nearly uniform unit directions (n, 3) and outward triangles (20 · 4^subdivisions, 3).
 
     Raises ValueError unless 0 <= subdivisions <= 9.
@@ -54,7 +53,7 @@ def icosahedral_grid(subdivisions: int) -> tuple[FloatArray, Faces]:
     return directions, faces.astype(np.uint32)
 
 
-def torus_grid(rings: int, sides: int) -> tuple[FloatArray, FloatArray, Faces]:
+def torus_grid(rings: int, sides: int) -> tuple[Float64Array, Float64Array, Faces]:
     """Angles around the axis and around the tube, both (rings · sides,), and their triangles.
 
     Raises ValueError for fewer than 3 rings or sides.
@@ -75,7 +74,7 @@ def torus_grid(rings: int, sides: int) -> tuple[FloatArray, FloatArray, Faces]:
     return around.astype(np.float64), across.astype(np.float64), faces.astype(np.uint32)
 
 
-def fitted(points: FloatArray) -> FloatArray:
+def fitted(points: Float64Array) -> Float64Array:
     """Points (n, 3) moved and scaled: bounding box about the origin, farthest point at radius 1.
 
     Raises ValueError unless the largest side of the bounding box is positive and finite.
@@ -96,13 +95,11 @@ def fitted(points: FloatArray) -> FloatArray:
     return np.asarray(centred / radius)
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
+def _unit(vectors: Float64Array) -> Float64Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
-def _subdivided(
-    directions: FloatArray, faces: NDArray[np.int64]
-) -> tuple[FloatArray, NDArray[np.int64]]:
+def _subdivided(directions: Float64Array, faces: IntArray) -> tuple[Float64Array, IntArray]:
     a, b, c = faces.T
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     keys, inverse = np.unique(edges[:, 0] * len(directions) + edges[:, 1], return_inverse=True)
@@ -114,7 +111,7 @@ def _subdivided(
     return np.concatenate([directions, middles]), finer
 
 
-RadialSurface = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+RadialSurface = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 """Directions (n, 3) to radius (n,) and its gradient ∂r/∂d (n, 3)."""
 
 _BUMPS = 7
@@ -123,8 +120,8 @@ _BUMP_SHARPNESS = 6.0
 
 
 def blob_radius(
-    directions: FloatArray, seed: int = 0, amplitude: float = 0.5
-) -> tuple[FloatArray, FloatArray]:
+    directions: Float64Array, seed: int = 0, amplitude: float = 0.5
+) -> tuple[Float64Array, Float64Array]:
     """Radius r(d) = 1 + Σ a exp(k (d·c − 1)) of a blob, and its gradient ∂r/∂d.
 
     `directions` (n, 3) are unit vectors; the results have the shapes (n,) and (n, 3). As no bump
@@ -140,7 +137,7 @@ def blob_radius(
     return 1.0 + values.sum(axis=1), _BUMP_SHARPNESS * values @ centres
 
 
-def _bumps(seed: int, amplitude: float) -> tuple[FloatArray, FloatArray]:
+def _bumps(seed: int, amplitude: float) -> tuple[Float64Array, Float64Array]:
     # The standard library promises the same random() for a seed in every version; NumPy does not
     # for its distributions, and the shape belongs to the identity of a scene.
     draw = random.Random(seed).random
@@ -157,8 +154,8 @@ def _direction(u: float, v: float) -> tuple[float, float, float]:
 
 
 def superquadric_radius(
-    directions: FloatArray, e1: float, e2: float
-) -> tuple[FloatArray, FloatArray]:
+    directions: Float64Array, e1: float, e2: float
+) -> tuple[Float64Array, Float64Array]:
     """Radius r(d) = F(d)^(−e1/2) of a superquadric, and its gradient ∂r/∂d.
 
     F = (|x|^(2/e2) + |y|^(2/e2))^(e2/e1) + |z|^(2/e1). Shapes as for `blob_radius`.
@@ -182,7 +179,9 @@ def superquadric_radius(
     return radius, (-e1 / 2 * radius / inside_outside)[:, None] * gradient
 
 
-def radial_normals(directions: FloatArray, radius: FloatArray, gradient: FloatArray) -> FloatArray:
+def radial_normals(
+    directions: Float64Array, radius: Float64Array, gradient: Float64Array
+) -> Float64Array:
     """Outward unit normals of r(d) d: along r d minus the tangential part of ∂r/∂d.
 
     `directions` (n, 3) unit vectors, `radius` (n,), `gradient` (n, 3).
@@ -222,10 +221,10 @@ class TriangleMesh:
     1
     """
 
-    vertices: NDArray[np.float32]
-    faces: NDArray[np.uint32]
-    normals: NDArray[np.float32] | None = None
-    uv: NDArray[np.float32] | None = None
+    vertices: Float32Array
+    faces: Faces
+    normals: Float32Array | None = None
+    uv: Float32Array | None = None
 
     def __post_init__(self) -> None:
         """Check the arrays and freeze them."""
@@ -311,16 +310,16 @@ def _radial_mesh(surface: RadialSurface, subdivisions: int) -> TriangleMesh:
     return _finished(fitted(directions * radius[:, None]), normals, faces)
 
 
-def _rotation_about_x(angle: float) -> FloatArray:
+def _rotation_about_x(angle: float) -> Float64Array:
     cosine, sine = math.cos(angle), math.sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
 
-def _finished(points: FloatArray, normals: FloatArray, faces: NDArray[np.uint32]) -> TriangleMesh:
+def _finished(points: Float64Array, normals: Float64Array, faces: Faces) -> TriangleMesh:
     return TriangleMesh(points.astype(np.float32), faces, normals.astype(np.float32))
 
 
-def _check_array(array: NDArray[Any], name: str, dtype: type[np.generic]) -> None:
+def _check_array(array: AnyArray, name: str, dtype: type[np.generic]) -> None:
     if array.dtype != dtype or array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(
             f"{name}: expected (n, 3) {dtype.__name__}, found {array.shape} {array.dtype}"

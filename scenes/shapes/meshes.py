@@ -8,17 +8,14 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.shapes.geometry import TriangleMesh, fitted
 from malus.scenes.shapes.shapes import Shading
 
-FloatArray = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
-
-def merged_indices(vertices: FloatArray, distance: float) -> Indices:
+def merged_indices(vertices: Float64Array, distance: float) -> IntArray:
     """For each vertex (n, 3) in the unit sphere, the first one in the same cell of `distance`.
 
     Raises ValueError for a distance below 2e-6, as three cell numbers share one 64-bit key.
@@ -37,7 +34,7 @@ def merged_indices(vertices: FloatArray, distance: float) -> Indices:
     return np.asarray(first[inverse.ravel()])
 
 
-def thin(vertices: FloatArray, faces: Indices, height: float) -> NDArray[np.bool_]:
+def thin(vertices: Float64Array, faces: IntArray, height: float) -> BoolArray:
     """Whether a triangle (m, 3) has an index twice or its least height is below `height`.
 
     Examples
@@ -53,7 +50,7 @@ def thin(vertices: FloatArray, faces: Indices, height: float) -> NDArray[np.bool
     return np.asarray(repeated | (twice_area <= height * longest))
 
 
-def defects_of_edges(faces: Indices) -> list[str]:
+def defects_of_edges(faces: IntArray) -> list[str]:
     """Words for edges of triangles (m, 3) without exactly two faces of opposite direction.
 
     Examples
@@ -76,7 +73,7 @@ def defects_of_edges(faces: Indices) -> list[str]:
     return [words.format(bad.sum()) for words, bad in found.items() if bad.any()]
 
 
-def signed_volume(vertices: FloatArray, faces: Indices) -> float:
+def signed_volume(vertices: Float64Array, faces: IntArray) -> float:
     """Volume inside a closed surface by the divergence theorem, negative if it is inside out.
 
     Examples
@@ -90,7 +87,7 @@ def signed_volume(vertices: FloatArray, faces: Indices) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
-def face_normals(vertices: FloatArray, faces: Indices) -> FloatArray:
+def face_normals(vertices: Float64Array, faces: IntArray) -> Float64Array:
     """Unit normals (m, 3) of triangles wound anticlockwise; NaN for one without area.
 
     Examples
@@ -103,7 +100,7 @@ def face_normals(vertices: FloatArray, faces: Indices) -> FloatArray:
     return _unit(np.cross(b - a, c - a))
 
 
-def angle_weighted_normals(vertices: FloatArray, faces: Indices) -> FloatArray:
+def angle_weighted_normals(vertices: Float64Array, faces: IntArray) -> Float64Array:
     """Unit normals (n, 3) at vertices: face normals weighted by the angle of the face there.
 
     Independent of how a flat part is cut into triangles. A vertex whose faces cancel, or that has
@@ -128,19 +125,19 @@ def angle_weighted_normals(vertices: FloatArray, faces: Indices) -> FloatArray:
     return _unit(np.where(cancelled[:, None], last, sums))
 
 
-def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
+def _angle(a: Float64Array, b: Float64Array) -> Float64Array:
     # atan2 keeps its precision for thin angles, where arccos loses half the digits.
     sine = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.arctan2(sine, np.einsum("ij,ij->i", a, b)))
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
+def _unit(vectors: Float64Array) -> Float64Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def outward_normals(
-    normals: FloatArray, vertices: FloatArray, faces: Indices, defects: list[str]
-) -> FloatArray:
+    normals: Float64Array, vertices: Float64Array, faces: IntArray, defects: list[str]
+) -> Float64Array:
     """The file's normals on the outer side of its faces; those still behind are reported."""
     of_faces = face_normals(vertices, faces)
     agreement = np.einsum("ijk,ik->ij", normals[faces], of_faces)
@@ -167,10 +164,10 @@ _THINNEST = 1e-7
 class _Raw:
     """A file's corners (n, 3), triangles (m, 3), and its normals (n, 3) and uv (n, 2), if any."""
 
-    vertices: FloatArray
-    faces: Indices
-    normals: FloatArray | None
-    uv: FloatArray | None
+    vertices: Float64Array
+    faces: IntArray
+    normals: Float64Array | None
+    uv: Float64Array | None
 
 
 def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMesh, list[str]]:
@@ -253,7 +250,7 @@ def _parts(scene: Any) -> Iterator[_Raw]:
             yield _placed(np.asarray(placement), mesh.vertices, mesh.faces, own, uv)
 
 
-def _placed(placement: FloatArray, vertices: Any, faces: Any, normals: Any, uv: Any) -> _Raw:
+def _placed(placement: Float64Array, vertices: Any, faces: Any, normals: Any, uv: Any) -> _Raw:
     linear, shift = placement[:3, :3], placement[:3, 3]
     mirrored = np.linalg.det(linear) < 0
     faces = np.asarray(faces, dtype=np.int64)
@@ -347,7 +344,7 @@ def _cleaned(raw: _Raw, shading: Shading, file: Path) -> tuple[TriangleMesh, lis
     return _compact(raw.vertices[same], own, normals, raw.uv), defects
 
 
-def _unit_normals(normals: FloatArray, faces: Indices, file: Path) -> FloatArray:
+def _unit_normals(normals: Float64Array, faces: IntArray, file: Path) -> Float64Array:
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     bad = ~(np.isfinite(length[faces]) & (length[faces] > 0)).all(axis=(1, 2))
     if bad.any():
@@ -357,10 +354,10 @@ def _unit_normals(normals: FloatArray, faces: Indices, file: Path) -> FloatArray
 
 
 def _compact(
-    vertices: FloatArray,
-    faces: Indices,
-    normals: FloatArray | None,
-    uv: FloatArray | None = None,
+    vertices: Float64Array,
+    faces: IntArray,
+    normals: Float64Array | None,
+    uv: Float64Array | None = None,
 ) -> TriangleMesh:
     used, renumbered = np.unique(faces, return_inverse=True)
     return TriangleMesh(

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
@@ -89,7 +89,7 @@ class ImageTexture(NamedFile):
         """Name in tables."""
         return Path(self.path).stem
 
-    def grey(self) -> NDArray[np.float32]:
+    def grey(self) -> Float32Array:
         """Values (rows, columns) in 0..1, rows from the top; PNG's are taken as they are stored.
 
         Raises
@@ -108,7 +108,7 @@ class ImageTexture(NamedFile):
 Pattern = Annotated[Checker | Stripes | Spots | ImageTexture, Field(discriminator="kind")]
 
 
-def _read_png(path: Path) -> NDArray[np.float32]:
+def _read_png(path: Path) -> Float32Array:
     from PIL import Image
 
     try:
@@ -123,7 +123,7 @@ def _read_png(path: Path) -> NDArray[np.float32]:
         raise InputError(str(path), "a PNG or EXR file", reason, "check the path") from None
 
 
-def _grey(path: Path, opened: PIL.Image.Image) -> NDArray[np.float32]:
+def _grey(path: Path, opened: PIL.Image.Image) -> Float32Array:
     with opened as picture:
         width, height = picture.size
         if width * height > LARGEST_PIXELS:
