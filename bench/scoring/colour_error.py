@@ -12,13 +12,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from malus.bench.scoring.metrics import PixelSums
-from malus.scenes.colour import Image, delta_e_maps
+from malus.scenes.colour import delta_e_maps
+from malus.scenes.core.arrays import FloatArray
 
 Found = Iterator[tuple[str, float | None, PixelSums]]
 
 
 def delta_e(
-    estimated: Image, true: Image, wavelengths_nm: tuple[float, ...], method: str = "CIE 1976"
+    estimated: FloatArray,
+    true: FloatArray,
+    wavelengths_nm: tuple[float, ...],
+    method: str = "CIE 1976",
 ) -> Found:
     """Sums over pixels of the colour difference of I_max, I_min, every I(ϑ), and all I(ϑ).
 
