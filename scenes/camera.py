@@ -1,4 +1,4 @@
-"""Cameras, and the frame of the images that they take."""
+"""Cameras, and the frame of their images."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 
 HALF_WIDTH = 1.05
+"""Half the width of an orthographic image by default: the unit sphere and a margin."""
 
 
 def _is(default: Any) -> Any:
-    """Keys at their default are left out of the content: scenes that lack them keep their id."""
+    """Condition that leaves a key at its default out: scenes without the key keep their id."""
     return lambda value: value == default
 
 
@@ -25,7 +26,7 @@ class Camera(Model):
     Attributes
     ----------
     resolution : pixels of a side
-    half_width : half the width of what an `orthographic` camera sees
+    half_width : half the width of the image of an `orthographic` camera, in scene units
     projection : 'orthographic' or 'perspective'
     fov_deg : horizontal field of view of a `perspective` camera, from edge to edge
     distance : from the pinhole of a `perspective` camera to the origin; objects have radius 1
@@ -52,12 +53,12 @@ class Camera(Model):
 
     @model_validator(mode="after")
     def _one_projection(self) -> Self:
-        given = [self.fov_deg is not None, self.distance is not None]
-        if self.projection == "perspective" and not all(given):
+        perspective_keys = [self.fov_deg is not None, self.distance is not None]
+        if self.projection == "perspective" and not all(perspective_keys):
             raise ValueError("fov_deg and distance of a perspective camera")
         if self.projection == "perspective" and self.half_width != HALF_WIDTH:
             raise ValueError("no half_width, but fov_deg and distance, of a perspective camera")
-        if self.projection == "orthographic" and any(given):
+        if self.projection == "orthographic" and any(perspective_keys):
             raise ValueError('fov_deg and distance only with projection = "perspective"')
         return self
 
@@ -94,7 +95,7 @@ class Camera(Model):
         )
 
     def view_directions(self) -> Float64Array | None:
-        """Unit vectors (height, width, 3) from what a pixel's centre sees towards the camera.
+        """Unit vectors (height, width, 3) towards the camera from the point at each pixel's centre.
 
         In the image frame; None for an orthographic camera: (0, 0, 1) everywhere.
 

@@ -23,33 +23,33 @@ PAPER_ANGLES_DEG = (0.0, 30.0, 45.0, 60.0, 90.0)
 """The five polariser angles of the paper's synthetic experiment (Section IV)."""
 
 
-def viewing_frame(vectors: FloatArray, view: FloatArray) -> FloatArray:
-    """Vectors of the image frame in the frame that a pixel's Stokes vector is measured in.
+def viewing_frame(vectors: FloatArray, view_direction: FloatArray) -> FloatArray:
+    """Vectors of the image frame in the frame of a pixel's Stokes vector.
 
-    Its z axis is the view v, its x axis the horizontal across the viewing ray: h = y × v
+    Its z axis is the view direction v, its x axis the horizontal across the viewing ray: h = y × v
     normalised, which is normalise(d × up) of the ray's direction d = −v; its y axis is v × h.
 
     Parameters
     ----------
-    vectors, view : (..., 3) arrays that broadcast
-        View: unit vectors from the surface towards the camera. For (0, 0, 1), as of an
+    vectors, view_direction : (..., 3) arrays that broadcast
+        View direction: unit vectors from the surface towards the camera. For (0, 0, 1), as of an
         orthographic camera, the frame is the image frame.
 
     Returns
     -------
-    (..., 3) array; NaN where the view is straight up or down, where no horizontal exists.
+    (..., 3) array; NaN where the view direction is straight up or down: no horizontal exists there.
 
     Examples
     --------
-    Left of the centre the camera stands to the right, so that what faces the image plane leans
-    to the left:
+    Left of the centre the camera stands to the right, so that a normal which faces the image
+    plane leans to the left:
 
-    >>> view = np.array([0.6, 0.0, 0.8])
-    >>> viewing_frame(np.array([0.0, 0.0, 1.0]), view).round(12).tolist()
+    >>> view_direction = np.array([0.6, 0.0, 0.8])
+    >>> viewing_frame(np.array([0.0, 0.0, 1.0]), view_direction).round(12).tolist()
     [-0.6, 0.0, 0.8]
     """
     x, y, z = (vectors[..., k] for k in range(3))
-    v_x, v_y, v_z = (view[..., k] for k in range(3))
+    v_x, v_y, v_z = (view_direction[..., k] for k in range(3))
     across = np.hypot(v_x, v_z)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         right = (x * v_z - z * v_x) / across
@@ -59,7 +59,7 @@ def viewing_frame(vectors: FloatArray, view: FloatArray) -> FloatArray:
 
 
 def polarised(stokes: FloatArray, angle_deg: float) -> FloatArray:
-    """Radiance seen through an ideal linear polariser, I(ϑ).
+    """Radiance behind an ideal linear polariser, I(ϑ).
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _double_angle(angle_deg: float) -> tuple[float, float]:
 
 @functools.cache
 def angle_weights(angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> Float64Array:
-    """Matrix A of the mean squared error over polariser angles, a quadratic form in Stokes.
+    """Matrix A (3, 3) that gives the mean squared error over polariser angles from Stokes errors.
 
     mean over ϑ of ΔI(ϑ)² = Δsᵀ A Δs, because I(ϑ) is linear in s: no image per angle is needed.
 
@@ -118,8 +118,7 @@ def angle_weights(angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> Float64Ar
     >>> round(float(angle_weights()[0, 0]), 3)
     0.25
     """
-    rows = [(0.5, -0.5 * c, -0.5 * s) for c, s in map(_double_angle, angles_deg)]
-    analyser = np.array(rows)
+    analyser = np.array([(0.5, -0.5 * c, -0.5 * s) for c, s in map(_double_angle, angles_deg)])
     weights: Float64Array = analyser.T @ analyser / len(angles_deg)
     weights.flags.writeable = False  # shared by all callers
     return weights
@@ -190,7 +189,7 @@ def aolp(stokes: FloatArray) -> FloatArray:
 
 
 def _half_turn(angle: FloatArray) -> FloatArray:
-    """Angles modulo π; a tiny negative one would be rounded up to π, and is 0."""
+    """Angles modulo π, in [0, π): a tiny negative one, which rounding takes to π, becomes 0."""
     result = angle % np.pi
     return np.where(result < np.pi, result, result.dtype.type(0.0))
 

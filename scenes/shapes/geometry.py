@@ -1,6 +1,6 @@
-"""Triangle meshes, and shapes of our own with exact normals.
+"""Triangle meshes of torus, blob and superquadric, with exact normals.
 
-Every shape is closed, faces outwards and fits the unit sphere. Its vertex normals are those of the
+Every mesh is closed, faces outwards and fits the unit sphere. Its vertex normals are those of the
 smooth surface, not averages over faces. With the default of 81920 triangles the interpolated normal
 of torus and blob is within 0.03° of the exact one, and the surface within 3e-4.
 """
@@ -54,7 +54,7 @@ def icosahedral_grid(subdivisions: int) -> tuple[Float64Array, Faces]:
 
 
 def torus_grid(rings: int, sides: int) -> tuple[Float64Array, Float64Array, Faces]:
-    """Angles around the axis and around the tube, both (rings · sides,), and their triangles.
+    """Angles around the axis and around the tube (rings · sides,), and triangles between them.
 
     Raises ValueError for fewer than 3 rings or sides.
 
@@ -66,16 +66,16 @@ def torus_grid(rings: int, sides: int) -> tuple[Float64Array, Float64Array, Face
     if rings < 3 or sides < 3:
         raise ValueError(f"expected at least 3 rings and 3 sides, found {rings} and {sides}")
     i, j = (index.ravel() for index in np.indices((rings, sides)))
-    here, after = i * sides, (i + 1) % rings * sides
-    up = (j + 1) % sides
-    a, b, c, d = here + j, after + j, after + up, here + up
+    ring, next_ring = i * sides, (i + 1) % rings * sides
+    next_side = (j + 1) % sides
+    a, b, c, d = ring + j, next_ring + j, next_ring + next_side, ring + next_side
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     around, across = (np.asarray(k * (2 * math.pi / n)) for k, n in ((i, rings), (j, sides)))
     return around.astype(np.float64), across.astype(np.float64), faces.astype(np.uint32)
 
 
 def fitted(points: Float64Array) -> Float64Array:
-    """Points (n, 3) moved and scaled: bounding box about the origin, farthest point at radius 1.
+    """Points (n, 3) with the bounding box centred on the origin and the farthest at radius 1.
 
     Raises ValueError unless the largest side of the bounding box is positive and finite.
 
@@ -100,6 +100,7 @@ def _unit(vectors: Float64Array) -> Float64Array:
 
 
 def _subdivided(directions: Float64Array, faces: IntArray) -> tuple[Float64Array, IntArray]:
+    """Grid with each triangle cut into four; new vertices lie on the unit sphere."""
     a, b, c = faces.T
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     keys, inverse = np.unique(edges[:, 0] * len(directions) + edges[:, 1], return_inverse=True)
@@ -112,7 +113,7 @@ def _subdivided(directions: Float64Array, faces: IntArray) -> tuple[Float64Array
 
 
 RadialSurface = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
-"""Directions (n, 3) to radius (n,) and its gradient ∂r/∂d (n, 3)."""
+"""A star-shaped surface: from directions d (n, 3) to radius r (n,) and ∂r/∂d (n, 3)."""
 
 _BUMPS = 7
 _BUMP_SHARPNESS = 6.0
@@ -138,15 +139,16 @@ def blob_radius(
 
 
 def _bumps(seed: int, amplitude: float) -> tuple[Float64Array, Float64Array]:
+    """Directions (7, 3) and heights (7,) of a blob's bumps."""
     # The standard library promises the same random() for a seed in every version; NumPy does not
     # for its distributions, and the shape belongs to the identity of a scene.
     draw = random.Random(seed).random
-    centres = np.array([_direction(draw(), draw()) for _ in range(_BUMPS)])
+    centres = np.array([_uniform_direction(draw(), draw()) for _ in range(_BUMPS)])
     heights = amplitude * np.array([0.5 + 0.5 * draw() for _ in range(_BUMPS)])
     return centres, heights
 
 
-def _direction(u: float, v: float) -> tuple[float, float, float]:
+def _uniform_direction(u: float, v: float) -> tuple[float, float, float]:
     # Uniform on the sphere (Archimedes): z uniform, azimuth uniform.
     z, azimuth = 2.0 * u - 1.0, 2.0 * math.pi * v
     ring = math.sqrt(max(0.0, 1.0 - z * z))
@@ -203,7 +205,7 @@ _SUBDIVISIONS = 6
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
-    """Triangles in the world's frame, wound anticlockwise as seen from outside.
+    """Triangles in world coordinates, wound anticlockwise as seen from outside.
 
     `vertices` (n, 3) float32, `faces` (m, 3) uint32, `normals` (n, 3) float32 of unit length, or
     None for flat shading; `uv` (n, 2) float32, texture coordinates, or None. The arrays are made
@@ -261,7 +263,7 @@ def torus(
     normals = np.cos(across)[:, None] * radial + np.sin(across)[:, None] * axial
     points = (major * radial + minor * normals) / (major + minor)
     turn = _rotation_about_x(tilt)
-    return _finished(points @ turn.T, normals @ turn.T, faces)
+    return _in_single_precision(points @ turn.T, normals @ turn.T, faces)
 
 
 def blob(seed: int = 0, amplitude: float = 0.5, subdivisions: int = _SUBDIVISIONS) -> TriangleMesh:
@@ -307,7 +309,7 @@ def _radial_mesh(surface: RadialSurface, subdivisions: int) -> TriangleMesh:
     directions, faces = icosahedral_grid(subdivisions)
     radius, gradient = surface(directions)
     normals = radial_normals(directions, radius, gradient)
-    return _finished(fitted(directions * radius[:, None]), normals, faces)
+    return _in_single_precision(fitted(directions * radius[:, None]), normals, faces)
 
 
 def _rotation_about_x(angle: float) -> Float64Array:
@@ -315,7 +317,7 @@ def _rotation_about_x(angle: float) -> Float64Array:
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
 
-def _finished(points: Float64Array, normals: Float64Array, faces: Faces) -> TriangleMesh:
+def _in_single_precision(points: Float64Array, normals: Float64Array, faces: Faces) -> TriangleMesh:
     return TriangleMesh(points.astype(np.float32), faces, normals.astype(np.float32))
 
 
