@@ -1,4 +1,7 @@
-"""Scenes to truths. The only folder that imports Mitsuba, and only when something is rendered."""
+"""Render scenes to truths, and store truths as datasets.
+
+The only package that imports Mitsuba, and only when something is rendered.
+"""
 
 from malus.renderers.rendering import render
 from malus.renderers.truth import Truth

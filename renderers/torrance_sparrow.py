@@ -1,4 +1,4 @@
-"""The paper's own ground truth, from the formulas and without Mitsuba.
+"""The paper's own ground truth: the Torrance-Sparrow formulas, without Mitsuba.
 
 Source: Torrance and Sparrow, "Theory for off-specular reflection from roughened surfaces",
 JOSA 57 (1967), with the facet distribution of Cook and Torrance, "A reflectance model for computer
@@ -21,18 +21,19 @@ from malus.scenes.scene import Scene
 from malus.scenes.shapes.shapes import Sphere
 
 VIEWER = np.array([0.0, 0.0, 1.0])
+"""Direction to the orthographic camera in the image frame."""
 
 
 def render_torrance_sparrow(
     scene: Scene, normals: Float64Array | None = None, mask: BoolArray | None = None
 ) -> Truth:
-    """The truth of a sphere, or of any normal map, under a distant light.
+    """Render a sphere, or any normal map, under a distant light.
 
     Parameters
     ----------
     scene : Scene
-        Its shape is a sphere, unless `normals` are given; its light is distant, its body
-        unpolarised (Lambertian).
+        With a distant light, an unpolarised (Lambertian) body, and a sphere as its shape unless
+        `normals` are given.
     normals : (height, width, 3), optional
         Unit normals of the object in the image frame; replaces the scene's shape.
     mask : (height, width) bool, optional
@@ -50,7 +51,7 @@ def render_torrance_sparrow(
     >>> bool(render_torrance_sparrow(scene).image[4, 4, 0] > 0)
     True
     """
-    light = _checked(scene, normals)
+    light = _checked_light(scene, normals)
     if normals is None:
         normals, mask = sphere_normals(scene.camera)
     if mask is None:
@@ -74,11 +75,12 @@ def render_torrance_sparrow(
     diffuse = np.zeros_like(specular)
     albedo = scene.surface.albedos(scene.wavelengths_nm)
     diffuse[..., 0] = np.where(lit, albedo / np.pi * light.irradiance * n_l, 0.0)
-    none = np.zeros_like(specular)
-    return Truth(scene, specular, diffuse, normals, mask, none, none, none)
+    no_noise = np.zeros_like(specular)
+    return Truth(scene, specular, diffuse, normals, mask, no_noise, no_noise, no_noise)
 
 
-def _checked(scene: Scene, normals: Float64Array | None) -> Distant:
+def _checked_light(scene: Scene, normals: Float64Array | None) -> Distant:
+    """The scene's light; raises InputError for a scene that the formulas do not cover."""
     hint = "use the mitsuba renderer for this scene"
     where = f"scene {scene.id}, torrance-sparrow renderer"
     if normals is None and not isinstance(scene.shape, Sphere):
@@ -100,7 +102,7 @@ def _checked(scene: Scene, normals: Float64Array | None) -> Distant:
 def sphere_normals(camera: Camera) -> tuple[Float64Array, BoolArray]:
     """Normals (height, width, 3) of the unit sphere at the pixels' centres, and its mask.
 
-    A pixel belongs to the mask where its corner that lies farthest out is still on the sphere.
+    A pixel belongs to the mask where even its outermost corner is on the sphere.
 
     Examples
     --------
@@ -142,7 +144,7 @@ def masking(n_h: Float64Array, n_v: Float64Array, n_l: Float64Array, v_h: float)
 
 
 def _beckmann(n_h: Float64Array, alpha: float) -> Float64Array:
-    """Distribution of facet normals, 1/sr; zero on the far side."""
+    """Beckmann's distribution of facet normals, 1/sr; zero for facets that face away."""
     facing = n_h > 1e-6
     squared = np.where(facing, n_h, 1.0) ** 2
     tan2 = (1.0 - squared) / squared

@@ -1,4 +1,4 @@
-"""Stokes images as named channels, and back: the names of the spectral layout of OpenEXR.
+"""Convert Stokes images to named channels and back, by the names of OpenEXR's spectral layout.
 
 Source: Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
 """
@@ -26,7 +26,7 @@ def channel_name(component: int, wavelength_nm: float) -> str:
 
 
 def band_name(wavelength_nm: float) -> str:
-    """A wavelength as the authors' library prints it, six decimals and a comma.
+    """A wavelength as the layout's own library prints it, with six decimals and a comma.
 
     Examples
     --------
@@ -66,7 +66,9 @@ def stokes_from_channels(
 ) -> FloatArray:
     """The Stokes image (height, width, bands, 3) of `stokes_channels`, in the channels' type."""
     bands = [
-        np.stack([channels[prefix + channel_name(part, nm)] for part in range(3)], axis=-1)
+        np.stack(
+            [channels[prefix + channel_name(component, nm)] for component in range(3)], axis=-1
+        )
         for nm in wavelengths_nm
     ]
     return np.stack(bands, axis=2)

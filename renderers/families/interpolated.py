@@ -1,4 +1,4 @@
-"""Truths of a family of scenes: images as polynomials in the refractive index."""
+"""Truths of a family of scenes, interpolated as polynomials in the refractive index."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.renderers.families.nodes import Nodes, places
+from malus.renderers.families.nodes import Nodes, node_coordinates
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.lobe_samples import Lobes
 from malus.renderers.truth import Truth
@@ -22,14 +22,14 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 @dataclass(frozen=True)
 class Family:
-    """Both lobes as polynomials in η, and what they cost.
+    """Renders of both lobes at a few refractive indices, from which truths are interpolated.
 
     Attributes
     ----------
     nodes : Nodes
-        Indices that were rendered.
+        Refractive indices of the renders.
     lobes : Lobes
-        At the nodes.
+        Stokes samples of both lobes at the nodes.
     interpolation_error : dict
         'rms' and 'worst' of both lobes at a held-out index, over the image's peak.
     seconds : float
@@ -65,7 +65,7 @@ class Family:
         scene : Scene
             Its key must be this family's.
         standard_error : bool
-            False leaves the standard errors out (zeros) where nothing reads them.
+            False leaves the standard errors out (zeros), which saves time.
 
         Raises
         ------
@@ -73,7 +73,7 @@ class Family:
             If the scene belongs to another family or its index lies outside the nodes.
         """
         self._check(scene)
-        weights = self.nodes.weights(places(scene)).astype(np.float32)
+        weights = self.nodes.weights(node_coordinates(scene)).astype(np.float32)
         albedo = scene.surface.albedos(scene.wavelengths_nm).astype(np.float32)[:, None]
         specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
         diffuse, diffuse_noise = self._mean_and_noise(self.lobes.diffuse, weights)
@@ -93,21 +93,21 @@ class Family:
     def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
         """Images (angles, height, width, bands) through a polariser, without the Stokes images.
 
-        The transmitted radiance is linear in the Stokes vector, so that it is formed at the few
-        nodes and only then interpolated to the bands.
+        The transmitted radiance is linear in the Stokes vector: it is computed at the few nodes
+        and then interpolated to the bands.
         """
         self._check(scene)
         albedo = scene.surface.albedos(scene.wavelengths_nm)
         if np.ptp(albedo) > 0:
             stokes = self.truth(scene, standard_error=False).stokes
             return np.stack([polarisation.polarised(stokes, angle) for angle in angles_deg])
-        weights = self.nodes.weights(places(scene)).astype(np.float32)
+        weights = self.nodes.weights(node_coordinates(scene)).astype(np.float32)
         key = (angles_deg, float(albedo[0]))
         nodes = self._transmitted.get(key)
         if nodes is None:
             nodes = self._transmitted[key] = self._transmit(*key)
         side = self.key.camera.resolution
-        # Of whole images, zero off the object: to fill those in later costs four times as much.
+        # Whole images, zero off the object: filling those in later costs four times as much.
         images: Float32Array = np.matmul(nodes.swapaxes(1, 2), weights.T)
         return images.reshape(len(angles_deg), side, side, len(weights))
 
@@ -138,6 +138,7 @@ class Family:
         )
 
     def _error(self, weights: Float32Array, albedo: Float32Array) -> Float32Array:
+        """Standard error (pixels, bands, 3) of the sum of both lobes."""
         # The noise at every node is the same draw, so that its variance is smooth in η as well.
         lobes = self.lobes
         if lobes.specular_variance is None or lobes.diffuse_variance is None:
@@ -152,6 +153,7 @@ class Family:
         return result
 
     def _image(self, values: NDArray[Scalar]) -> NDArray[Scalar]:
+        """Values (pixels, ...) as an image (height, width, ...), zero off the object."""
         side = self.key.camera.resolution
         image = np.zeros((side * side, *values.shape[1:]), dtype=values.dtype)
         image[self.lobes.pixels] = values
@@ -159,7 +161,10 @@ class Family:
 
 
 def interpolate(weights: Float32Array, nodes: Float32Array) -> Float32Array:
-    """Values (pixels, bands, 3) from nodes (K, pixels, 3); one node serves every band."""
+    """Values (pixels, bands, 3) from those at nodes (K, pixels, 3) and weights (bands, K).
+
+    A single node gives every band the same values.
+    """
     if len(nodes) == 1:
         bands = (nodes.shape[1], len(weights), 3)
         return np.broadcast_to(nodes[0][:, None, :], bands)

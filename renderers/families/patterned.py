@@ -1,7 +1,7 @@
-"""Several surfaces on one object: which of them a point has, and the truth of all together.
+"""Families of objects with several surfaces: the truth is the sum of those of each surface.
 
-Every surface is rendered with the same rays and shades only the samples that fall on it. Light from
-one bounce is a sum over samples, so that the truth is the sum of the surfaces' truths.
+Every surface is rendered with the same rays, and only the samples that fall on it are shaded. Light
+from one reflection is a sum over samples, so that truths of surfaces can be added.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from malus.scenes.scene import Scene
 
 
 def with_part(scene: Scene, index: int) -> Scene:
-    """The scene with one of its surfaces all over."""
+    """The scene with one of its surfaces on the whole object."""
     assert isinstance(scene.surface, Patterned)
     return scene.model_copy(update={"surface": scene.surface.surfaces[index]})
 
 
 @dataclass(frozen=True)
 class PatternedFamily:
-    """Families of each surface, lit only where the pattern has it.
+    """A family for each surface, shaded only where the pattern has that surface.
 
     Attributes
     ----------
     families : Families, one a surface
     shares : (height, width, surfaces)
-        Share of each surface in what a pixel sees.
+        Share of each surface in the area of a pixel.
     samples : int
         Samples a pixel, of which each fell on one surface.
     """
@@ -43,7 +43,7 @@ class PatternedFamily:
     samples: int
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
-        """The truth of one scene; `eta` and `alpha` are means over what a pixel sees.
+        """The truth of one scene; `eta` and `alpha` are means over each pixel.
 
         Raises
         ------
@@ -80,7 +80,7 @@ class PatternedFamily:
         return np.stack([truth.polarised(angle) for angle in angles_deg])
 
     def _error(self, parts: list[Truth]) -> AnyArray:
-        """A sample is on one surface only: the covariance of two is minus the product of means."""
+        """Standard error: a sample is on one surface, so two have covariance -mean times mean."""
         means = [part.stokes for part in parts]
         crossed = _sum(means) ** 2 - _sum([mean**2 for mean in means])
         variance = _sum([part.standard_error**2 for part in parts]) - crossed / (self.samples - 1)

@@ -10,7 +10,7 @@ import pytest
 from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
 from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
-from malus.renderers.families.adaptive import Repeated, relative_error
+from malus.renderers.families.adaptive import RepeatedRenders, relative_error
 from malus.renderers.families.family import render_family
 from malus.scenes import Area, Camera, Dielectric, Sampling, Scene, Sphere, load_suite
 
@@ -19,16 +19,18 @@ ONE = Scene(surface=Dielectric(eta=1.5, alpha=0.3), **LIT)
 TWO = Scene(surface=Dielectric(eta=1.7, alpha=0.3, albedo=0.1), **LIT)
 
 
-def until(target: float, seed: int = 1, samples: int = 256, scenes: object = (ONE,)) -> Repeated:
+def until(
+    target: float, seed: int = 1, samples: int = 256, scenes: object = (ONE,)
+) -> RepeatedRenders:
     found = render_family(scenes, Sampling(samples=samples, seed=seed, target=target))
-    assert isinstance(found, Repeated)
+    assert isinstance(found, RepeatedRenders)
     return found
 
 
 def test_without_a_target_nothing_changes() -> None:
     assert "target" not in Sampling().model_dump()
     assert Sampling().id == Sampling(target=None).id != Sampling(target=1e-3).id
-    assert not isinstance(render_family([ONE], Sampling(samples=4)), Repeated)
+    assert not isinstance(render_family([ONE], Sampling(samples=4)), RepeatedRenders)
 
 
 def test_the_target_is_met_with_few_more_samples_than_needed() -> None:
