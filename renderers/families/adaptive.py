@@ -15,7 +15,7 @@ import numpy as np
 
 from malus.renderers.mitsuba.lobe_samples import unit
 from malus.renderers.truth import Truth
-from malus.scenes.core.arrays import AnyArray, Float32Array
+from malus.scenes.core.arrays import AnyArray
 from malus.scenes.scene import Sampling, Scene
 
 FIRST_PART = 16
@@ -29,9 +29,6 @@ class Renders(Protocol):
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
         """The truth of one scene."""
-
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
-        """Images (angles, height, width, bands) through a polariser."""
 
 
 @dataclass(frozen=True)
@@ -76,10 +73,6 @@ class RepeatedRenders:
             mask=np.logical_and.reduce([truth.mask for truth in truths]),
             samples=self.samples,
         )
-
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
-        """Images (angles, height, width, bands) through a polariser, as of a `Family`."""
-        return self._mean([renders.polarised(scene, angles_deg) for renders in self.passes])
 
     def _mean(self, images: Sequence[AnyArray]) -> AnyArray:
         """Mean of the passes' images weighted by their samples, in the images' type."""

@@ -99,8 +99,8 @@ class Family:
         self._check(scene)
         albedo = scene.surface.albedos(scene.wavelengths_nm)
         if np.ptp(albedo) > 0:
-            stokes = self.truth(scene, standard_error=False).stokes
-            return np.stack([polarisation.polarised(stokes, angle) for angle in angles_deg])
+            truth = self.truth(scene, standard_error=False)
+            return np.stack([truth.polarised(angle) for angle in angles_deg])
         weights = self.nodes.weights(node_coordinates(scene)).astype(np.float32)
         key = (angles_deg, float(albedo[0]))
         nodes = self._transmitted.get(key)

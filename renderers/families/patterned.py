@@ -74,11 +74,6 @@ class PatternedFamily:
             alpha_map=self.shares @ alpha,
         )
 
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
-        """Images (angles, height, width, bands) through a polariser, as of a `Family`."""
-        truth = self.truth(scene, standard_error=False)
-        return np.stack([truth.polarised(angle) for angle in angles_deg])
-
     def _error(self, parts: list[Truth]) -> AnyArray:
         """Standard error: a sample is on one surface, so two have covariance -mean times mean."""
         means = [part.stokes for part in parts]
