@@ -118,7 +118,7 @@ def read_grey(path: Path) -> Float32Array:
         with quiet(), OpenEXR.File(str(path), header_only=True) as file:
             window = file.header()["dataWindow"]
             size = np.asarray(window[1], np.int64) - np.asarray(window[0], np.int64) + 1
-        _check_size(path, int(size[0]), int(size[1]))
+        check_size(path, int(size[0]), int(size[1]))
         with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.asarray(c.pixels) for name, c in file.channels().items()}
     colours = [channels[name] for name in ("R", "G", "B") if name in channels]
@@ -141,14 +141,15 @@ def _read_hdr(path: Path) -> Float32Array:
     if size is None:
         expected = "a Radiance file whose size reads -Y height +X width"
         raise InputError(str(path), expected, "another", "export the map again")
-    _check_size(path, int(size[2]), int(size[1]))
+    check_size(path, int(size[2]), int(size[1]))
     with reading(str(path), "a whole Radiance file", "copy it again"):
         colours = imagecodecs.rgbe_decode(content)
     with np.errstate(over="ignore"):  # infinite radiance is refused by name
         return np.asarray(colours.mean(axis=-1), dtype=np.float32)
 
 
-def _check_size(path: Path, width: int, height: int) -> None:
+def check_size(path: Path, width: int, height: int) -> None:
+    """Raise InputError for a picture of more than 64 megapixels, before it is decoded."""
     if width * height > LARGEST_PIXELS:
         raise InputError(
             str(path), "at most 64 megapixels", f"{width} x {height}", "make it smaller"

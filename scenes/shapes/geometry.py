@@ -47,7 +47,7 @@ def icosahedral_grid(subdivisions: int) -> tuple[Float64Array, Faces]:
     signs = [(-1, 1), (1, 1), (-1, -1), (1, -1)]
     flat = [(a * short, b * long, 0.0) for a, b in signs]
     points = np.array([np.roll(corner, turn) for turn in (0, 1, 2) for corner in flat])
-    directions, faces = _unit(points), np.array(_ICOSAHEDRON, dtype=np.int64)
+    directions, faces = unit_vectors(points), np.array(_ICOSAHEDRON, dtype=np.int64)
     for _ in range(subdivisions):
         directions, faces = _subdivided(directions, faces)
     return directions, faces.astype(np.uint32)
@@ -95,7 +95,8 @@ def fitted(points: Float64Array) -> Float64Array:
     return np.asarray(centred / radius)
 
 
-def _unit(vectors: Float64Array) -> Float64Array:
+def unit_vectors(vectors: Float64Array) -> Float64Array:
+    """Vectors (n, 3) divided by their lengths; NaN for a vector of length 0."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
@@ -105,7 +106,7 @@ def _subdivided(directions: Float64Array, faces: IntArray) -> tuple[Float64Array
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     keys, inverse = np.unique(edges[:, 0] * len(directions) + edges[:, 1], return_inverse=True)
     first, second = np.divmod(keys, len(directions))
-    middles = _unit(directions[first] + directions[second])
+    middles = unit_vectors(directions[first] + directions[second])
     ab, bc, ca = inverse.reshape(3, -1) + len(directions)
     corners = [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
     finer = np.concatenate([np.stack(corner, axis=1) for corner in corners])
@@ -196,7 +197,7 @@ def radial_normals(
     """
     along = np.einsum("ij,ij->i", gradient, directions)[:, None] * directions
     normals = radius[:, None] * directions - (gradient - along)
-    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    return unit_vectors(normals)
 
 
 _SUBDIVISIONS = 6

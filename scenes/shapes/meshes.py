@@ -11,7 +11,7 @@ import numpy as np
 
 from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
 from malus.scenes.core.errors import InputError, reading
-from malus.scenes.shapes.geometry import TriangleMesh, fitted
+from malus.scenes.shapes.geometry import TriangleMesh, fitted, unit_vectors
 from malus.scenes.shapes.shapes import Shading
 
 
@@ -99,7 +99,7 @@ def face_normals(vertices: Float64Array, faces: IntArray) -> Float64Array:
     [[0.0, 0.0, 1.0]]
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return _unit(np.cross(b - a, c - a))
+    return unit_vectors(np.cross(b - a, c - a))
 
 
 def angle_weighted_normals(vertices: Float64Array, faces: IntArray) -> Float64Array:
@@ -124,17 +124,13 @@ def angle_weighted_normals(vertices: Float64Array, faces: IntArray) -> Float64Ar
             sums[:, axis] += np.bincount(here, weights, minlength=len(vertices))
         last[here] = of_faces
     cancelled = np.linalg.norm(sums, axis=1) < 1e-9  # rounding of angles of order 1
-    return _unit(np.where(cancelled[:, None], last, sums))
+    return unit_vectors(np.where(cancelled[:, None], last, sums))
 
 
 def _angle(a: Float64Array, b: Float64Array) -> Float64Array:
     # atan2 keeps its precision for thin angles, where arccos loses half the digits.
     sine = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.arctan2(sine, np.einsum("ij,ij->i", a, b)))
-
-
-def _unit(vectors: Float64Array) -> Float64Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def outward_normals(

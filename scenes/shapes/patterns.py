@@ -18,7 +18,7 @@ from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
-from malus.scenes.lights.environment import LARGEST_PIXELS, read_grey
+from malus.scenes.lights.environment import check_size, read_grey
 
 if TYPE_CHECKING:
     import PIL.Image
@@ -120,10 +120,7 @@ def _read_png(path: Path) -> Float32Array:
 def _grey(path: Path, opened: PIL.Image.Image) -> Float32Array:
     """Grey values in 0..1 of an opened PNG, of 8 or 16 bits."""
     with opened as picture:
-        width, height = picture.size
-        if width * height > LARGEST_PIXELS:
-            hint = "make it smaller"
-            raise InputError(str(path), "at most 64 megapixels", f"{width} x {height}", hint)
+        check_size(path, *picture.size)
         deep = picture.mode.startswith("I")
         values = np.asarray(picture if deep else picture.convert("L"), dtype=np.float32)
     return values / np.float32(65535 if deep else 255)
