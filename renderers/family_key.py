@@ -1,4 +1,4 @@
-"""What scenes must share to come from the same renders."""
+"""Families of scenes: those whose truths come from the same renders."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from malus.scenes.shapes.shapes import Shape
 
 @dataclass(frozen=True)
 class FamilyKey:
-    """What scenes must share to come from the same renders."""
+    """Everything that scenes of one family have in common."""
 
     shape: Shape
     camera: Camera
@@ -29,11 +29,11 @@ class FamilyKey:
 
     @classmethod
     def of(cls, scene: Scene) -> FamilyKey:
-        """The family of a scene: all of it but the material, the bands and the albedo.
+        """The key of a scene's family: all of the scene but the material, the bands and the albedo.
 
         A scene with surroundings is a family of its own, `room`. Surfaces in a `pattern` have a
         roughness and a body each, `parts`; `alpha` and `body` are then those of the first. A
-        `measured` material has neither; what methods are told of its index changes no render.
+        `measured` material has neither, and the index that methods are given changes no render.
         """
         surface = scene.surface
         if isinstance(surface, Measured):

@@ -1,4 +1,4 @@
-"""render(scene) -> Truth, by Mitsuba or from the Torrance-Sparrow formulas."""
+"""Render one scene, by Mitsuba or from the Torrance-Sparrow formulas."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from malus.scenes.scene import Sampling, Scene
 
 
 def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mitsuba") -> Truth:
-    """The truth of one scene.
+    """Render the truth of one scene.
 
     Parameters
     ----------
     scene : Scene
     sampling : Sampling, optional
-        Samples a pixel and seed; the Torrance-Sparrow renderer has no use for it.
+        Samples a pixel and seed; the Torrance-Sparrow renderer ignores it.
     renderer : 'mitsuba' or 'torrance-sparrow'
 
     Raises

@@ -1,4 +1,4 @@
-"""The paper's own ground truth, from the formulas and without Mitsuba.
+"""The paper's own ground truth: the Torrance-Sparrow formulas, without Mitsuba.
 
 Source: Torrance and Sparrow, "Theory for off-specular reflection from roughened surfaces",
 JOSA 57 (1967), with the facet distribution of Cook and Torrance, "A reflectance model for computer
@@ -10,31 +10,30 @@ would not see their mistakes.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.truth import Truth
 from malus.scenes.camera import Camera
+from malus.scenes.core.arrays import BoolArray, Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.lights.lights import Distant
 from malus.scenes.polarisation import stokes_from_extremes
 from malus.scenes.scene import Scene
 from malus.scenes.shapes.shapes import Sphere
 
-Floats = NDArray[np.float64]
-
 VIEWER = np.array([0.0, 0.0, 1.0])
+"""Direction to the orthographic camera in the image frame."""
 
 
 def render_torrance_sparrow(
-    scene: Scene, normals: Floats | None = None, mask: NDArray[np.bool_] | None = None
+    scene: Scene, normals: Float64Array | None = None, mask: BoolArray | None = None
 ) -> Truth:
-    """The truth of a sphere, or of any normal map, under a distant light.
+    """Render a sphere, or any normal map, under a distant light.
 
     Parameters
     ----------
     scene : Scene
-        Its shape is a sphere, unless `normals` are given; its light is distant, its body
-        unpolarised (Lambertian).
+        With a distant light, an unpolarised (Lambertian) body, and a sphere as its shape unless
+        `normals` are given.
     normals : (height, width, 3), optional
         Unit normals of the object in the image frame; replaces the scene's shape.
     mask : (height, width) bool, optional
@@ -52,7 +51,7 @@ def render_torrance_sparrow(
     >>> bool(render_torrance_sparrow(scene).image[4, 4, 0] > 0)
     True
     """
-    light = _checked(scene, normals)
+    light = _checked_light(scene, normals)
     if normals is None:
         normals, mask = sphere_normals(scene.camera)
     if mask is None:
@@ -76,11 +75,12 @@ def render_torrance_sparrow(
     diffuse = np.zeros_like(specular)
     albedo = scene.surface.albedos(scene.wavelengths_nm)
     diffuse[..., 0] = np.where(lit, albedo / np.pi * light.irradiance * n_l, 0.0)
-    none = np.zeros_like(specular)
-    return Truth(scene, specular, diffuse, normals, mask, none, none, none)
+    no_noise = np.zeros_like(specular)
+    return Truth(scene, specular, diffuse, normals, mask, no_noise, no_noise, no_noise)
 
 
-def _checked(scene: Scene, normals: Floats | None) -> Distant:
+def _checked_light(scene: Scene, normals: Float64Array | None) -> Distant:
+    """The scene's light; raises InputError for a scene that the formulas do not cover."""
     hint = "use the mitsuba renderer for this scene"
     where = f"scene {scene.id}, torrance-sparrow renderer"
     if normals is None and not isinstance(scene.shape, Sphere):
@@ -99,10 +99,10 @@ def _checked(scene: Scene, normals: Floats | None) -> Distant:
     return light
 
 
-def sphere_normals(camera: Camera) -> tuple[Floats, NDArray[np.bool_]]:
+def sphere_normals(camera: Camera) -> tuple[Float64Array, BoolArray]:
     """Normals (height, width, 3) of the unit sphere at the pixels' centres, and its mask.
 
-    A pixel belongs to the mask where its corner that lies farthest out is still on the sphere.
+    A pixel belongs to the mask where even its outermost corner is on the sphere.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def sphere_normals(camera: Camera) -> tuple[Floats, NDArray[np.bool_]]:
     return np.where(mask[..., None], np.stack([x, y, z], axis=-1), 0.0), mask
 
 
-def fresnel(cos_incidence: float, eta: Floats) -> tuple[Floats, Floats]:
+def fresnel(cos_incidence: float, eta: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Fresnel reflectances (perpendicular, parallel) of a dielectric, η > 1.
 
     Examples
@@ -132,7 +132,7 @@ def fresnel(cos_incidence: float, eta: Floats) -> tuple[Floats, Floats]:
     return perpendicular**2, parallel**2
 
 
-def masking(n_h: Floats, n_v: Floats, n_l: Floats, v_h: float) -> Floats:
+def masking(n_h: Float64Array, n_v: Float64Array, n_l: Float64Array, v_h: float) -> Float64Array:
     """Torrance and Sparrow's V-cavity term G = min(1, 2 N·H N·V / V·H, 2 N·H N·L / V·H).
 
     Examples
@@ -143,16 +143,16 @@ def masking(n_h: Floats, n_v: Floats, n_l: Floats, v_h: float) -> Floats:
     return np.minimum(1.0, 2.0 * n_h * np.minimum(n_v, n_l) / v_h)
 
 
-def _beckmann(n_h: Floats, alpha: float) -> Floats:
-    """Distribution of facet normals, 1/sr; zero on the far side."""
+def _beckmann(n_h: Float64Array, alpha: float) -> Float64Array:
+    """Beckmann's distribution of facet normals, 1/sr; zero for facets that face away."""
     facing = n_h > 1e-6
     squared = np.where(facing, n_h, 1.0) ** 2
     tan2 = (1.0 - squared) / squared
-    result: Floats = np.where(
+    result: Float64Array = np.where(
         facing, np.exp(-tan2 / alpha**2) / (np.pi * alpha**2 * squared**2), 0.0
     )
     return result
 
 
-def _unit(vector: Floats) -> Floats:
+def _unit(vector: Float64Array) -> Float64Array:
     return vector / np.linalg.norm(vector)

@@ -1,50 +1,48 @@
-"""The truth about a scene: what a perfect polarisation camera would have measured."""
+"""The truth of a scene: the image of a perfect polarisation camera, with both lobes apart."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.scenes import polarisation
+from malus.scenes.core.arrays import BoolArray, FloatArray, NumberArray
 from malus.scenes.scene import Scene
-
-Image = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Stokes images of one scene, lobes apart, with their Monte Carlo errors.
+    """Stokes images of one scene, for the specular and the diffuse lobe, and their noise.
 
     Attributes
     ----------
     scene : Scene
     specular, diffuse : (height, width, bands, 3)
-        Linear Stokes images of the light mirrored by the interface and of the light that left the
+        Linear Stokes images of the light reflected at the surface and of the light that left the
         body, in W m⁻² sr⁻¹ nm⁻¹ under lights of the scene's radiance. Their sum is the image.
-        Unless `scene.lobes_known`, all of the light stands in `specular`.
+        Unless `scene.lobes_known`, `specular` holds all of the light.
     normals : (height, width, 3)
         Mean unit shading normals in the image frame; zero off the object.
     mask : (height, width) bool
         Pixels that the object covers entirely.
     standard_error : (height, width, bands, 3)
-        Of the sum of both lobes, one standard deviation; among several objects from the variances
-        of neighbouring pixels too (`malus.renderers.mitsuba.pooled`).
+        Standard error of the sum of both lobes; among several objects the variances of
+        neighbouring pixels enter too (`malus.renderers.mitsuba.pooled`).
     specular_noise, diffuse_noise : (height, width, bands, 3)
         Half the difference of two independent half renders: one draw of the error of `specular`
-        and `diffuse`. What a method makes of it is the noise of its score.
+        and `diffuse`. Passed through a method, it gives the noise of the method's score.
     interpolation_error : dict
-        Of the family in η, over the image's peak: 'rms' and 'worst' of a held-out render.
+        Error of interpolating the family in η, over the image's peak: 'rms' and 'worst' of a
+        held-out render.
     samples : int or None
-        Samples a pixel, where a target of the sampling decided how many.
+        Samples a pixel, where the target of the sampling decided the number.
     eta_map : (height, width, bands) or None
-        Relative refractive index where it varies over the image, complex where any is. None:
-        everywhere that of the scene's surface. `eta` is one or the other.
+        Relative refractive index where it varies over the image, complex if any is. None where it
+        is that of the scene's surface everywhere. `eta` returns the one that applies.
     alpha_map : (height, width) or None
-        Beckmann roughness where it varies over the image, likewise; `alpha`.
+        Beckmann roughness where it varies over the image, likewise; `alpha` returns it.
 
     Examples
     --------
@@ -58,53 +56,53 @@ class Truth:
     """
 
     scene: Scene
-    specular: Image
-    diffuse: Image
-    normals: Image
-    mask: NDArray[np.bool_]
-    standard_error: Image
-    specular_noise: Image
-    diffuse_noise: Image
+    specular: FloatArray
+    diffuse: FloatArray
+    normals: FloatArray
+    mask: BoolArray
+    standard_error: FloatArray
+    specular_noise: FloatArray
+    diffuse_noise: FloatArray
     interpolation_error: dict[str, float] = field(default_factory=dict)
     samples: int | None = None
-    eta_map: NDArray[np.inexact[Any]] | None = None
-    alpha_map: Image | None = None
+    eta_map: NumberArray | None = None
+    alpha_map: FloatArray | None = None
 
     @property
-    def eta(self) -> NDArray[np.inexact[Any]]:
+    def eta(self) -> NumberArray:
         """Relative refractive index, (bands,) or (height, width, bands); complex for metals.
 
-        NaN where it is not known.
+        NaN where it is unknown.
         """
         return self.scene.eta if self.eta_map is None else self.eta_map
 
     @property
-    def alpha(self) -> float | Image:
-        """Beckmann roughness, one number or (height, width); NaN where it is not known."""
+    def alpha(self) -> float | FloatArray:
+        """Beckmann roughness, one number or (height, width); NaN where it is unknown."""
         alpha = self.scene.surface.alpha if self.alpha_map is None else self.alpha_map
         return math.nan if alpha is None else alpha
 
     @property
-    def stokes(self) -> Image:
-        """Stokes image (height, width, bands, 3) of the light of both lobes."""
+    def stokes(self) -> FloatArray:
+        """Stokes image (height, width, bands, 3) of both lobes together."""
         return self.specular + self.diffuse
 
     @property
-    def image(self) -> Image:
-        """The unpolarised image (height, width, bands) that an ordinary camera takes."""
+    def image(self) -> FloatArray:
+        """Unpolarised image (height, width, bands), as an ordinary camera takes it."""
         return self.specular[..., 0] + self.diffuse[..., 0]
 
     @property
-    def view_direction(self) -> Image | None:
+    def view_direction(self) -> FloatArray | None:
         """Unit vectors (height, width, 3) towards the camera in the image frame.
 
         None for an orthographic camera: (0, 0, 1) everywhere.
         """
-        view = self.scene.camera.view_directions()
-        return None if view is None else view.astype(self.normals.dtype)
+        directions = self.scene.camera.view_directions()
+        return None if directions is None else directions.astype(self.normals.dtype)
 
-    def polarised(self, angle_deg: float) -> Image:
-        """The image (height, width, bands) through a polariser, angle from the vertical."""
+    def polarised(self, angle_deg: float) -> FloatArray:
+        """Image (height, width, bands) through a polariser at an angle from the vertical."""
         return polarisation.polarised(self.stokes, angle_deg)
 
     def halves(self) -> tuple[Truth, Truth]:
@@ -112,6 +110,7 @@ class Truth:
         return self._shifted(1.0), self._shifted(-1.0)
 
     def _shifted(self, sign: float) -> Truth:
+        """The truth of the first (sign 1) or the second (sign -1) half of the samples."""
         # An independent half has twice the variance of the mean of two.
         return replace(
             self,

@@ -1,4 +1,4 @@
-"""Which Mitsuba variant can run here, decided without risking this process.
+"""Choose the Mitsuba variant that can run here, without risking this process.
 
 Dr.Jit loads the first libLLVM it finds; versions 14 to 16 abort the process at the first render.
 Every candidate therefore renders the short form of `self_check` in a subprocess, and
@@ -64,16 +64,16 @@ def llvm_version(path: Path) -> int | None:
     (14, 19)
     """
     for name in (path.name, path.resolve().name):
-        found = re.search(r"libLLVM(?:-|\.so\.|\.)(\d+)", name)
-        if found:
-            return int(found.group(1))
+        match = re.search(r"libLLVM(?:-|\.so\.|\.)(\d+)", name)
+        if match:
+            return int(match.group(1))
     return None
 
 
 def installed_llvm() -> list[Path]:
     """Every libLLVM in the usual places, newest first.
 
-    `DRJIT_LIBLLVM_PATH`, when set, is the only place: the user chose.
+    `DRJIT_LIBLLVM_PATH`, where it is set, is the only one.
     """
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     if chosen:
@@ -82,8 +82,8 @@ def installed_llvm() -> list[Path]:
         folders = [Path(f) for f in _LLVM_FOLDERS] + sorted(Path("/usr/lib").glob("llvm-*/lib"))
         names = ("libLLVM*.so*", "libLLVM*.dylib")
         paths = {p.resolve() for f in folders for name in names for p in f.glob(name)}
-    found = [p for p in paths if p.is_file()]
-    return sorted(found, key=lambda p: (llvm_version(p) or 0, str(p)), reverse=True)
+    files = [p for p in paths if p.is_file()]
+    return sorted(files, key=lambda p: (llvm_version(p) or 0, str(p)), reverse=True)
 
 
 def llvm_candidates() -> list[Path]:
@@ -101,18 +101,18 @@ def _probe(variant: str, llvm: Path | None) -> bool:
     stamp = f"{llvm}:{llvm.stat().st_mtime_ns}" if llvm else _driver()
     made_by = f"mitsuba {version('mitsuba')}|malus {version('malus')}"
     key = f"{variant}|{stamp}|{made_by}|{sys.executable}"
-    known = _read_cache()
-    if key not in known:
-        found = _self_check_in_subprocess(variant, str(llvm) if llvm else "")
-        if found is None:
+    answers = _read_cache()
+    if key not in answers:
+        passed = _self_check_in_subprocess(variant, str(llvm) if llvm else "")
+        if passed is None:
             return False
-        known[key] = found
-        _write_cache(known)
-    return known[key]
+        answers[key] = passed
+        _write_cache(answers)
+    return answers[key]
 
 
 def _driver() -> str:
-    """Version of NVIDIA's driver, where Linux tells it: another one may work."""
+    """Version of NVIDIA's driver, where Linux tells it: with a new one the probe is repeated."""
     try:
         return Path("/proc/driver/nvidia/version").read_text("utf-8").splitlines()[0]
     except (OSError, ValueError, IndexError):
@@ -122,7 +122,7 @@ def _driver() -> str:
 def _self_check_in_subprocess(variant: str, llvm: str) -> bool | None:
     """Whether small renders come out right; None where they did not end, as on a busy machine."""
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-m", "malus.renderers.self_check", variant, llvm],
             capture_output=True,
             text=True,
@@ -131,24 +131,24 @@ def _self_check_in_subprocess(variant: str, llvm: str) -> bool | None:
         )
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return done.returncode == 0 and "usable" in done.stdout
+    return process.returncode == 0 and "usable" in process.stdout
 
 
 def _read_cache() -> dict[str, bool]:
     try:
-        known = json.loads(_cache_file().read_text("utf-8"))
+        answers = json.loads(_cache_file().read_text("utf-8"))
     except (OSError, ValueError):
         return {}
-    return known if isinstance(known, dict) else {}
+    return answers if isinstance(answers, dict) else {}
 
 
-def _write_cache(known: dict[str, bool]) -> None:
-    """Remember; a home that cannot be written costs a second a run, no more."""
+def _write_cache(answers: dict[str, bool]) -> None:
+    """Store the answers; where the cache cannot be written, every run probes for a second."""
     path = _cache_file()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
-            json.dump(known, file)
+            json.dump(answers, file)
         os.replace(file.name, path)
     except OSError:
         return
@@ -199,14 +199,14 @@ def choose(backend: str = "auto") -> Variant:
         return Variant(SCALAR, "asked for")
     if backend not in BACKENDS:
         raise InputError("backend", "auto, cuda, llvm or scalar", backend, "choose one of these")
-    found = _cuda() if backend == "cuda" else _llvm()
-    if found is None:
+    variant = _cuda() if backend == "cuda" else _llvm()
+    if variant is None:
         raise InputError("backend", f"a working {backend}", "none", "`malus doctor` says more")
-    return found
+    return variant
 
 
 def mitsuba(variant: Variant) -> ModuleType:
-    """Mitsuba with `variant` active; the only place in malus that imports it for rendering."""
+    """Import Mitsuba and activate `variant`; no other module imports it for rendering."""
     if "mitsuba" in sys.modules:
         import mitsuba as mi
     else:

@@ -1,4 +1,7 @@
-"""What to look at: plain frozen data and the conventions. Imports no folder beside it."""
+"""Scenes as frozen data, suites of them, and the conventions of polarisation.
+
+Imports no package beside it.
+"""
 
 from malus.scenes.camera import Camera
 from malus.scenes.core.errors import InputError

@@ -1,4 +1,4 @@
-"""Cameras, and the frame of the images that they take."""
+"""Cameras, and the frame of their images."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import math
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 
-Floats = NDArray[np.float64]
 HALF_WIDTH = 1.05
+"""Half the width of an orthographic image by default: the unit sphere and a margin."""
 
 
 def _is(default: Any) -> Any:
-    """Keys at their default are left out of the content: scenes that lack them keep their id."""
+    """Condition that leaves a key at its default out: scenes without the key keep their id."""
     return lambda value: value == default
 
 
@@ -26,7 +26,7 @@ class Camera(Model):
     Attributes
     ----------
     resolution : pixels of a side
-    half_width : half the width of what an `orthographic` camera sees
+    half_width : half the width of the image of an `orthographic` camera, in scene units
     projection : 'orthographic' or 'perspective'
     fov_deg : horizontal field of view of a `perspective` camera, from edge to edge
     distance : from the pinhole of a `perspective` camera to the origin; objects have radius 1
@@ -53,17 +53,17 @@ class Camera(Model):
 
     @model_validator(mode="after")
     def _one_projection(self) -> Self:
-        given = [self.fov_deg is not None, self.distance is not None]
-        if self.projection == "perspective" and not all(given):
+        perspective_keys = [self.fov_deg is not None, self.distance is not None]
+        if self.projection == "perspective" and not all(perspective_keys):
             raise ValueError("fov_deg and distance of a perspective camera")
         if self.projection == "perspective" and self.half_width != HALF_WIDTH:
             raise ValueError("no half_width, but fov_deg and distance, of a perspective camera")
-        if self.projection == "orthographic" and any(given):
+        if self.projection == "orthographic" and any(perspective_keys):
             raise ValueError('fov_deg and distance only with projection = "perspective"')
         return self
 
     @property
-    def axes(self) -> Floats:
+    def axes(self) -> Float64Array:
         """The image frame's x, y and z in world coordinates, the rows of a (3, 3) rotation.
 
         Examples
@@ -94,8 +94,8 @@ class Camera(Model):
             math.sqrt(0.5) if self.resolution % 2 else math.sqrt(2)
         )
 
-    def view_directions(self) -> Floats | None:
-        """Unit vectors (height, width, 3) from what a pixel's centre sees towards the camera.
+    def view_directions(self) -> Float64Array | None:
+        """Unit vectors (height, width, 3) towards the camera from the point at each pixel's centre.
 
         In the image frame; None for an orthographic camera: (0, 0, 1) everywhere.
 
@@ -111,5 +111,5 @@ class Camera(Model):
         across = edge * ((2.0 * np.arange(self.resolution) + 1.0) / self.resolution - 1.0)
         x, y = np.meshgrid(across, -across)
         toward = np.stack([0.0 - x, 0.0 - y, np.ones_like(x)], axis=-1)
-        result: Floats = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
+        result: Float64Array = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
         return result

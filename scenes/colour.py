@@ -1,33 +1,77 @@
-"""Colour of narrow bands: CIELAB, colour differences, and linear sRGB for previews."""
+"""Colour of narrow bands and of linear sRGB: CIELAB, colour differences, previews.
+
+An integral over wavelength is a sum over the bands' centres, each band as wide as its cell: half
+the way to its neighbours. Bands show a colour through the CIE 1931 2° colour matching functions,
+under light of a flat spectrum.
+"""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.scenes import polarisation
+from malus.scenes.core.arrays import Float32Array, Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
-
-Floats = NDArray[np.float64]
-
-
-Image = NDArray[np.floating[Any]]
-
 
 JUST_NOTICEABLE = 2.3
 """ΔE76 of one just noticeable difference (Mahy, Van Eycken and Oosterlinck, Color Research and
 Application 19, 1994)."""
 
-
 _OBSERVER = "CIE 1931 2 Degree Standard Observer"
+_FAINT = 1e-3
+"""Least sum of a colour matching function over the bands: bands below it show no such colour."""
+
+DifferenceMaps = Iterator[tuple[str, float | None, Float64Array]]
+"""Suffix of a column, polariser angle in degrees or None, and differences (pixels,)."""
 
 
-def band_weights(wavelengths_nm: tuple[float, ...]) -> Floats:
+def matching_functions(
+    wavelengths_nm: tuple[float, ...], between: Literal["linear", "sprague"] = "linear"
+) -> Float64Array:
+    """Colour matching functions x̄, ȳ, z̄ at wavelengths in nm, shape (bands, 3).
+
+    The table has a row every nanometre from 360 to 830 nm; elsewhere the functions are zero.
+    `between` two rows either straight lines or the polynomials that the CIE recommends are taken.
+
+    Examples
+    --------
+    >>> matching_functions((555.0, 1000.0))[:, 1].tolist()
+    [1.0, 0.0]
+    """
+    # colour-science takes a second to import, and most of malus never needs it.
+    import colour
+
+    observer = colour.MSDS_CMFS[_OBSERVER]
+    wavelengths = np.asarray(wavelengths_nm, dtype=np.float64)
+    table_nm = observer.wavelengths
+    # Outside its table colour-science extrapolates.
+    visible = (wavelengths >= table_nm[0]) & (wavelengths <= table_nm[-1])
+    responses = np.zeros((len(wavelengths), 3))
+    if between == "sprague":
+        responses[visible] = observer[wavelengths[visible]]
+        return responses
+    for axis, values in enumerate(observer.values.T):
+        responses[visible, axis] = np.interp(wavelengths[visible], table_nm, values)
+    return responses
+
+
+def cell_widths(wavelengths_nm: tuple[float, ...]) -> Float64Array:
+    """Width of the cell of each band in nm, shape (bands,); 1 for a single band.
+
+    Examples
+    --------
+    >>> cell_widths((400.0, 500.0, 700.0)).tolist()
+    [100.0, 150.0, 200.0]
+    """
+    return np.gradient(wavelengths_nm) if len(wavelengths_nm) > 1 else np.ones(1)
+
+
+def band_weights(wavelengths_nm: tuple[float, ...]) -> Float64Array:
     """What one unit of radiance in each band adds to X, Y, Z; a flat white has Y = 100.
 
     Returns
@@ -44,17 +88,7 @@ def band_weights(wavelengths_nm: tuple[float, ...]) -> Floats:
     >>> round(float(band_weights((450.0, 550.0, 650.0))[:, 1].sum()), 9)
     100.0
     """
-    import colour
-
-    observer = colour.MSDS_CMFS[_OBSERVER]
-    centres = np.asarray(wavelengths_nm, dtype=np.float64)
-    inside = (centres >= observer.wavelengths[0]) & (centres <= observer.wavelengths[-1])
-    matching = np.zeros((len(centres), 3))
-    for axis in range(3):
-        found = np.interp(centres, observer.wavelengths, observer.values[:, axis])
-        matching[:, axis] = np.where(inside, found, 0.0)
-    widths = np.gradient(centres) if len(centres) > 1 else np.ones(1)
-    weights = matching * widths[:, None]
+    weights = matching_functions(wavelengths_nm) * cell_widths(wavelengths_nm)[:, None]
     white = float(weights[:, 1].sum())
     if not white > 0.0:
         raise InputError(
@@ -63,8 +97,8 @@ def band_weights(wavelengths_nm: tuple[float, ...]) -> Floats:
     return np.asarray(100.0 * weights / white)
 
 
-def lab(radiance: Image, weights: Floats) -> Floats:
-    """CIELAB (..., 3) of radiance (..., bands) over that of white.
+def lab(radiance: FloatArray, weights: Float64Array) -> Float64Array:
+    """CIELAB (..., 3) of radiance (..., bands) over that of white; `weights` of `band_weights`.
 
     Examples
     --------
@@ -76,13 +110,19 @@ def lab(radiance: Image, weights: Floats) -> Floats:
     # Negative radiance is a violation and counted as such; it looks black.
     xyz = np.maximum(radiance.astype(np.float64), 0.0) @ weights / 100.0
     white = weights.sum(axis=0) / 100.0
-    found = colour.XYZ_to_Lab(xyz, colour.XYZ_to_xy(white))
+    coordinates = colour.XYZ_to_Lab(xyz, colour.XYZ_to_xy(white))
     # Zero up to the rounding of the chromaticity's round trip.
-    return np.asarray(found, dtype=np.float64) + 0.0
+    return np.asarray(coordinates, dtype=np.float64) + 0.0
 
 
-def lab_of_linear_srgb(linear: Image, white: float) -> Floats:
-    """CIELAB (..., 3) of linear sRGB (..., 1 or 3) over the radiance of white."""
+def lab_of_linear_srgb(linear: FloatArray, white: float) -> Float64Array:
+    """CIELAB (..., 3) of linear sRGB (..., 1 or 3) over the radiance of white.
+
+    Examples
+    --------
+    >>> lab_of_linear_srgb(np.array([0.5]), 0.5).round(1).tolist()[0]
+    100.0
+    """
     import colour
 
     rgb = np.broadcast_to(np.clip(linear / white, 0, None), (*linear.shape[:-1], 3))
@@ -91,12 +131,12 @@ def lab_of_linear_srgb(linear: Image, white: float) -> Floats:
     return np.asarray(colour.XYZ_to_Lab(xyz, space.whitepoint))
 
 
-Maps = Iterator[tuple[str, float | None, Floats]]
-
-
 def delta_e_maps(
-    estimated: Image, true: Image, wavelengths_nm: tuple[float, ...], method: str = "CIE 1976"
-) -> Maps:
+    estimated: FloatArray,
+    true: FloatArray,
+    wavelengths_nm: tuple[float, ...],
+    method: str = "CIE 1976",
+) -> DifferenceMaps:
     """Colour difference (pixels,) of I_max, I_min and every I(ϑ).
 
     Parameters
@@ -110,64 +150,65 @@ def delta_e_maps(
     Yields
     ------
     (suffix, polariser angle in degrees or None, (pixels,) differences)
+
+    Raises
+    ------
+    InputError
+        If no band is visible.
+
+    Examples
+    --------
+    >>> stokes = np.full((4, 3, 3), 0.2)
+    >>> [suffix for suffix, angle, _ in delta_e_maps(stokes, stokes, (450.0, 550.0, 650.0))][:3]
+    ['_i_max', '_i_min', '']
     """
     import colour
 
     weights = band_weights(wavelengths_nm)
-    for suffix, angle, image in _images():
+    for suffix, angle, image in _compared_images():
         pair = (lab(image(stokes), weights) for stokes in (true, estimated))
         yield suffix, angle, np.asarray(colour.delta_E(*pair, method=method))
 
 
-def _images() -> Iterator[tuple[str, float | None, Callable[[Image], Image]]]:
+def _compared_images() -> Iterator[tuple[str, float | None, Callable[[FloatArray], FloatArray]]]:
+    """Suffix, angle and function of Stokes vectors of every image whose colours are compared."""
     yield "_i_max", None, lambda stokes: polarisation.extremes(stokes)[0]
     yield "_i_min", None, lambda stokes: polarisation.extremes(stokes)[1]
     for angle in PAPER_ANGLES_DEG:
         yield "", angle, functools.partial(polarisation.polarised, angle_deg=angle)
 
 
-_FAINT = 1e-3
-"""Least sum of a colour matching function over the bands: bands below it show no such colour."""
-
-
-def preview(image: Image, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float32]:
+def preview(image: FloatArray, wavelengths_nm: tuple[float, ...]) -> Float32Array:
     """Linear sRGB (height, width, 3) of radiances (height, width, bands).
 
-    The bands are integrated with the CIE 1931 2° colour matching functions, scaled so that a flat
-    spectrum is the equal-energy white, which Bradford adaptation turns into the white of sRGB.
-    Bands that cannot show all colours (fewer than three, or invisible ones) give grey. Values
-    are not clipped: a preview in an OpenEXR file is linear and may leave the gamut.
+    The matching functions are scaled so that a flat spectrum is the equal-energy white, which
+    Bradford adaptation turns into the white of sRGB. Bands that cannot show all colours (fewer
+    than three, or invisible ones) give grey. Values are not clipped: a preview in an OpenEXR file
+    is linear and may leave the gamut.
 
     Examples
     --------
     >>> preview(np.full((1, 1, 3), 0.5), (450.0, 550.0, 650.0)).round(2).tolist()
     [[[0.5, 0.5, 0.5]]]
     """
-    weights = _weights(wavelengths_nm)
-    result: NDArray[np.float32] = np.asarray(image @ weights, dtype=np.float32)
-    return result
+    return np.asarray(image @ _srgb_weights(wavelengths_nm), dtype=np.float32)
 
 
 @functools.lru_cache(maxsize=16)
-def _weights(wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+def _srgb_weights(wavelengths_nm: tuple[float, ...]) -> Float64Array:
     """Matrix (bands, 3) from radiances to linear sRGB; a flat spectrum becomes white."""
     bands = len(wavelengths_nm)
     grey = np.full((bands, 3), 1.0 / bands)
     if bands < 3:
         return grey
-    # colour-science takes a second to import, and most of malus never needs it.
     import colour
 
-    # The observer has some response in 360 to 830 nm only; outside it the table extrapolates.
-    wavelengths = np.asarray(wavelengths_nm)
-    visible = (wavelengths >= 360.0) & (wavelengths <= 830.0)
-    observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    responses = np.zeros((bands, 3))
-    responses[visible] = observer[wavelengths[visible]]
-    responses *= np.gradient(wavelengths)[:, None]
+    # Previews are files: the smoother interpolation is the one that they were written with.
+    responses = matching_functions(wavelengths_nm, between="sprague")
+    responses *= cell_widths(wavelengths_nm)[:, None]
     sums = responses.sum(axis=0)
     if sums.min() < _FAINT:
         return grey
-    white = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["E"]
+    white = colour.CCS_ILLUMINANTS[_OBSERVER]["E"]
     rgb = colour.XYZ_to_RGB(responses / sums, "sRGB", white, "Bradford")
     return np.asarray(rgb, dtype=np.float64)

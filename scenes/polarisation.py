@@ -14,44 +14,42 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating[Any]]
+from malus.scenes.core.arrays import Float64Array, FloatArray
 
 PAPER_ANGLES_DEG = (0.0, 30.0, 45.0, 60.0, 90.0)
 """The five polariser angles of the paper's synthetic experiment (Section IV)."""
 
 
-def viewing_frame(vectors: Array, view: Array) -> Array:
-    """Vectors of the image frame in the frame that a pixel's Stokes vector is measured in.
+def viewing_frame(vectors: FloatArray, view_direction: FloatArray) -> FloatArray:
+    """Vectors of the image frame in the frame of a pixel's Stokes vector.
 
-    Its z axis is the view v, its x axis the horizontal across the viewing ray: h = y × v
+    Its z axis is the view direction v, its x axis the horizontal across the viewing ray: h = y × v
     normalised, which is normalise(d × up) of the ray's direction d = −v; its y axis is v × h.
 
     Parameters
     ----------
-    vectors, view : (..., 3) arrays that broadcast
-        View: unit vectors from the surface towards the camera. For (0, 0, 1), as of an
+    vectors, view_direction : (..., 3) arrays that broadcast
+        View direction: unit vectors from the surface towards the camera. For (0, 0, 1), as of an
         orthographic camera, the frame is the image frame.
 
     Returns
     -------
-    (..., 3) array; NaN where the view is straight up or down, where no horizontal exists.
+    (..., 3) array; NaN where the view direction is straight up or down: no horizontal exists there.
 
     Examples
     --------
-    Left of the centre the camera stands to the right, so that what faces the image plane leans
-    to the left:
+    Left of the centre the camera stands to the right, so that a normal which faces the image
+    plane leans to the left:
 
-    >>> view = np.array([0.6, 0.0, 0.8])
-    >>> viewing_frame(np.array([0.0, 0.0, 1.0]), view).round(12).tolist()
+    >>> view_direction = np.array([0.6, 0.0, 0.8])
+    >>> viewing_frame(np.array([0.0, 0.0, 1.0]), view_direction).round(12).tolist()
     [-0.6, 0.0, 0.8]
     """
     x, y, z = (vectors[..., k] for k in range(3))
-    v_x, v_y, v_z = (view[..., k] for k in range(3))
+    v_x, v_y, v_z = (view_direction[..., k] for k in range(3))
     across = np.hypot(v_x, v_z)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         right = (x * v_z - z * v_x) / across
@@ -60,8 +58,8 @@ def viewing_frame(vectors: Array, view: Array) -> Array:
     return np.stack([right, up, toward], axis=-1)
 
 
-def polarised(stokes: Array, angle_deg: float) -> Array:
-    """Radiance seen through an ideal linear polariser, I(ϑ).
+def polarised(stokes: FloatArray, angle_deg: float) -> FloatArray:
+    """Radiance behind an ideal linear polariser, I(ϑ).
 
     Parameters
     ----------
@@ -90,7 +88,7 @@ def polarised(stokes: Array, angle_deg: float) -> Array:
         raise ValueError(f"angle_deg: expected a finite angle in degrees, found {angle_deg}")
     cos2, sin2 = _double_angle(angle_deg)
     dtype = stokes.dtype.type
-    result: Array = dtype(0.5) * (
+    result: FloatArray = dtype(0.5) * (
         stokes[..., 0] - dtype(cos2) * stokes[..., 1] - dtype(sin2) * stokes[..., 2]
     )
     return result
@@ -106,8 +104,8 @@ def _double_angle(angle_deg: float) -> tuple[float, float]:
 
 
 @functools.cache
-def angle_weights(angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> NDArray[np.float64]:
-    """Matrix A of the mean squared error over polariser angles, a quadratic form in Stokes.
+def angle_weights(angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> Float64Array:
+    """Matrix A (3, 3) that gives the mean squared error over polariser angles from Stokes errors.
 
     mean over ϑ of ΔI(ϑ)² = Δsᵀ A Δs, because I(ϑ) is linear in s: no image per angle is needed.
 
@@ -120,14 +118,13 @@ def angle_weights(angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> NDArray[n
     >>> round(float(angle_weights()[0, 0]), 3)
     0.25
     """
-    rows = [(0.5, -0.5 * c, -0.5 * s) for c, s in map(_double_angle, angles_deg)]
-    analyser = np.array(rows)
-    weights: NDArray[np.float64] = analyser.T @ analyser / len(angles_deg)
+    analyser = np.array([(0.5, -0.5 * c, -0.5 * s) for c, s in map(_double_angle, angles_deg)])
+    weights: Float64Array = analyser.T @ analyser / len(angles_deg)
     weights.flags.writeable = False  # shared by all callers
     return weights
 
 
-def polarised_intensity(stokes: Array) -> Array:
+def polarised_intensity(stokes: FloatArray) -> FloatArray:
     """√(s1² + s2²) of Stokes vectors (..., 3): the polarised part of the radiance.
 
     Examples
@@ -138,7 +135,7 @@ def polarised_intensity(stokes: Array) -> Array:
     return np.hypot(stokes[..., 1], stokes[..., 2])
 
 
-def extremes(stokes: Array) -> tuple[Array, Array]:
+def extremes(stokes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(I_max, I_min) of the Transmitted Radiance Sinusoid, ½ (s0 ± √(s1² + s2²)).
 
     Examples
@@ -152,7 +149,7 @@ def extremes(stokes: Array) -> tuple[Array, Array]:
     return half_total + half_polarised, half_total - half_polarised
 
 
-def phase(stokes: Array) -> Array:
+def phase(stokes: FloatArray) -> FloatArray:
     """ψ, the polariser angle of largest transmission: radians in [0, π), from the vertical.
 
     Examples
@@ -167,7 +164,7 @@ def phase(stokes: Array) -> Array:
     return _half_turn(0.5 * np.arctan2(0.0 - stokes[..., 2], 0.0 - stokes[..., 1]))
 
 
-def dolp(stokes: Array) -> Array:
+def dolp(stokes: FloatArray) -> FloatArray:
     """Degree of linear polarisation √(s1² + s2²) / s0, zero where s0 is not positive.
 
     Examples
@@ -180,7 +177,7 @@ def dolp(stokes: Array) -> Array:
     return np.divide(polarised_intensity(stokes), total, out=np.zeros_like(total), where=lit)
 
 
-def aolp(stokes: Array) -> Array:
+def aolp(stokes: FloatArray) -> FloatArray:
     """Angle of linear polarisation: radians in [0, π), anticlockwise from +x as displayed.
 
     Examples
@@ -191,13 +188,13 @@ def aolp(stokes: Array) -> Array:
     return _half_turn(0.5 * np.arctan2(stokes[..., 2], stokes[..., 1]))
 
 
-def _half_turn(angle: Array) -> Array:
-    """Angles modulo π; a tiny negative one would be rounded up to π, and is 0."""
+def _half_turn(angle: FloatArray) -> FloatArray:
+    """Angles modulo π, in [0, π): a tiny negative one, which rounding takes to π, becomes 0."""
     result = angle % np.pi
     return np.where(result < np.pi, result, result.dtype.type(0.0))
 
 
-def stokes_from_extremes(i_max: Array, i_min: Array, phase: Array) -> Array:
+def stokes_from_extremes(i_max: FloatArray, i_min: FloatArray, phase: FloatArray) -> FloatArray:
     """Stokes vectors (..., 3) of the sinusoid of the paper's Equation 1.
 
     Parameters

@@ -1,15 +1,14 @@
-"""A scene: what to look at, as plain frozen data."""
+"""A scene as frozen data: shape, surface, light, camera, bands and surroundings."""
 
 from __future__ import annotations
 
 import itertools
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from malus.scenes.camera import Camera
+from malus.scenes.core.arrays import NumberArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.lights.lights import Distant, Light, turned
@@ -19,7 +18,7 @@ from malus.scenes.shapes.shapes import Shape
 from malus.scenes.surroundings import Placed, Surroundings
 
 LEAST_INCIDENCE = 0.01
-"""Degrees between viewer and distant light that a measured material asks for."""
+"""Least angle in degrees between viewer and distant light for a measured material."""
 
 
 def _increasing(wavelengths_nm: tuple[float, ...]) -> tuple[float, ...]:
@@ -35,10 +34,10 @@ Wavelengths = Annotated[
 
 
 class Scene(Model):
-    """What to look at: shape, surface, light, camera and the centres of narrow bands in nm.
+    """One object under one light before a camera, with the centres of narrow bands in nm.
 
-    Shape and light stand in the world, whose axes are those of the image of a camera that is not
-    rolled.
+    Shape and light are given in world coordinates, whose axes are those of the image of a camera
+    that is not rolled. `surroundings` are further objects.
 
     Examples
     --------
@@ -61,7 +60,7 @@ class Scene(Model):
             placed.surface.albedos(self.wavelengths_nm)
             if self.surroundings and placed.surface.kind == "measured":
                 raise ValueError("measured surfaces only in scenes without surroundings")
-        # Where there is more to see than the own shape, that may be small.
+        # Among surroundings the scene's own shape may be small.
         if not (self.surroundings or self.camera.sees_the_object):
             hint = "use more resolution, or a camera that is nearer"
             raise InputError("camera", "an object that covers a pixel", "a smaller one", hint)
@@ -71,8 +70,8 @@ class Scene(Model):
     def _coordinates_of_the_shape(self) -> Self:
         for placed in self.objects:
             pattern = placed.surface.pattern if isinstance(placed.surface, Patterned) else None
-            own = isinstance(pattern, ImageTexture) and pattern.projection == "uv"
-            if own and placed.shape.kind != "mesh":
+            by_texture = isinstance(pattern, ImageTexture) and pattern.projection == "uv"
+            if by_texture and placed.shape.kind != "mesh":
                 raise ValueError('projection = "uv" only on mesh files')
         return self
 
@@ -87,41 +86,41 @@ class Scene(Model):
 
     @property
     def objects(self) -> tuple[Placed, ...]:
-        """All that is seen: the scene's own shape at the origin, and its surroundings."""
+        """All objects: the scene's own shape at the origin, then its surroundings."""
         own = Placed(shape=self.shape, surface=self.surface)
         return (own, *(self.surroundings.objects if self.surroundings else ()))
 
     @property
     def label(self) -> str:
-        """Name of what is seen, in tables."""
+        """Name of the shape and its surroundings in tables."""
         shape = self.shape.label
         return f"{shape} in {self.surroundings.name}" if self.surroundings else shape
 
     @property
-    def eta(self) -> NDArray[np.inexact[Any]]:
+    def eta(self) -> NumberArray:
         """Relative refractive index of every band, shape (bands,).
 
-        Complex for a conductor; NaN for a measured material whose index nobody told.
+        Complex for a conductor; NaN for a measured material of unknown index.
         """
         return self.surface.indices(self.wavelengths_nm)
 
     @property
     def lobes_known(self) -> bool:
-        """Whether mirrored light can be told from light that came from inside."""
+        """Whether specular and diffuse light can be told apart: not for a measured material."""
         return self.surface.kind != "measured"
 
     @property
     def light_in_image(self) -> Light:
-        """The light in the image frame: lights stay in the world when a camera is rolled."""
+        """The light in the image frame, turned against the roll of the camera."""
         return turned(self.light, -self.camera.roll_deg)
 
 
 class Sampling(Model):
-    """Monte Carlo effort: samples a pixel (even, for two independent halves) and the seed.
+    """Effort of a Monte Carlo render: samples a pixel (even, for two independent halves), seed.
 
     `max_depth` counts the straight pieces of a light path, as Mitsuba does, where a scene has
-    surroundings: 2 is light that met one object, 3 light that met two. Scenes of one object are
-    rendered at depth 2.
+    surroundings: 2 is light from one reflection, 3 from two. Scenes of one object are rendered at
+    depth 2.
 
     With a `target`, samples are added only until the noise is that small: the standard error of s1
     and s2, rms over the object's pixels and the bands, over the brightest pixel, in the noisiest

@@ -1,4 +1,8 @@
-"""A suite: axes whose product is the scenes, the methods to score, and the sampling."""
+"""Suites: lists of shapes, materials, lights, ... whose product is the scenes, and the methods.
+
+A suite is a TOML file; files that it names are found from its folder and become part of its id by
+their content.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ from typing import Any, Literal, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from malus.scenes.camera import Camera
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import digest_of
 from malus.scenes.core.registry import FolderName
@@ -25,28 +29,28 @@ from malus.scenes.materials.surface import Body, Surface
 from malus.scenes.scene import Sampling, Scene, Wavelengths
 from malus.scenes.shapes.patterns import ImageTexture
 from malus.scenes.shapes.shapes import MeshFile, Shape
-from malus.scenes.suite_surfaces import Finish, Index, Substance, coated
+from malus.scenes.suite_surfaces import RefractiveIndex, SuiteMaterial, SuiteSurface, scene_surface
 from malus.scenes.surroundings import Placed, Surroundings
 
 AnyShape = TypeVar("AnyShape", bound=Model)
 Renderer = Literal["mitsuba", "torrance-sparrow"]
 Knowledge = Literal["everything", "ladder"]
-"""Whether methods are told all that they need, or are also scored on every rung below that."""
+"""Whether methods get every input exactly, or are also scored on the ladder of estimated inputs."""
 
 MAX_SUITE_BYTES = 1 << 20
 MOST_SCENES = 10_000_000
-"""Of a suite: its axes multiply, and a plan holds every scene."""
+"""Most scenes of a suite: a plan holds every one of them in memory."""
 
 
-class Smaller(Model):
-    """Sizes for machines where only the scalar variant runs, ten times slower."""
+class ScalarSizes(Model):
+    """Smaller images and fewer samples where only the scalar variant runs, ten times slower."""
 
     samples: int = Field(ge=2, multiple_of=2)
     resolution: int = Field(ge=1)
 
     @property
     def note(self) -> str:
-        """What the description says where these sizes are used."""
+        """Note for the description when these sizes are used."""
         return (
             f"reduced to {self.resolution}² pixels and {self.samples} samples, because only the "
             "scalar variant runs here; `malus doctor` tells how to mend it"
@@ -54,7 +58,9 @@ class Smaller(Model):
 
 
 class Suite(Model):
-    """Axes whose product is the scenes; `"all"` stands for every material or surface known.
+    """Lists whose product is the scenes, and the methods and metrics that score them.
+
+    `"all"` as `materials` or `surfaces` stands for every one that malus brings.
 
     Examples
     --------
@@ -65,8 +71,8 @@ class Suite(Model):
     name: FolderName = Field(min_length=1, max_length=100)
     description: str = ""
     shapes: tuple[Shape, ...] = Field(min_length=1)
-    materials: tuple[Substance, ...] = Field(min_length=1)
-    surfaces: tuple[Finish, ...] = Field(min_length=1)
+    materials: tuple[SuiteMaterial, ...] = Field(min_length=1)
+    surfaces: tuple[SuiteSurface, ...] = Field(min_length=1)
     lights: tuple[Light, ...] = Field(min_length=1)
     bodies: tuple[Body, ...] = Field(default=("unpolarised",), min_length=1)
     surroundings: tuple[Surroundings, ...] = Field(default=(), exclude_if=lambda value: not value)
@@ -74,10 +80,12 @@ class Suite(Model):
     methods: tuple[str, ...] = Field(min_length=1)
     metrics: tuple[str, ...] = ()
     renderer: Renderer = "mitsuba"
-    knowledge: Knowledge = Field(default="everything", exclude_if=lambda told: told == "everything")
+    knowledge: Knowledge = Field(
+        default="everything", exclude_if=lambda knowledge: knowledge == "everything"
+    )
     camera: Camera = Camera()
     sampling: Sampling = Sampling()
-    scalar: Smaller | None = None
+    scalar: ScalarSizes | None = None
 
     @field_validator("materials", mode="before")
     @classmethod
@@ -96,27 +104,28 @@ class Suite(Model):
         if count > MOST_SCENES:
             raise ValueError(f"at most {MOST_SCENES:,} scenes, which are {count:,} here")
         # Every item once is enough, and stays quick where the axes multiply to very many.
-        materials = ((substance, self.surfaces[0]) for substance in self.materials)
-        surfaces = ((Index(eta=1.5), finish) for finish in self.surfaces)
-        for substance, finish in itertools.chain(materials, surfaces):
+        materials = ((material, self.surfaces[0]) for material in self.materials)
+        surfaces = ((RefractiveIndex(eta=1.5), surface) for surface in self.surfaces)
+        for material, surface in itertools.chain(materials, surfaces):
             for surroundings in axes[1]:
-                own = coated(substance, finish, self.bodies[0])
-                scene = self._scene(self.shapes[0], surroundings, self.lights[0], own)
+                made_of = scene_surface(material, surface, self.bodies[0])
+                scene = self._scene(self.shapes[0], surroundings, self.lights[0], made_of)
                 for placed in scene.objects:
                     placed.surface.indices(self.wavelengths_nm)
         return self
 
     def scenes(self) -> Iterator[Scene]:
-        """Every scene, in an order that keeps scenes of one family of renders together."""
+        """All distinct scenes, those of one family of renders one after another."""
         around = self.surroundings or (None,)
         families = itertools.product(self.shapes, around, self.lights, self.surfaces, self.bodies)
-        seen = set()
-        for shape, surroundings, light, rough, body in families:
-            for substance in self.materials:
-                scene = self._scene(shape, surroundings, light, coated(substance, rough, body))
-                # A metal has no body, so that its scene is the same for every one.
-                if scene not in seen:
-                    seen.add(scene)
+        yielded = set()
+        for shape, surroundings, light, surface, body in families:
+            for material in self.materials:
+                made_of = scene_surface(material, surface, body)
+                scene = self._scene(shape, surroundings, light, made_of)
+                # A metal has no body: its scene is the same for every body.
+                if scene not in yielded:
+                    yielded.add(scene)
                     yield scene
 
     def _scene(
@@ -161,26 +170,26 @@ def load_suite(name_or_path: str | Path) -> Suite:
     'quick'
     """
     text, where = _suite_text(name_or_path)
-    try:
+    with reading(where, "a TOML file", "correct the syntax"):
         data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(where, "a TOML file", str(error), "correct the syntax") from None
     suite = Suite.parse(data, where)
     code = [name for name in suite.methods if ":" in name]
     if code:
         hint = "code is named on the command line: --method package.module:object"
         raise InputError(f"{where}, key methods", "names of methods", code[0], hint)
     folder = Path(where).parent
-    shapes = tuple(_mesh_file(shape, folder) for shape in suite.shapes)
-    lights = tuple(_map_file(light, folder) for light in suite.lights)
-    finishes = tuple(_painted(finish, folder) for finish in suite.surfaces)
-    substances = tuple(_table_file(one, folder, suite.wavelengths_nm) for one in suite.materials)
-    around = tuple(_files_around(surroundings, folder) for surroundings in suite.surroundings)
-    files = {"shapes": shapes, "materials": substances, "lights": lights, "surfaces": finishes}
+    shapes = tuple(_with_mesh(shape, folder) for shape in suite.shapes)
+    lights = tuple(_with_map(light, folder) for light in suite.lights)
+    surfaces = tuple(_with_picture(surface, folder) for surface in suite.surfaces)
+    bands = suite.wavelengths_nm
+    materials = tuple(_with_measured_table(item, folder, bands) for item in suite.materials)
+    around = tuple(_with_files(surroundings, folder) for surroundings in suite.surroundings)
+    files = {"shapes": shapes, "materials": materials, "lights": lights, "surfaces": surfaces}
     return suite.model_copy(update=files | {"surroundings": around})
 
 
 def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
+    """Text of a suite's file, and its path."""
     if str(name_or_path) in suite_names():
         entry = resources.files("malus.scenes") / "suites" / f"{name_or_path}.toml"
         return entry.read_text("utf-8"), str(entry)
@@ -192,59 +201,61 @@ def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
             str(name_or_path),
             near(str(name_or_path), suite_names()) or "`malus list suites` shows them",
         )
+    with reading(str(path), "a readable file", "check the path"), path.open("rb") as file:
+        raw = file.read(MAX_SUITE_BYTES + 1)
+    if len(raw) > MAX_SUITE_BYTES:
+        raise InputError(str(path), "at most 1 MiB", "a larger file", "is this a suite?")
     try:
-        with path.open("rb") as file:
-            raw = file.read(MAX_SUITE_BYTES + 1)
-        if len(raw) > MAX_SUITE_BYTES:
-            raise InputError(str(path), "at most 1 MiB", "a larger file", "is this a suite?")
         return raw.decode("utf-8"), str(path)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(str(path), "a readable file", reason, "check the path") from None
     except UnicodeDecodeError:
         raise InputError(str(path), "UTF-8 text", "other bytes", "save it as UTF-8") from None
 
 
-def _files_around(surroundings: Surroundings, folder: Path) -> Surroundings:
-    def known(placed: Placed) -> Placed:
-        files = {"shape": _mesh_file(placed.shape, folder)}
-        return placed.model_copy(update=files | {"surface": _painted(placed.surface, folder)})
+def _with_files(surroundings: Surroundings, folder: Path) -> Surroundings:
+    """Surroundings whose files have their paths from here and their digests."""
 
-    objects = tuple(known(placed) for placed in surroundings.objects)
+    def with_files(placed: Placed) -> Placed:
+        files = {"shape": _with_mesh(placed.shape, folder)}
+        return placed.model_copy(update=files | {"surface": _with_picture(placed.surface, folder)})
+
+    objects = tuple(with_files(placed) for placed in surroundings.objects)
     return surroundings.model_copy(update={"objects": objects})
 
 
-def _mesh_file(shape: AnyShape, folder: Path) -> AnyShape:
+def _with_mesh(shape: AnyShape, folder: Path) -> AnyShape:
+    """A shape whose mesh file, if any, has its path from here and its digest; so below."""
     if not isinstance(shape, MeshFile):
         return shape
-    path, digest = _known_by_content(folder / shape.path, "mesh file")
+    path, digest = _path_and_digest(folder / shape.path, "mesh file")
     return shape.model_copy(update={"path": path, "digest": digest})
 
 
-def _painted(paint: Any, folder: Path) -> Any:
-    pattern = getattr(paint, "pattern", None)
+def _with_picture(surface: Any, folder: Path) -> Any:
+    pattern = getattr(surface, "pattern", None)
     if not isinstance(pattern, ImageTexture):
-        return paint
-    path, digest = _known_by_content(folder / pattern.path, pattern.what)
-    known = pattern.model_copy(update={"path": path, "digest": digest})
-    return paint.model_copy(update={"pattern": known})
+        return surface
+    path, digest = _path_and_digest(folder / pattern.path, pattern.what)
+    with_digest = pattern.model_copy(update={"path": path, "digest": digest})
+    return surface.model_copy(update={"pattern": with_digest})
 
 
-def _table_file(substance: Substance, folder: Path, wavelengths_nm: Wavelengths) -> Substance:
-    if not isinstance(substance, Measured):
-        return substance
-    path, digest = _known_by_content(folder / substance.path, substance.what)
+def _with_measured_table(
+    material: SuiteMaterial, folder: Path, wavelengths_nm: Wavelengths
+) -> SuiteMaterial:
+    if not isinstance(material, Measured):
+        return material
+    path, digest = _path_and_digest(folder / material.path, material.what)
     open_pbrdf(Path(path)).check_bands(wavelengths_nm)
-    return substance.model_copy(update={"path": path, "digest": digest})
+    return material.model_copy(update={"path": path, "digest": digest})
 
 
-def _map_file(light: Light, folder: Path) -> Light:
+def _with_map(light: Light, folder: Path) -> Light:
     if not isinstance(light, Environment) or light.name == "studio":
         return light
-    path, digest = _known_by_content(folder / light.name, "radiance map")
+    path, digest = _path_and_digest(folder / light.name, "radiance map")
     return light.model_copy(update={"name": path, "digest": digest})
 
 
-def _known_by_content(path: Path, what: str) -> tuple[str, str]:
-    """A file's path seen from the suite's folder, and the hash that makes it part of the id."""
+def _path_and_digest(path: Path, what: str) -> tuple[str, str]:
+    """A file's path, and the hash that makes its content part of the suite's id."""
     return str(path), digest_of(path, what)

@@ -1,4 +1,4 @@
-"""Materials and surfaces as the axes of a suite name them."""
+"""Materials and surfaces as a suite names them, and the surface of a scene made from both."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from malus.scenes.materials.surface import Body, Conductor, Dielectric, Patterne
 from malus.scenes.shapes.patterns import Pattern
 
 
-class Index(Model):
-    """A material that is only a refractive index, the same in every band."""
+class RefractiveIndex(Model):
+    """A material given by its refractive index alone, the same in every band."""
 
     eta: float = Field(gt=1, le=4)
 
 
-class MetalIndex(Model):
-    """A metal that is only a complex index `eta` + i `k`, the same in every band."""
+class ComplexIndex(Model):
+    """A metal given by its complex index `eta` + i `k` alone, the same in every band."""
 
     eta: float = Field(gt=0, le=20)
     k: float = Field(ge=0, le=20)
@@ -39,115 +39,123 @@ def _surface_name(name: str) -> str:
     return name
 
 
-SubstanceName = Annotated[str, AfterValidator(_material_name), Tag("name")]
-FinishName = Annotated[str, AfterValidator(_surface_name), Tag("name")]
+MaterialName = Annotated[str, AfterValidator(_material_name), Tag("name")]
+SurfaceName = Annotated[str, AfterValidator(_surface_name), Tag("name")]
 
 
-def _substance(value: Any) -> str | None:
+def _material_kind(value: Any) -> str | None:
     match value:
         case str():
             return "name"
         case Measured() | {"path": _}:
             return "measured"
-        case MetalIndex() | {"k": _}:
+        case ComplexIndex() | {"k": _}:
             return "metal"
-        case Index() | dict():
+        case RefractiveIndex() | dict():
             return "index"
     return None
 
 
-_INDICES = "a name, { eta = … } or { eta = …, k = … }"
-Modelled = Annotated[
-    SubstanceName | Annotated[Index, Tag("index")] | Annotated[MetalIndex, Tag("metal")],
-    Discriminator(_substance, "choice", _INDICES),
+_NAME_OR_INDEX = "a name, { eta = … } or { eta = …, k = … }"
+ModelledMaterial = Annotated[
+    MaterialName | Annotated[RefractiveIndex, Tag("index")] | Annotated[ComplexIndex, Tag("metal")],
+    Discriminator(_material_kind, "choice", _NAME_OR_INDEX),
 ]
-Substance = Annotated[
-    SubstanceName
-    | Annotated[Index, Tag("index")]
-    | Annotated[MetalIndex, Tag("metal")]
+SuiteMaterial = Annotated[
+    MaterialName
+    | Annotated[RefractiveIndex, Tag("index")]
+    | Annotated[ComplexIndex, Tag("metal")]
     | Annotated[Measured, Tag("measured")],
-    Discriminator(_substance, "choice", f"{_INDICES}, or {{ path = … }}"),
+    Discriminator(_material_kind, "choice", f"{_NAME_OR_INDEX}, or {{ path = … }}"),
 ]
 
 
 class Roughness(Model):
-    """A surface that is only a roughness and the albedo of the body below it."""
+    """A surface given by its roughness and the albedo of the body below it."""
 
     alpha: float = Field(gt=0, le=1)
     albedo: Albedo = 0.5
 
 
-def _finish(value: Any) -> str | None:
+def _surface_kind(value: Any) -> str | None:
     match value:
         case str():
             return "name"
-        case Patchwork() | {"pattern": _} | {"parts": _}:
+        case PatternedSurface() | {"pattern": _} | {"parts": _}:
             return "patchwork"
-        case Part() | {"surface": _} | {"material": _}:
+        case PatternPart() | {"surface": _} | {"material": _}:
             return "part"
         case Roughness() | dict():
             return "roughness"
     return None
 
 
-PlainFinish = Annotated[
-    FinishName | Annotated[Roughness, Tag("roughness")],
-    Discriminator(_finish, "choice", "a name or { alpha = … }"),
+SuiteUniformSurface = Annotated[
+    SurfaceName | Annotated[Roughness, Tag("roughness")],
+    Discriminator(_surface_kind, "choice", "a name or { alpha = … }"),
 ]
 
 
-class Part(Model):
-    """One surface of a pattern; without a material of its own it has the scene's."""
+class PatternPart(Model):
+    """One surface of a pattern, of the scene's material unless it names its own."""
 
-    surface: PlainFinish
-    material: Modelled | None = None
+    surface: SuiteUniformSurface
+    material: ModelledMaterial | None = None
 
 
-class Patchwork(Model):
-    """Several surfaces on one object, where a pattern puts them."""
+class PatternedSurface(Model):
+    """Several surfaces on one object, distributed by a pattern."""
 
     pattern: Pattern
     parts: tuple[
         Annotated[
-            FinishName | Annotated[Roughness, Tag("roughness")] | Annotated[Part, Tag("part")],
-            Discriminator(_finish, "choice", "a name, { alpha = … } or { surface = … }"),
+            SurfaceName
+            | Annotated[Roughness, Tag("roughness")]
+            | Annotated[PatternPart, Tag("part")],
+            Discriminator(_surface_kind, "choice", "a name, { alpha = … } or { surface = … }"),
         ],
         ...,
     ] = Field(min_length=2, max_length=8)
 
 
-Finish = Annotated[
-    FinishName | Annotated[Roughness, Tag("roughness")] | Annotated[Patchwork, Tag("patchwork")],
-    Discriminator(_finish, "choice", "a name, { alpha = … } or { pattern = …, parts = […] }"),
+SuiteSurface = Annotated[
+    SurfaceName
+    | Annotated[Roughness, Tag("roughness")]
+    | Annotated[PatternedSurface, Tag("patchwork")],
+    Discriminator(_surface_kind, "choice", "a name, { alpha = … } or { pattern = …, parts = […] }"),
 ]
 
 
-def coated(substance: Substance, finish: Finish, body: Body) -> Surface:
-    """The surface of a scene; a metal has no body, and no finish changes what was measured.
+def scene_surface(material: SuiteMaterial, suite_surface: SuiteSurface, body: Body) -> Surface:
+    """The surface of a scene from a suite's material, surface and body.
+
+    A metal ignores the body, a measured material ignores the surface and the body.
 
     Examples
     --------
-    >>> coated("gold", "carbon", "polarised").kind
+    >>> scene_surface("gold", "carbon", "polarised").kind
     'conductor'
     """
-    if isinstance(substance, Measured):
-        return substance
-    if not isinstance(finish, Patchwork):
-        return _plain(substance, finish, body)
-    parts = [_part(part) for part in finish.parts]
-    surfaces = [_plain(part.material or substance, part.surface, body) for part in parts]
-    return Patterned(pattern=finish.pattern, surfaces=tuple(surfaces))
+    if isinstance(material, Measured):
+        return material
+    if not isinstance(suite_surface, PatternedSurface):
+        return _uniform_surface(material, suite_surface, body)
+    parts = [_pattern_part(part) for part in suite_surface.parts]
+    surfaces = [_uniform_surface(part.material or material, part.surface, body) for part in parts]
+    return Patterned(pattern=suite_surface.pattern, surfaces=tuple(surfaces))
 
 
-def _part(part: Part | str | Roughness) -> Part:
-    return part if isinstance(part, Part) else Part(surface=part)
+def _pattern_part(part: PatternPart | str | Roughness) -> PatternPart:
+    return part if isinstance(part, PatternPart) else PatternPart(surface=part)
 
 
-def _plain(substance: Modelled, finish: str | Roughness, body: Body) -> Dielectric | Conductor:
-    rough = surface(finish) if isinstance(finish, str) else finish
-    made_of = {"material": substance} if isinstance(substance, str) else substance.model_dump()
-    name = finish if isinstance(finish, str) else None
+def _uniform_surface(
+    material: ModelledMaterial, suite_surface: str | Roughness, body: Body
+) -> Dielectric | Conductor:
+    rough = surface(suite_surface) if isinstance(suite_surface, str) else suite_surface
+    made_of = {"material": material} if isinstance(material, str) else material.model_dump()
+    name = suite_surface if isinstance(suite_surface, str) else None
     coat = made_of | {"roughness": name, "alpha": rough.alpha}
-    if isinstance(substance, MetalIndex) or substance in metals():
+    if isinstance(material, ComplexIndex) or material in metals():
         return Conductor(**coat)
     return Dielectric(**coat, albedo=rough.albedo, body=body)

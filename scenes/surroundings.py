@@ -1,13 +1,13 @@
-"""What stands around a scene's own shape: further objects, floors and walls."""
+"""Objects around a scene's own shape: further shapes, floors and walls."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 from malus.scenes.materials.surface import Surface
 from malus.scenes.shapes.shapes import ShapeOrPlane
@@ -16,7 +16,7 @@ Coordinate = Annotated[float, Field(ge=-1000, le=1000)]
 
 
 class Placed(Model):
-    """An object beside others: its shape and surface, and where it stands.
+    """One object among several: shape, surface, position, scale and orientation.
 
     The shape, which fits the unit sphere, is tilted by `tilt_deg` about +x (its top comes towards
     the viewer), turned by `turn_deg` about the vertical (its front goes to the right), scaled and
@@ -31,8 +31,8 @@ class Placed(Model):
     turn_deg: float = Field(default=0.0, ge=-360, le=360)
 
     @property
-    def rotation(self) -> NDArray[np.float64]:
-        """The turn as a matrix (3, 3).
+    def rotation(self) -> Float64Array:
+        """Rotation matrix (3, 3) of the tilt, then the turn.
 
         Examples
         --------
@@ -49,7 +49,7 @@ class Placed(Model):
 
 
 class Surroundings(Model):
-    """What stands around the scene's own shape; light goes back and forth between all of them."""
+    """Objects around the scene's own shape; light is reflected between all of them."""
 
     name: str = Field(min_length=1, max_length=100)
     objects: tuple[Placed, ...] = Field(min_length=1, max_length=64)

@@ -17,7 +17,7 @@ from malus.bench.running.progress import Progress, silent
 from malus.bench.running.work import FamilyResult, truths
 from malus.bench.running.worker_process import ATTEMPTS, Died, WorkerProcess
 from malus.renderers.datasets.dataset import DatasetWriter
-from malus.renderers.datasets.dataset_record import Failed
+from malus.renderers.datasets.dataset_record import FailedScene
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, choose
 from malus.scenes.core.errors import InputError
@@ -169,7 +169,7 @@ def _kept(
     for name in names:
         if name not in writer.done:
             writer.fail(
-                Failed(
+                FailedScene(
                     scene=name,
                     origin=planned[name],
                     label=family.label,

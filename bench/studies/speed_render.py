@@ -13,7 +13,7 @@ from malus.bench.running.plan import plan
 from malus.bench.studies.timing import timed
 from malus.renderers.comparison.plain_mitsuba import StokesByHand, plate_image
 from malus.renderers.comparison.profile import profiled
-from malus.renderers.families.family import render_family
+from malus.renderers.families.family import polarised_images, render_family
 from malus.renderers.variant import Variant
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import AnyArray
@@ -77,7 +77,7 @@ def compare(
     first = scenes[0]
     plate = plate_image(variant, first, 0, 30.0, sampling)
     hand = stokes.images(first, 0, (30.0,), sampling)[0]
-    own = render_family([first], sampling, variant).polarised(first, (30.0,))[0, :, :, 0]
+    own = polarised_images(render_family([first], sampling, variant), first, (30.0,))[0, :, :, 0]
     return {
         "plate": Speed(_median(plates), _error(plate, reference), repeats),
         "stokes": Speed(_median(hands) / len(ANGLES), _error(hand, reference), repeats * 5),
@@ -109,7 +109,7 @@ def _whole_matrix(variant: Variant, suite: Suite) -> dict[str, float]:
         parts["compilation"] += profile.compilation
         before = time.perf_counter()
         for scene in family.scenes:
-            rendered.polarised(scene, ANGLES)
+            polarised_images(rendered, scene, ANGLES)
         parts["interpolation"] += time.perf_counter() - before
     return parts | {"python": time.perf_counter() - started - sum(parts.values())}
 
@@ -117,7 +117,7 @@ def _whole_matrix(variant: Variant, suite: Suite) -> dict[str, float]:
 def _reference(variant: Variant, scene: Scene, sampling: Sampling) -> AnyArray:
     """The same image with 32 times the samples and another seed."""
     many = Sampling(samples=sampling.samples * 32, seed=sampling.seed + 1000)
-    return render_family([scene], many, variant).polarised(scene, (30.0,))[0, :, :, 0]
+    return polarised_images(render_family([scene], many, variant), scene, (30.0,))[0, :, :, 0]
 
 
 def _error(image: AnyArray, reference: AnyArray) -> float:

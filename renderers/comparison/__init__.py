@@ -1,1 +1,1 @@
-"""What a user would write in plain Mitsuba, for the benchmark that compares it with malus."""
+"""Renders in plain Mitsuba and a profiler, for the benchmark of malus' own renderer."""

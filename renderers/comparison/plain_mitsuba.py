@@ -1,7 +1,7 @@
-"""What a user would write without malus, for the benchmark that compares it with ours.
+"""Polariser images in plain Mitsuba, for the benchmark of malus' own renderer.
 
-`plate_image` is the way that Mitsuba's documentation suggests: a polariser before the camera, one
-render for every angle, the scene loaded anew. `StokesByHand` is the best stock way: one Stokes
+`plate_image` follows Mitsuba's documentation: a polariser before the camera, one render for every
+angle, the scene loaded anew. `StokesByHand` is the fastest way with what Mitsuba brings: one Stokes
 render for every material, roughness and band, with the parameters updated in place.
 """
 
@@ -11,18 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from malus.renderers.mitsuba.lobe_samples import Floats
 from malus.renderers.mitsuba.translate import emitter, sensor, shape_object, specular_bsdf
 from malus.renderers.variant import Variant, mitsuba
+from malus.scenes.core.arrays import Float32Array
 from malus.scenes.polarisation import polarised
 from malus.scenes.scene import Sampling, Scene
 
 PLATE_DISTANCE = 100.0
-"""Far from the object, or the plate would keep a part of the sky's light from it."""
+"""From plate to object; a nearer plate would shade the object from light all around."""
 
 
 def _bsdf(scene: Scene, band: int) -> dict[str, Any]:
-    """Interface and body in one BSDF."""
+    """A BSDF with both the specular and the diffuse lobe."""
     surface = scene.surface
     assert surface.alpha is not None
     albedo = {"type": "uniform", "value": float(surface.albedos(scene.wavelengths_nm)[band])}
@@ -31,8 +31,8 @@ def _bsdf(scene: Scene, band: int) -> dict[str, Any]:
 
 def plate_image(
     variant: Variant, scene: Scene, band: int, angle_deg: float, sampling: Sampling
-) -> Floats:
-    """One polariser image (height, width) of one band."""
+) -> Float32Array:
+    """Render one image (height, width) of one band through a polariser plate."""
     mi = mitsuba(variant)
     turned = mi.ScalarTransform4f().translate([0, 0, PLATE_DISTANCE])
     turned = turned @ mi.ScalarTransform4f().rotate([0, 1, 0], 180)
@@ -75,7 +75,7 @@ class StokesByHand:
 
     def images(
         self, scene: Scene, band: int, angles_deg: tuple[float, ...], sampling: Sampling
-    ) -> list[Floats]:
+    ) -> list[Float32Array]:
         """Polariser images (height, width) of one band at every angle from one Stokes render."""
         self.parameters["shape.bsdf.eta.value"] = float(scene.eta[band])
         self.parameters["shape.bsdf.alpha.value"] = scene.surface.alpha

@@ -1,4 +1,4 @@
-"""Where the time of a render goes: kernels, and their compilation."""
+"""Time that a render spends on running kernels and on compiling them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from malus.renderers.variant import Variant, mitsuba
 
 @dataclass
 class Profile:
-    """Seconds of the clock of running kernels, and of making or finding them."""
+    """Wall-clock seconds of running kernels, and of compiling them or finding them in a cache."""
 
     kernels: float = 0.0
     compilation: float = 0.0

@@ -1,1 +1,1 @@
-"""Truths on disk: datasets, scene folders, spectral OpenEXR."""
+"""Write and read truths: datasets, scene folders, spectral OpenEXR."""

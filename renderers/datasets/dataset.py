@@ -1,11 +1,11 @@
-"""Truths as a dataset: a folder with `dataset.json` and a folder a scene, named by its id.
+"""Datasets of truths: a folder with `dataset.json` and one folder for each scene.
 
 Scenes are written one at a time and listed at the end, so that memory holds one truth however
-many there are. A writer that was stopped goes on where it was; scenes of other renders (another
-seed, number of samples or variant) are rendered again, because their `origin` differs.
+many there are. A writer that was stopped resumes; scenes of other renders (another seed, number of
+samples or variant) are rendered again, because their `origin` differs.
 
-A dataset from elsewhere is checked, never trusted: `dataset.json` has the hash of every
-`scene.json`, and that has the hashes of its images; ids are 16 hexadecimal digits, links are not
+Everything that is read is checked: `dataset.json` has the hash of every `scene.json`, which has the
+hashes of its images; scene ids, which name the folders, are 16 hexadecimal digits, links are not
 followed, and sizes are bounded before anything is decoded.
 """
 
@@ -21,7 +21,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from malus.renderers.datasets.dataset_files import keep_files, with_own_files
-from malus.renderers.datasets.dataset_record import DatasetRecord, Entry, Failed
+from malus.renderers.datasets.dataset_record import DatasetRecord, FailedScene, SceneEntry
 from malus.renderers.datasets.scene_folder import (
     SCENE,
     SceneRecord,
@@ -42,14 +42,14 @@ _ID = re.compile(r"[0-9a-f]{16}")
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset on disk; truths are read when they are asked for.
+    """A dataset on disk, whose truths are read one by one when they are used.
 
     Attributes
     ----------
     path : Path
     record : DatasetRecord
     sha256 : str
-        Of `dataset.json`, and so of everything in it.
+        Hash of `dataset.json`, and through the hashes in it of the whole dataset.
     """
 
     path: Path
@@ -66,25 +66,25 @@ class Dataset:
         return len(self.record.scenes)
 
     def __iter__(self) -> Iterator[Truth]:
-        """One truth after the other."""
+        """Read one truth after the other."""
         return map(self.truth, self.scenes)
 
     def scene(self, scene_id: str) -> SceneRecord:
-        """What `scene.json` says, without reading an image.
+        """The content of a scene's `scene.json`, without its images.
 
         Raises
         ------
         InputError
-            No such scene, or a `scene.json` that is not the one of this dataset.
+            No such scene, or a `scene.json` with another hash than the dataset records.
         """
-        known = self._digests.get(scene_id)
-        if known is None:
+        expected_sha256 = self._digests.get(scene_id)
+        if expected_sha256 is None:
             expected = f"one of the {len(self)} scenes of {self.path}"
             raise InputError("scene", expected, scene_id, f"see {self.path / DATASET}")
         record, sha256 = read_record(self.path / scene_id)
-        if sha256 != known:
+        if sha256 != expected_sha256:
             where, hint = str(self.path / scene_id / SCENE), "render the dataset again"
-            raise InputError(where, f"SHA-256 {known}", sha256, hint)
+            raise InputError(where, f"SHA-256 {expected_sha256}", sha256, hint)
         return record
 
     @functools.cached_property
@@ -96,7 +96,7 @@ class Dataset:
         return set()
 
     def truth(self, scene_id: str) -> Truth:
-        """The truth of a scene, as it was written, to the bit.
+        """Read the truth of a scene, equal to the bit to the one that was written.
 
         Raises
         ------
@@ -136,24 +136,24 @@ def open_dataset(path: Path | str) -> Dataset:
 
 
 class DatasetWriter:
-    """Writes a dataset, or goes on with one; a context manager that lists the scenes at its end.
+    """Writes a new dataset or continues one; a context manager that lists the scenes at its end.
 
     Parameters
     ----------
     folder : path
-        Made where it is not there.
+        Created if it is missing.
     planned : mapping of scene id to origin, optional
-        What the dataset shall hold. Scenes in the folder that are not in it, or of another origin,
-        are not taken over. Without it every scene in the folder is.
+        Scenes that the dataset shall hold. Others in the folder, and those of another origin, are
+        left out. Without it every scene in the folder is kept.
     about : mapping
-        'suite', 'versions' and 'variant' for `dataset.json`.
+        Keys 'suite', 'versions' and 'variant' of `dataset.json`.
 
     Attributes
     ----------
-    done : mapping of scene id to its entry
+    done : mapping of scene id to SceneEntry
         Scenes that need not be rendered.
-    failed : mapping of scene id to why it could not be rendered
-        From this writer or an earlier one, of the same origin.
+    failed : mapping of scene id to FailedScene
+        Scenes that could not be rendered, by this writer or an earlier one of the same origin.
     """
 
     def __init__(
@@ -165,29 +165,29 @@ class DatasetWriter:
         self.folder = as_path(folder)
         self.planned = planned
         self.about = dict(about or {})
-        self.done: dict[str, Entry] = {}
-        self.failed: dict[str, Failed] = {}
+        self.done: dict[str, SceneEntry] = {}
+        self.failed: dict[str, FailedScene] = {}
 
     def __enter__(self) -> Self:
-        """Take over what is there."""
+        """Keep the scenes that the folder already holds."""
         self.folder.mkdir(parents=True, exist_ok=True)
         remove_abandoned(self.folder)
-        self.done = dict(self._found())
-        self.failed = {why.scene: why for why in self._known_failures()}
-        self._list()
+        self.done = dict(self._usable_scenes())
+        self.failed = {failure.scene: failure for failure in self._earlier_failures()}
+        self._write_record()
         return self
 
     def __exit__(
         self,
-        kind: type[BaseException] | None,
+        error_type: type[BaseException] | None,
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """List what is done, also where it ends early."""
-        self._list()
+        """List the scenes that are done, also after an error."""
+        self._write_record()
 
     def add(self, truth: Truth, origin: str = "") -> None:
-        """Write one truth; it is there as a whole or not at all.
+        """Write one truth, as a whole or not at all.
 
         Raises
         ------
@@ -197,24 +197,26 @@ class DatasetWriter:
         folder = self.folder / truth.scene.id
         write_scene(folder, truth, origin)
         keep_files(truth.scene, self.folder)
-        self.done[truth.scene.id] = Entry.of(truth.scene, read_record(folder)[1])
+        self.done[truth.scene.id] = SceneEntry.of(truth.scene, read_record(folder)[1])
         self.failed.pop(truth.scene.id, None)
 
-    def fail(self, failed: Failed) -> None:
-        """Record why a scene has no truth."""
+    def fail(self, failed: FailedScene) -> None:
+        """Record a scene that could not be rendered."""
         self.failed[failed.scene] = failed
 
-    def _known_failures(self) -> Iterator[Failed]:
+    def _earlier_failures(self) -> Iterator[FailedScene]:
+        """Failures that an earlier writer of the same origins recorded."""
         try:
-            known = open_dataset(self.folder).record.failed
+            failures = open_dataset(self.folder).record.failed
         except InputError:
             return  # no earlier writer, or a damaged list: what failed is tried again
-        for why in known:
-            same = self.planned is None or self.planned.get(why.scene) == why.origin
-            if same and why.scene not in self.done:
-                yield why
+        for failure in failures:
+            same = self.planned is None or self.planned.get(failure.scene) == failure.origin
+            if same and failure.scene not in self.done:
+                yield failure
 
-    def _found(self) -> Iterator[tuple[str, Entry]]:
+    def _usable_scenes(self) -> Iterator[tuple[str, SceneEntry]]:
+        """Ids and entries of complete scenes in the folder, of the planned origin."""
         names = sorted(entry.name for entry in self.folder.iterdir())
         for name in names if self.planned is None else self.planned:
             if not _ID.fullmatch(name) or not (self.folder / name).is_dir():
@@ -225,9 +227,9 @@ class DatasetWriter:
                 continue  # damaged: it is rendered again
             expected = record.origin if self.planned is None else self.planned[name]
             if record.origin == expected and is_whole(self.folder / name, record):
-                yield name, Entry.of(record.scene, sha256)
+                yield name, SceneEntry.of(record.scene, sha256)
 
-    def _list(self) -> None:
+    def _write_record(self) -> None:
         order = self.done if self.planned is None else self.planned
         entries = tuple(self.done[name] for name in order if name in self.done)
         record = DatasetRecord(

@@ -1,7 +1,7 @@
-"""Files that a dataset's scenes name: copied into it, known by their content, read only there.
+"""Copies of the files that a dataset's scenes name: radiance maps, meshes, pictures, materials.
 
-A scene from elsewhere may name any file of this machine as its radiance map, mesh, picture or
-measured material. That name is never opened.
+They are named by the hash of their content. A scene of a dataset from elsewhere may name any file
+of this machine; only the copy in the dataset is opened.
 """
 
 from __future__ import annotations
@@ -30,52 +30,52 @@ _SUFFIX = re.compile(r"\.[a-z0-9]{1,8}")
 
 
 def keep_files(scene: Scene, folder: Path) -> None:
-    """Copy the files that a scene names into the dataset, if their content is known.
+    """Copy the files that a scene names into the dataset, where their hash is known.
 
     Raises
     ------
     InputError
-        If one is no longer what it was.
+        If the content of one has changed.
     """
 
     def keep(named: NamedFile) -> NamedFile:
-        kept = _kept(named, folder)
-        if named.digest and not kept.exists():
+        copy = _copy_of(named, folder)
+        if named.digest and not copy.exists():
             file = named.checked()
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            replace_file(kept, lambda temporary: shutil.copyfile(file, temporary))
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(copy, lambda temporary: shutil.copyfile(file, temporary))
         return named
 
     _with_files(scene, keep)
 
 
 def with_own_files(scene: Scene, folder: Path, checked: set[Path]) -> Scene:
-    """The scene whose files are read from the dataset and from nowhere else.
+    """The scene with its files read from the dataset instead of the paths that it names.
 
-    Files in `checked` are not looked at again, as scenes share them and a measured material has
-    1 GB; those that are found right are added. Who opens one checks it once more.
+    Files in `checked` are not hashed again, as scenes share them and a measured material has 1 GB;
+    those that match their hash are added. Opening one checks it once more.
 
     Raises
     ------
     InputError
-        If a file of the dataset is a link, or has another content than its name tells.
+        If a file of the dataset is a link, or its content does not match its name.
     """
 
     def own(named: NamedFile) -> NamedFile:
-        kept = _kept(named, folder)
-        if kept in checked:
-            return named.read_from(kept)
+        copy = _copy_of(named, folder)
+        if copy in checked:
+            return named.read_from(copy)
         try:
-            lstat(kept)
+            lstat(copy)
         except OSError:
-            pass  # a missing file is told when it is asked for
+            pass  # a missing file is reported when it is read
         else:
-            found = digest(kept)[1][:16]
-            if found != named.digest:
+            actual = digest(copy)[1][:16]
+            if actual != named.digest:
                 hint = "render the dataset again"
-                raise InputError(str(kept), f"digest {named.digest}", found, hint)
-            checked.add(kept)
-        return named.read_from(kept)
+                raise InputError(str(copy), f"digest {named.digest}", actual, hint)
+            checked.add(copy)
+        return named.read_from(copy)
 
     changed = _with_files(scene, own)
     assert isinstance(changed, Scene)
@@ -83,7 +83,7 @@ def with_own_files(scene: Scene, folder: Path, checked: set[Path]) -> Scene:
 
 
 def _with_files(value: Any, change: Callable[[NamedFile], NamedFile]) -> Any:
-    """A value whose named files are changed, however deep in it they are."""
+    """A value with `change` applied to every named file in it, at any depth."""
     if isinstance(value, NamedFile):
         return value if value.file_name is None else change(value)
     if isinstance(value, tuple):
@@ -94,7 +94,8 @@ def _with_files(value: Any, change: Callable[[NamedFile], NamedFile]) -> Any:
     return value
 
 
-def _kept(named: NamedFile, folder: Path) -> Path:
+def _copy_of(named: NamedFile, folder: Path) -> Path:
+    """Path of the dataset's copy of a file."""
     # Digest and suffix become a file name: nothing in them may lead out of the folder.
     name = named.digest if _DIGEST.fullmatch(named.digest) else "unknown"
     suffix = Path(named.file_name or "").suffix.lower()

@@ -1,4 +1,4 @@
-"""What `dataset.json` says: the suite, versions, the conventions in words, and every scene."""
+"""Content of `dataset.json`: the suite, versions, the conventions in words, and every scene."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ CONVENTIONS = {
     " it covers entirely; error: standard error of stokes, and one draw of the noise of specular"
     " and diffuse (all of it in the first where they are not there)",
 }
-"""What the numbers mean, in the words that stand in every dataset."""
+"""Meaning of the numbers, written into every dataset."""
 
 
-class Entry(Model):
-    """One scene in `dataset.json`: its id, the hash of its `scene.json`, and what it shows."""
+class SceneEntry(Model):
+    """One scene in `dataset.json`: its id, the hash of its `scene.json`, and a description."""
 
     scene: str = Field(pattern=r"^[0-9a-f]{16}$")
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -53,11 +53,11 @@ class Entry(Model):
         )
 
 
-class Failed(Model):
-    """A scene without a truth in `dataset.json`, and why, in one line.
+class FailedScene(Model):
+    """A scene in `dataset.json` that could not be rendered, with the reason in one line.
 
-    `origin` is that of the truth that there would have been; `mendable`: the reason is a wrong
-    input, which the user may have mended.
+    `origin` names the renders that it would have come from; `mendable` tells that the reason is a
+    wrong input, which the user can correct.
     """
 
     scene: str = Field(pattern=r"^[0-9a-f]{16}$")
@@ -76,12 +76,12 @@ class DatasetRecord(Model):
     variant: dict[str, str] = Field(default_factory=dict)
     conventions: dict[str, str] = Field(default_factory=lambda: dict(CONVENTIONS))
     planned: int = Field(default=0, ge=0)
-    scenes: tuple[Entry, ...] = ()
-    failed: tuple[Failed, ...] = ()
+    scenes: tuple[SceneEntry, ...] = ()
+    failed: tuple[FailedScene, ...] = ()
 
     @field_validator("scenes")
     @classmethod
-    def _distinct(cls, entries: tuple[Entry, ...]) -> tuple[Entry, ...]:
+    def _distinct(cls, entries: tuple[SceneEntry, ...]) -> tuple[SceneEntry, ...]:
         if len({entry.scene for entry in entries}) != len(entries):
             raise ValueError("every scene once")
         return entries

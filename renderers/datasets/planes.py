@@ -1,17 +1,16 @@
-"""The arrays of a truth as named planes (height, width) of an image file, and back to the bit.
+"""Convert the arrays of a truth to named planes (height, width) of an image file, and back.
 
-Stokes images and maps of the index have a plane a band, named as the spectral layout names it; a
-complex index has two, n and k. Arrays in double precision are stored once more as pairs of 32-bit
-words, because the layout knows 32-bit floats only.
+Stokes images and maps of the index have a plane a band, named as in the spectral layout; a complex
+index has two, n and k. Arrays in double precision are stored once more as pairs of 32-bit words,
+because the layout has 32-bit floats only; so every array comes back to the bit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal, cast, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.datasets.stokes_channels import (
     Channels,
@@ -20,6 +19,7 @@ from malus.renderers.datasets.stokes_channels import (
     stokes_from_channels,
 )
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import AnyArray
 
 Bands = tuple[float, ...]
 FieldName = Literal[
@@ -31,20 +31,20 @@ DType = Literal["float32", "float64", "complex64", "complex128"]
 LOBES: tuple[FieldName, ...] = ("specular", "diffuse")
 ERRORS: tuple[FieldName, ...] = ("standard_error", "specular_noise", "diffuse_noise")
 MAPS: tuple[FieldName, ...] = ("eta_map", "alpha_map")
-"""What a truth has only where it varies over the image."""
+"""Arrays that a truth has only where the quantity varies over the image."""
 FIELDS: tuple[FieldName, ...] = (*LOBES, *ERRORS, "normals")
-"""What every truth has."""
+"""Arrays that every truth has."""
 
 
 def dtypes_of(truth: Truth) -> dict[FieldName, DType]:
-    """Types of the arrays that a truth has.
+    """Types of a truth's arrays by name.
 
     Raises
     ------
     ValueError
-        If an array has another shape or type than a truth has.
+        If an array has a shape or type that no truth has.
     """
-    found: dict[FieldName, DType] = {}
+    dtypes: dict[FieldName, DType] = {}
     for name in (*FIELDS, *(name for name in MAPS if getattr(truth, name) is not None)):
         array = getattr(truth, name)
         expected = (*truth.mask.shape, *_trailing(name, len(truth.scene.wavelengths_nm)))
@@ -52,12 +52,12 @@ def dtypes_of(truth: Truth) -> dict[FieldName, DType]:
         kind = str(array.dtype)
         if array.shape != expected or kind not in allowed:
             raise ValueError(f"{name}: expected floats {expected}, found {kind} {array.shape}")
-        found[name] = cast(DType, kind)
-    return found
+        dtypes[name] = cast(DType, kind)
+    return dtypes
 
 
 def _trailing(name: FieldName, bands: int) -> tuple[int, ...]:
-    """What follows (height, width) in an array's shape."""
+    """Sizes after (height, width) in an array's shape."""
     special: dict[FieldName, tuple[int, ...]] = {
         "normals": (3,),
         "eta_map": (bands,),
@@ -66,8 +66,8 @@ def _trailing(name: FieldName, bands: int) -> tuple[int, ...]:
     return special.get(name, (bands, 3))
 
 
-def planes(name: FieldName, array: NDArray[Any], bands: Bands) -> Channels:
-    """Planes of an array by channel name, the array's name first.
+def planes(name: FieldName, array: AnyArray, bands: Bands) -> Channels:
+    """Planes (height, width) of an array by channel name, which begins with the array's name.
 
     Examples
     --------
@@ -88,10 +88,10 @@ def planes(name: FieldName, array: NDArray[Any], bands: Bands) -> Channels:
     return dict(stokes_channels(array, bands, prefix=f"{name}."))
 
 
-def assembled(
-    name: FieldName, channels: Mapping[str, NDArray[Any]], bands: Bands, dtype: DType
-) -> NDArray[Any]:
-    """The array of `planes`; `dtype` tells whether it is complex, the channels its precision."""
+def array_from_planes(
+    name: FieldName, channels: Mapping[str, AnyArray], bands: Bands, dtype: DType
+) -> AnyArray:
+    """The array whose `planes` are given, complex if `dtype` is, in the planes' precision."""
     if name == "normals":
         return np.stack([channels[f"normals.{axis}"] for axis in "XYZ"], axis=-1)
     if name == "alpha_map":
@@ -114,34 +114,34 @@ def channel_names(name: FieldName, bands: Bands, dtype: DType) -> list[str]:
 
 
 def is_double(dtype: DType) -> bool:
-    """Whether 32 bits a number do not hold it."""
+    """Whether it needs more than 32 bits a real number."""
     return dtype in ("float64", "complex128")
 
 
-def words(channels: Channels) -> Channels:
-    """The bits of planes in double precision as pairs of planes of 32-bit words.
+def words_of_doubles(channels: Channels) -> Channels:
+    """Planes in double precision as pairs of planes (height, width) of 32-bit words.
 
     Examples
     --------
-    >>> list(words({"alpha": np.zeros((2, 2))}))
+    >>> list(words_of_doubles({"alpha": np.zeros((2, 2))}))
     ['alpha.low', 'alpha.high']
     """
-    found: Channels = {}
+    pairs: Channels = {}
     for channel, plane in channels.items():
         pair = np.ascontiguousarray(plane, dtype="<f8").view("<u4").reshape(*plane.shape, 2)
-        found |= {f"{channel}.low": pair[..., 0], f"{channel}.high": pair[..., 1]}
-    return found
+        pairs |= {f"{channel}.low": pair[..., 0], f"{channel}.high": pair[..., 1]}
+    return pairs
 
 
-def word_names(channels: Iterable[str]) -> list[str]:
-    """Names of the planes of `words`."""
+def names_of_words(channels: Iterable[str]) -> list[str]:
+    """Names of the planes that `words_of_doubles` makes of these channels."""
     return [f"{channel}.{word}" for channel in channels for word in ("low", "high")]
 
 
-def doubles(stored: Channels, channels: Iterable[str]) -> Channels:
-    """The planes in double precision whose `words` were stored."""
-    found: Channels = {}
+def doubles_of_words(stored: Channels, channels: Iterable[str]) -> Channels:
+    """The planes in double precision from their stored `words_of_doubles`."""
+    doubles: Channels = {}
     for channel in channels:
         pair = np.stack([stored[f"{channel}.low"], stored[f"{channel}.high"]], axis=-1)
-        found[channel] = pair.astype("<u4").view("<f8")[..., 0]
-    return found
+        doubles[channel] = pair.astype("<u4").view("<f8")[..., 0]
+    return doubles

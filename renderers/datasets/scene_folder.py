@@ -1,7 +1,7 @@
-"""One truth as a folder of files, and back to the bit.
+"""Write one truth as a folder of files, and read it back to the bit.
 
-`scene.json` holds the scene and the size and SHA-256 of every image, so that a file that was cut,
-changed or swapped is found before it is decoded. Arrays in double precision (Torrance-Sparrow)
+`scene.json` holds the scene and the size and SHA-256 of every image, so that a truncated, changed
+or swapped file is detected before it is decoded. Arrays in double precision (Torrance-Sparrow)
 are stored once more as their bits in `float64.exr`.
 """
 
@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from malus.renderers.datasets.planes import (
@@ -24,18 +23,19 @@ from malus.renderers.datasets.planes import (
     Bands,
     DType,
     FieldName,
-    assembled,
+    array_from_planes,
     channel_names,
-    doubles,
+    doubles_of_words,
     dtypes_of,
     is_double,
+    names_of_words,
     planes,
-    word_names,
-    words,
+    words_of_doubles,
 )
 from malus.renderers.datasets.spectral_exr import read_exr, read_spectral, write_exr, write_spectral
 from malus.renderers.datasets.stokes_channels import Channels
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import check_digest, digest, read_json, replace_folder
 from malus.scenes.core.model import Model
@@ -60,14 +60,14 @@ Side = Annotated[int, Field(ge=1, le=8192)]
 
 
 class StoredFile(Model):
-    """What a file must be to be believed."""
+    """Size and hash that an image file must have."""
 
     bytes: int = Field(ge=0)
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 
 
 class SceneRecord(Model):
-    """Content of `scene.json`; `origin` tells what renders the truth comes from."""
+    """Content of `scene.json`; `origin` names the renders that the truth comes from."""
 
     format: Literal["malus scene 1"] = "malus scene 1"
     scene: Scene
@@ -80,24 +80,24 @@ class SceneRecord(Model):
 
     @property
     def doubles(self) -> tuple[FieldName, ...]:
-        """Arrays in double precision."""
+        """Names of the arrays in double precision."""
         return tuple(name for name in self.dtypes if is_double(self.dtypes[name]))
 
     @property
     def images(self) -> tuple[FileName, ...]:
-        """The files that there must be: no lobes where they cannot be told apart."""
+        """Image files of this scene; without the lobes where these cannot be told apart."""
         unknown = () if self.scene.lobes_known else ("diffuse.exr", "specular.exr")
         images = (name for name in IMAGES if name not in unknown)
         return (*images, *([EXACT] if self.doubles else []))
 
     @property
     def geometry(self) -> tuple[FieldName, ...]:
-        """Arrays in `geometry.exr`: normals, and what varies over the image."""
+        """Names of the arrays in `geometry.exr`: normals, and the maps that the truth has."""
         return ("normals", *(name for name in MAPS if name in self.dtypes))
 
 
 def write_scene(folder: Path, truth: Truth, origin: str = "") -> None:
-    """Write a truth as `folder`, which appears when it is whole and replaces an older one.
+    """Write a truth as `folder`, which appears when it is complete and replaces an older one.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def write_scene(folder: Path, truth: Truth, origin: str = "") -> None:
 
 
 def read_scene(folder: Path) -> Truth:
-    """The truth in a folder, equal to the one that was written, to the bit.
+    """Read the truth in a folder, equal to the bit to the one that was written.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def read_record(folder: Path) -> tuple[SceneRecord, str]:
 
 
 def is_whole(folder: Path, record: SceneRecord) -> bool:
-    """Whether every file is there at its full size: enough to take a scene over."""
+    """Whether every file is there at its full size: enough to keep a scene."""
     try:
         sizes = {name: lstat(folder / name).st_size for name in record.files}
     except OSError:
@@ -175,7 +175,7 @@ def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName
     write_exr(folder / "error.exr", _planes(truth, ERRORS))
     geometry = _planes(truth, [name for name in dtypes if name in ("normals", *MAPS)])
     write_exr(folder / "geometry.exr", geometry | {MASK: truth.mask.astype(np.float32)})
-    exact = words(_planes(truth, [name for name in dtypes if is_double(dtypes[name])]))
+    exact = words_of_doubles(_planes(truth, [name for name in dtypes if is_double(dtypes[name])]))
     if exact:
         write_exr(folder / EXACT, exact)
     record = {
@@ -207,35 +207,37 @@ def _planes(truth: Truth, names: Iterable[FieldName]) -> Channels:
     }
 
 
-def _read_images(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
+def _read_images(folder: Path, record: SceneRecord) -> dict[str, AnyArray]:
     shape, bands = record.shape, record.scene.wavelengths_nm
-    arrays: dict[str, NDArray[Any]]
+    arrays: dict[str, AnyArray]
     if record.scene.lobes_known:
         arrays = {name: read_spectral(folder / f"{name}.exr", shape, bands) for name in LOBES}
     else:
         whole = read_spectral(folder / "stokes.exr", shape, bands)
         arrays = {"specular": whole, "diffuse": np.zeros_like(whole)}
     errors = read_exr(folder / "error.exr", shape, _channels(record, ERRORS, bands))
-    arrays |= _assembled(errors, record, ERRORS, bands)
+    arrays |= _arrays_from_channels(errors, record, ERRORS, bands)
     names = [*_channels(record, record.geometry, bands), MASK]
     geometry = read_exr(folder / "geometry.exr", shape, names)
     return (
-        arrays | _assembled(geometry, record, record.geometry, bands) | {MASK: geometry[MASK] != 0}
+        arrays
+        | _arrays_from_channels(geometry, record, record.geometry, bands)
+        | {MASK: geometry[MASK] != 0}
     )
 
 
-def _read_doubles(folder: Path, record: SceneRecord) -> dict[str, NDArray[Any]]:
+def _read_doubles(folder: Path, record: SceneRecord) -> dict[str, AnyArray]:
     bands = record.scene.wavelengths_nm
     names = _channels(record, record.doubles, bands)
-    stored = read_exr(folder / EXACT, record.shape, word_names(names), dtype=np.uint32)
-    return _assembled(doubles(stored, names), record, record.doubles, bands)
+    stored = read_exr(folder / EXACT, record.shape, names_of_words(names), dtype=np.uint32)
+    return _arrays_from_channels(doubles_of_words(stored, names), record, record.doubles, bands)
 
 
 def _channels(record: SceneRecord, names: Iterable[FieldName], bands: Bands) -> list[str]:
     return [c for name in names for c in channel_names(name, bands, record.dtypes[name])]
 
 
-def _assembled(
+def _arrays_from_channels(
     channels: Channels, record: SceneRecord, names: Iterable[FieldName], bands: Bands
-) -> dict[str, NDArray[Any]]:
-    return {name: assembled(name, channels, bands, record.dtypes[name]) for name in names}
+) -> dict[str, AnyArray]:
+    return {name: array_from_planes(name, channels, bands, record.dtypes[name]) for name in names}

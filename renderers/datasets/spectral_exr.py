@@ -1,12 +1,12 @@
-"""Spectral Stokes images as OpenEXR files, in the layout other people's tools read.
+"""Spectral Stokes images as OpenEXR files, in the layout of other tools.
 
 Source: Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
 Channels are 32-bit floats `S0.550,000000nm`: the Stokes component, then the band's centre as the
-authors' library prints it. That library wants all four components, so S3 is there and zero: malus
-renders linear Stokes vectors only. R, G and B are a preview.
+authors' library prints it. That library requires all four components, so S3 is written as zero:
+malus renders linear Stokes vectors only. R, G and B are a preview.
 
-Files from anywhere may be read: the header is checked against what is expected, size included,
-before a pixel is decoded, and every failure is one InputError.
+Files are not trusted: the header is compared with what is expected, size included, before a pixel
+is decoded, and every failure is one InputError.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
-from numpy.typing import NDArray
 
 from malus.renderers.datasets.stokes_channels import (
     Channels,
@@ -28,34 +27,33 @@ from malus.renderers.datasets.stokes_channels import (
     stokes_from_channels,
 )
 from malus.scenes.colour import preview
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.arrays import AnyArray, FloatArray
+from malus.scenes.core.errors import InputError, first_line, reading
 from malus.scenes.core.quiet import quiet
 from malus.scenes.core.remote import lstat, readable
-
-Image = NDArray[np.floating[Any]]
 
 ATTRIBUTES = {
     "spectralLayoutVersion": "1.0",
     "emissiveUnits": "W.m^-2.sr^-1",
     "polarisationHandedness": "right",
 }
-"""What the layout asks of an image of emitted, polarised light."""
+"""Attributes that the layout requires of an image of emitted, polarised light."""
 
 MAX_IMAGE_BYTES = 1 << 31
-"""Largest image that is read, decoded: 2 GiB, 8192² pixels of one band in two Stokes images."""
+"""Most bytes of a decoded image: 2 GiB, 8192² pixels of one band in two Stokes images."""
 
 _PREVIEW = ("R", "G", "B")
 _LOSSLESS = ("NO_COMPRESSION", "RLE_COMPRESSION", "ZIPS_COMPRESSION", "ZIP_COMPRESSION")
 _PIXEL_BYTES = 4
-_STUMBLES = (
+_DECODING_ERRORS = (
     RuntimeError, ValueError, TypeError, AttributeError, LookupError, MemoryError, OSError,
 )  # fmt: skip
 _OVERHEAD = 1 << 20
-"""Bytes that a header and a table of chunks may add to the pixels."""
+"""Most bytes that a header and a table of chunks add to the pixels."""
 
 
-def write_spectral(path: Path, stokes: Image, wavelengths_nm: tuple[float, ...]) -> None:
-    """Write a Stokes image (height, width, bands, 3) in the layout, with a preview."""
+def write_spectral(path: Path, stokes: FloatArray, wavelengths_nm: tuple[float, ...]) -> None:
+    """Write a Stokes image (height, width, bands, 3) in the spectral layout, with a preview."""
     dark = np.zeros(stokes.shape[:2], dtype=np.float32)
     channels: Channels = dict(stokes_channels(stokes, wavelengths_nm))
     channels |= {channel_name(3, wavelength): dark for wavelength in wavelengths_nm}
@@ -64,7 +62,9 @@ def write_spectral(path: Path, stokes: Image, wavelengths_nm: tuple[float, ...])
     write_exr(path, channels, ATTRIBUTES)
 
 
-def read_spectral(path: Path, shape: tuple[int, int], wavelengths_nm: Sequence[float]) -> Image:
+def read_spectral(
+    path: Path, shape: tuple[int, int], wavelengths_nm: Sequence[float]
+) -> FloatArray:
     """Read a Stokes image (height, width, bands, 3); S3 and the preview may be missing.
 
     Raises
@@ -79,7 +79,7 @@ def read_spectral(path: Path, shape: tuple[int, int], wavelengths_nm: Sequence[f
 
 
 def write_exr(
-    path: Path, channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, str] | None = None
+    path: Path, channels: Mapping[str, AnyArray], attributes: Mapping[str, str] | None = None
 ) -> None:
     """Write planes (height, width) as one lossless OpenEXR file: floats as 32 bits, or uint32.
 
@@ -105,7 +105,7 @@ def read_exr(
     optional: Iterable[str] = (),
     dtype: type[np.generic] = np.float32,
 ) -> Channels:
-    """The `required` planes of a file that has these channels, `optional` ones and no others.
+    """Read the `required` planes of a file with these channels, maybe `optional` ones, no others.
 
     Raises
     ------
@@ -117,10 +117,10 @@ def read_exr(
     _check_size(path, shape, len(allowed))
     with readable(path) as file:
         _check_header(path, _opened(file, header_only=True), shape, set(names), allowed)
-        found = _decoded(path, _opened(file, header_only=False))
+        decoded = _decoded(path, _opened(file, header_only=False))
     planes: Channels = {}
     for name in names:
-        plane = found[name]
+        plane = decoded[name]
         if plane is None or plane.dtype != dtype or plane.shape != shape:
             kind = "no pixels" if plane is None else f"{plane.dtype} {plane.shape}"
             expected = f"{np.dtype(dtype)} {shape}"
@@ -129,7 +129,7 @@ def read_exr(
     return planes
 
 
-def _storable(plane: NDArray[Any]) -> NDArray[Any]:
+def _storable(plane: AnyArray) -> AnyArray:
     return plane if plane.dtype == np.uint32 else plane.astype(np.float32, copy=False)
 
 
@@ -139,10 +139,8 @@ def _check_size(path: Path, shape: tuple[int, int], channels: int) -> None:
     if decoded > MAX_IMAGE_BYTES:
         limit = f"an image of at most {MAX_IMAGE_BYTES} bytes"
         raise InputError(str(path), limit, f"{decoded} bytes", "split the bands over scenes")
-    try:
+    with reading(str(path), "a file", hint):
         status = lstat(path)
-    except OSError as error:
-        raise InputError(str(path), "a file", error.strerror or str(error), hint) from None
     if not stat.S_ISREG(status.st_mode):
         raise InputError(str(path), "a regular file", "a link or something else", hint)
     if status.st_size > decoded + _OVERHEAD:
@@ -151,19 +149,19 @@ def _check_size(path: Path, shape: tuple[int, int], channels: int) -> None:
 
 
 def _opened(path: Path, header_only: bool) -> Any:
-    return _guarded(path, lambda: OpenEXR.File(str(path), True, header_only))
+    return _decoding(path, lambda: OpenEXR.File(str(path), True, header_only))
 
 
-def _decoded(path: Path, file: Any) -> dict[str, NDArray[Any] | None]:
-    return {name: channel.pixels for name, channel in _guarded(path, file.channels).items()}
+def _decoded(path: Path, file: Any) -> dict[str, AnyArray | None]:
+    return {name: channel.pixels for name, channel in _decoding(path, file.channels).items()}
 
 
-def _guarded(path: Path, read: Callable[[], Any]) -> Any:
+def _decoding(path: Path, read: Callable[[], Any]) -> Any:
     try:
         with quiet():
             return read()
     # OpenEXR's binding has no exception of its own: what it throws depends on where it stumbles.
-    except _STUMBLES as error:
+    except _DECODING_ERRORS as error:
         hint = "the file is damaged: write it again"
         raise InputError(str(path), "an OpenEXR file", _reason(error), hint) from None
 
@@ -171,16 +169,18 @@ def _guarded(path: Path, read: Callable[[], Any]) -> Any:
 def _check_header(
     path: Path, file: Any, shape: tuple[int, int], required: set[str], allowed: set[str]
 ) -> None:
-    # Names and attributes are decoded when they are looked at, so that looking may fail too.
-    for holds, expected, found in _guarded(path, lambda: _judged(file, shape, required, allowed)):
+    # Names and attributes are decoded on access, so that access may fail too.
+    for holds, expected, found in _decoding(
+        path, lambda: _header_conditions(file, shape, required, allowed)
+    ):
         if not holds:
             raise InputError(str(path), expected, found, "write the file again")
 
 
-def _judged(
+def _header_conditions(
     file: Any, shape: tuple[int, int], required: set[str], allowed: set[str]
 ) -> list[tuple[bool, str, str]]:
-    """Whether it holds, what was expected and what was found, for everything in a header."""
+    """Conditions on a header: whether each holds, what is expected and what was found."""
     header = file.header()
     low, high = header["dataWindow"]
     window = tuple(int(b) - int(a) + 1 for a, b in zip(low[::-1], high[::-1], strict=True))
@@ -203,6 +203,5 @@ def _first(names: set[str]) -> str:
 
 
 def _reason(error: Exception) -> str:
-    first = (str(error).splitlines() or [type(error).__name__])[0]
-    # OpenEXR repeats the file's name in quotes before it comes to the point.
-    return first.rsplit('". ', 1)[-1]
+    """OpenEXR's reason, without the file's name that it begins with."""
+    return first_line(error).rsplit('". ', 1)[-1]

@@ -1,4 +1,4 @@
-"""Stokes images as named channels, and back: the names of the spectral layout of OpenEXR.
+"""Convert Stokes images to named channels and back, by the names of OpenEXR's spectral layout.
 
 Source: Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
 """
@@ -6,13 +6,12 @@ Source: Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Image = NDArray[np.floating[Any]]
-Channels = dict[str, NDArray[Any]]
+from malus.scenes.core.arrays import AnyArray, FloatArray
+
+Channels = dict[str, AnyArray]
 
 
 def channel_name(component: int, wavelength_nm: float) -> str:
@@ -27,7 +26,7 @@ def channel_name(component: int, wavelength_nm: float) -> str:
 
 
 def band_name(wavelength_nm: float) -> str:
-    """A wavelength as the authors' library prints it, six decimals and a comma.
+    """A wavelength as the layout's own library prints it, with six decimals and a comma.
 
     Examples
     --------
@@ -38,8 +37,8 @@ def band_name(wavelength_nm: float) -> str:
 
 
 def stokes_channels(
-    stokes: Image, wavelengths_nm: Sequence[float], prefix: str = ""
-) -> dict[str, Image]:
+    stokes: FloatArray, wavelengths_nm: Sequence[float], prefix: str = ""
+) -> dict[str, FloatArray]:
     """The planes (height, width) of a Stokes image (height, width, bands, 3) by channel name.
 
     Raises
@@ -63,11 +62,13 @@ def stokes_channels(
 
 
 def stokes_from_channels(
-    channels: Mapping[str, NDArray[Any]], wavelengths_nm: Sequence[float], prefix: str = ""
-) -> Image:
+    channels: Mapping[str, AnyArray], wavelengths_nm: Sequence[float], prefix: str = ""
+) -> FloatArray:
     """The Stokes image (height, width, bands, 3) of `stokes_channels`, in the channels' type."""
     bands = [
-        np.stack([channels[prefix + channel_name(part, nm)] for part in range(3)], axis=-1)
+        np.stack(
+            [channels[prefix + channel_name(component, nm)] for component in range(3)], axis=-1
+        )
         for nm in wavelengths_nm
     ]
     return np.stack(bands, axis=2)

@@ -1,1 +1,1 @@
-"""One render for all scenes that differ in refractive index only."""
+"""Families: one render for all scenes that differ in refractive index only."""

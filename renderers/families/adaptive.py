@@ -1,7 +1,7 @@
-"""Samples until the noise is small enough: independent renders of a family, and their mean.
+"""Render a family until its noise is below a target: independent renders, and their mean.
 
-The rule that stops looks at the difference of two half renders. For Gaussian noise that says
-nothing about their sum, so that stopping biases no image; a test measures it over seeds.
+The stopping rule uses the difference of two half renders. For Gaussian noise that is independent of
+their sum, so that stopping does not bias the image; a test measures it over seeds.
 """
 
 from __future__ import annotations
@@ -9,39 +9,37 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from malus.renderers.mitsuba.lobe_samples import Floats, unit
+from malus.renderers.mitsuba.lobe_samples import unit
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import AnyArray
 from malus.scenes.scene import Sampling, Scene
 
 FIRST_PART = 16
+"""The first render takes this fraction, a sixteenth, of the most samples."""
 LEAST_SAMPLES = 16
-"""Of the first render, a sixteenth of all: fewer would spend their time on starting kernels."""
+"""Least samples of the first render: fewer would spend their time on starting kernels."""
 
 
 class Renders(Protocol):
-    """What `render_family` returns."""
+    """The truths of one family, as `render_family` returns them."""
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
         """The truth of one scene."""
 
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
-        """Images (angles, height, width, bands) through a polariser."""
-
 
 @dataclass(frozen=True)
-class Repeated:
+class RepeatedRenders:
     """The mean of independent renders of one family.
 
     Attributes
     ----------
-    passes : renders of different seeds
+    passes : renders with different seeds
     counts : tuple of int
-        Samples a pixel of each.
+        Samples a pixel of each pass.
     """
 
     passes: tuple[Renders, ...]
@@ -49,16 +47,19 @@ class Repeated:
 
     @property
     def samples(self) -> int:
-        """Samples a pixel of all together."""
+        """Samples a pixel of all passes together."""
         return sum(self.counts)
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
-        """The truth of one scene, with the samples that it took."""
-        truths = [one.truth(scene, standard_error) for one in self.passes]
-        parts = [count / self.samples for count in self.counts]
-        variance = [(p * truth.standard_error) ** 2 for p, truth in zip(parts, truths, strict=True)]
+        """The mean truth of one scene, with the number of samples taken."""
+        truths = [renders.truth(scene, standard_error) for renders in self.passes]
+        weights = [count / self.samples for count in self.counts]
+        variance = [
+            (weight * truth.standard_error) ** 2
+            for weight, truth in zip(weights, truths, strict=True)
+        ]
 
-        def mean(name: str) -> NDArray[Any]:
+        def mean(name: str) -> AnyArray:
             return self._mean([getattr(truth, name) for truth in truths])
 
         return replace(
@@ -73,12 +74,8 @@ class Repeated:
             samples=self.samples,
         )
 
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
-        """Images (angles, height, width, bands) through a polariser, as of a `Family`."""
-        return self._mean([one.polarised(scene, angles_deg) for one in self.passes])
-
-    def _mean(self, images: Sequence[NDArray[Any]]) -> NDArray[Any]:
-        """Mean over all samples, in the images' type."""
+    def _mean(self, images: Sequence[AnyArray]) -> AnyArray:
+        """Mean of the passes' images weighted by their samples, in the images' type."""
         mean = np.average(images, axis=0, weights=self.counts)
         return np.asarray(mean, dtype=images[0].dtype)
 
@@ -112,10 +109,10 @@ def first_samples(sampling: Sampling) -> int:
 
 def render_until(
     render: Callable[[Sampling], Renders], scenes: Sequence[Scene], sampling: Sampling
-) -> Repeated:
-    """Render few samples, then as many more as their noise asks for, until the target is met.
+) -> RepeatedRenders:
+    """Render few samples, then as many more as their noise requires, until the target is met.
 
-    How many follows from scenes, seed and variant alone; `sampling.samples` are the most.
+    Their number depends on scenes, seed and variant alone, and is at most `sampling.samples`.
     """
     assert sampling.target is not None
     passes: list[Renders] = []
@@ -123,16 +120,20 @@ def render_until(
     wanted = first_samples(sampling)
     while wanted > sum(counts):
         counts.append(wanted - sum(counts))
-        once = {"samples": counts[-1], "seed": _seed(sampling.seed, len(passes)), "target": None}
-        passes.append(render(sampling.model_copy(update=once)))
-        done = Repeated(tuple(passes), tuple(counts))
-        error = relative_error(done, scenes)
-        wanted = needed(error, sampling.target, done.samples, sampling.samples)
-    return done
+        one_pass = {
+            "samples": counts[-1],
+            "seed": _seed_of_pass(sampling.seed, len(passes)),
+            "target": None,
+        }
+        passes.append(render(sampling.model_copy(update=one_pass)))
+        renders = RepeatedRenders(tuple(passes), tuple(counts))
+        error = relative_error(renders, scenes)
+        wanted = needed(error, sampling.target, renders.samples, sampling.samples)
+    return renders
 
 
 def needed(error: float, target: float, samples: int, most: int) -> int:
-    """Samples for a target, even, where some have an error: noise falls as their root.
+    """Even number of samples for a target error, if `samples` have `error`, which falls as 1/√n.
 
     Examples
     --------
@@ -142,12 +143,12 @@ def needed(error: float, target: float, samples: int, most: int) -> int:
     if error <= target:
         return samples
     enough = samples * min((error / target) ** 2, most)
-    # At least a tenth more, or the last few would come one by one.
+    # At least a tenth more, lest the last few come in many small renders.
     return min(most, 2 * math.ceil(max(enough, 1.1 * samples) / 2))
 
 
-def _seed(seed: int, number: int) -> int:
-    """Seeds of passes: the first is that of the sampling."""
+def _seed_of_pass(seed: int, number: int) -> int:
+    """Seed of each pass: the first has that of the sampling."""
     if number == 0:
         return seed
     # Within the range of `Sampling.seed`.

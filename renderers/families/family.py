@@ -1,4 +1,4 @@
-"""A family of renders: one shape, light, roughness and body, for every refractive index at once."""
+"""Render a family: one shape, light, roughness and body, for every refractive index together."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from malus.renderers.families.adaptive import Repeated, render_until
+from malus.renderers.families.adaptive import Renders, RepeatedRenders, render_until
 from malus.renderers.families.interpolated import Family, interpolate
 from malus.renderers.families.nodes import Nodes, family_nodes
 from malus.renderers.families.patterned import PatternedFamily, with_part
 from malus.renderers.family_key import FamilyKey
-from malus.renderers.mitsuba import stokes_integrator as stock
-from malus.renderers.mitsuba import wavefront
+from malus.renderers.mitsuba import stokes_integrator, wavefront
 from malus.renderers.mitsuba.bsdfs import bsdfs
 from malus.renderers.mitsuba.kernel_warnings import refused_warnings
-from malus.renderers.mitsuba.lobe_samples import Floats, Lobes
+from malus.renderers.mitsuba.lobe_samples import Lobes
 from malus.renderers.mitsuba.path_traced import Rendered, render_room
 from malus.renderers.mitsuba.patterns import (
     check_coordinates,
@@ -28,6 +27,7 @@ from malus.renderers.mitsuba.patterns import (
 )
 from malus.renderers.mitsuba.shading import Shading
 from malus.renderers.variant import Variant, choose, mitsuba
+from malus.scenes.core.arrays import Float32Array, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.scene import Sampling, Scene
 
@@ -40,21 +40,21 @@ def render_family(
     variant: Variant | None = None,
     errors: bool = True,
     nodes: int | None = None,
-) -> Family | Rendered | PatternedFamily | Repeated:
-    """Render what all of `scenes` need; they must share a FamilyKey.
+) -> Family | Rendered | PatternedFamily | RepeatedRenders:
+    """Render all that the truths of `scenes` need; they must share a FamilyKey.
 
     Parameters
     ----------
     scenes : Scenes
     sampling : Sampling
-        With a `target`, as many samples as it takes, the same for all of the family.
+        With a `target`, as many samples as it needs, the same for all of the family.
     variant : Variant, optional
         By default the fastest that works.
     errors : bool
-        False leaves out what only standard errors need; halves and noise remain.
+        False skips what only standard errors need; halves and noise remain.
     nodes : int, optional
-        Number of Chebyshev nodes in η; by default as many as the range of indices asks for, or
-        the indices themselves where they are no more.
+        Number of Chebyshev nodes in η; by default as many as the range of indices requires, or
+        the indices themselves where those are no more.
 
     Raises
     ------
@@ -65,27 +65,42 @@ def render_family(
     keys = {FamilyKey.of(scene) for scene in scenes}
     if len(keys) != 1:
         raise ValueError(f"scenes: expected scenes of one family, found {len(keys)} families")
-    key, chosen_variant, options = keys.pop(), variant or choose(), Options(errors, nodes)
+    key, chosen_variant, options = keys.pop(), variant or choose(), RenderOptions(errors, nodes)
 
     mitsuba(chosen_variant)  # what it says of libraries on its way is no warning of a render
 
-    def once(sampling: Sampling) -> Family | Rendered | PatternedFamily:
+    def render_once(sampling: Sampling) -> Family | Rendered | PatternedFamily:
         with refused_warnings(f"scene {scenes[0].id}"):
-            return rendered(sampling)
+            return render_watched(sampling)
 
-    def rendered(sampling: Sampling) -> Family | Rendered | PatternedFamily:
+    def render_watched(sampling: Sampling) -> Family | Rendered | PatternedFamily:
         if key.room:
             return Rendered(render_room(key.room, sampling, chosen_variant))
         if key.pattern:
             return _patterned(key, scenes, sampling, chosen_variant, options)
         return _plain(key, scenes, sampling, chosen_variant, options)
 
-    return once(sampling) if sampling.target is None else render_until(once, scenes, sampling)
+    return (
+        render_once(sampling)
+        if sampling.target is None
+        else render_until(render_once, scenes, sampling)
+    )
+
+
+def polarised_images(renders: Renders, scene: Scene, angles_deg: tuple[float, ...]) -> FloatArray:
+    """Images (angles, height, width, bands) of one scene through a polariser.
+
+    A `Family` interpolates them without the Stokes images in between, which is faster.
+    """
+    if isinstance(renders, Family):
+        return renders.polarised(scene, angles_deg)
+    truth = renders.truth(scene, standard_error=False)
+    return np.stack([truth.polarised(angle) for angle in angles_deg])
 
 
 @dataclass(frozen=True)
-class Options:
-    """Of `render_family`; `where` tells which hits are shaded, by default all."""
+class RenderOptions:
+    """Options of `render_family`; `where` selects the hits that are shaded, by default all."""
 
     errors: bool = True
     nodes: int | None = None
@@ -93,22 +108,32 @@ class Options:
 
 
 def _plain(
-    key: FamilyKey, scenes: list[Scene], sampling: Sampling, variant: Variant, options: Options
+    key: FamilyKey,
+    scenes: list[Scene],
+    sampling: Sampling,
+    variant: Variant,
+    options: RenderOptions,
 ) -> Family:
+    """A family of one object with one surface."""
     points = family_nodes(scenes, options.nodes)
     started = time.perf_counter()
     lobes = _render(key, list(points.rendered), sampling, variant, options)
     seconds = time.perf_counter() - started
     if points.held_out is None:
         return Family(key, points, lobes, variant.name, seconds, {"rms": 0.0, "worst": 0.0})
-    error = _measure(lobes, points)
+    error = _interpolation_error(lobes, points)
     kept = _without_held_out(lobes, len(points.values))
     return Family(key, points, kept, variant.name, seconds, error)
 
 
 def _patterned(
-    key: FamilyKey, scenes: list[Scene], sampling: Sampling, variant: Variant, options: Options
+    key: FamilyKey,
+    scenes: list[Scene],
+    sampling: Sampling,
+    variant: Variant,
+    options: RenderOptions,
 ) -> PatternedFamily:
+    """A family of one object with several surfaces, each rendered on its own."""
     if not variant.vectorised:
         hint = "install LLVM 17 or later (`malus doctor` says how), or choose one surface"
         where, expected = f"scene {scenes[0].id}", "LLVM or CUDA for several surfaces on one object"
@@ -123,9 +148,10 @@ def _patterned(
         families.append(_plain(FamilyKey.of(parts[0]), parts, sampling, variant, only_here))
     stage = wavefront.stage(variant, key.shape, key.camera, key.light)
     side = key.camera.resolution
-    at = surface_number(mi, key.pattern, count)
-    seen = surface_shares(mi, stage.view.film, stage.scene, at, count).reshape(side, side, count)
-    return PatternedFamily(key, tuple(families), seen, sampling.samples)
+    number_at = surface_number(mi, key.pattern, count)
+    shares = surface_shares(mi, stage.view.film, stage.scene, number_at, count)
+    by_pixel = shares.reshape(side, side, count)
+    return PatternedFamily(key, tuple(families), by_pixel, sampling.samples)
 
 
 def _render(
@@ -133,10 +159,11 @@ def _render(
     nodes: list[float | complex],
     sampling: Sampling,
     variant: Variant,
-    options: Options,
+    options: RenderOptions,
 ) -> Lobes:
+    """Stokes samples of both lobes at every node."""
     if not variant.vectorised:
-        return stock.render_lobes(variant, key, nodes, sampling)
+        return stokes_integrator.render_lobes(variant, key, nodes, sampling)
     specular, diffuse = bsdfs(variant, nodes, key.alpha, key.body, key.measured)
     replay = options.where is None and key.measured is None
     shading = Shading(specular, diffuse, options.errors, options.where, replay)
@@ -145,8 +172,8 @@ def _render(
     )
 
 
-def _measure(lobes: Lobes, nodes: Nodes) -> dict[str, float]:
-    """Difference between the interpolated and the rendered image at the held-out index."""
+def _interpolation_error(lobes: Lobes, nodes: Nodes) -> dict[str, float]:
+    """Error of the interpolated image at the held-out index, over the peak: 'rms' and 'worst'."""
     weights = nodes.weights(np.array([nodes.held_out])).astype(np.float32)
     rms, worst = [0.0], [0.0]
     for halves in (lobes.specular, lobes.diffuse):
@@ -161,7 +188,9 @@ def _measure(lobes: Lobes, nodes: Nodes) -> dict[str, float]:
 
 
 def _without_held_out(lobes: Lobes, nodes: int) -> Lobes:
-    def kept(values: Floats | None) -> Floats | None:
+    """The lobes at the first `nodes` indices."""
+
+    def kept(values: Float32Array | None) -> Float32Array | None:
         return None if values is None else values[: min(nodes, len(values))]
 
     return replace(

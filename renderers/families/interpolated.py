@@ -1,4 +1,4 @@
-"""Truths of a family of scenes: images as polynomials in the refractive index."""
+"""Truths of a family of scenes, interpolated as polynomials in the refractive index."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.renderers.families.nodes import Nodes, places
+from malus.renderers.families.nodes import Nodes, node_coordinates
 from malus.renderers.family_key import FamilyKey
-from malus.renderers.mitsuba.lobe_samples import Floats, Lobes
+from malus.renderers.mitsuba.lobe_samples import Lobes
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
+from malus.scenes.core.arrays import BoolArray, Float32Array
 from malus.scenes.scene import Scene
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -21,14 +22,14 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 @dataclass(frozen=True)
 class Family:
-    """Both lobes as polynomials in η, and what they cost.
+    """Renders of both lobes at a few refractive indices, from which truths are interpolated.
 
     Attributes
     ----------
     nodes : Nodes
-        Indices that were rendered.
+        Refractive indices of the renders.
     lobes : Lobes
-        At the nodes.
+        Stokes samples of both lobes at the nodes.
     interpolation_error : dict
         'rms' and 'worst' of both lobes at a held-out index, over the image's peak.
     seconds : float
@@ -41,18 +42,18 @@ class Family:
     variant: str
     seconds: float
     interpolation_error: dict[str, float] = field(default_factory=dict)
-    _transmitted: dict[tuple[tuple[float, ...], float], Floats] = field(
+    _transmitted: dict[tuple[tuple[float, ...], float], Float32Array] = field(
         default_factory=dict, repr=False
     )
 
     @functools.cached_property
-    def normals(self) -> Floats:
+    def normals(self) -> Float32Array:
         """Unit normals (height, width, 3) in the image frame, zero off the object."""
         axes = self.key.camera.axes.astype(self.lobes.normals.dtype)
         return self._image((self.lobes.normals @ axes.T)[:, None, :])[:, :, 0]
 
     @functools.cached_property
-    def mask(self) -> NDArray[np.bool_]:
+    def mask(self) -> BoolArray:
         """Pixels (height, width) that the object covers entirely."""
         return self._image(self.lobes.covered[:, None, None])[:, :, 0, 0]
 
@@ -64,7 +65,7 @@ class Family:
         scene : Scene
             Its key must be this family's.
         standard_error : bool
-            False leaves the standard errors out (zeros) where nothing reads them.
+            False leaves the standard errors out (zeros), which saves time.
 
         Raises
         ------
@@ -72,7 +73,7 @@ class Family:
             If the scene belongs to another family or its index lies outside the nodes.
         """
         self._check(scene)
-        weights = self.nodes.weights(places(scene)).astype(np.float32)
+        weights = self.nodes.weights(node_coordinates(scene)).astype(np.float32)
         albedo = scene.surface.albedos(scene.wavelengths_nm).astype(np.float32)[:, None]
         specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
         diffuse, diffuse_noise = self._mean_and_noise(self.lobes.diffuse, weights)
@@ -89,28 +90,28 @@ class Family:
             interpolation_error=self.interpolation_error,
         )
 
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
+    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
         """Images (angles, height, width, bands) through a polariser, without the Stokes images.
 
-        The transmitted radiance is linear in the Stokes vector, so that it is formed at the few
-        nodes and only then interpolated to the bands.
+        The transmitted radiance is linear in the Stokes vector: it is computed at the few nodes
+        and then interpolated to the bands.
         """
         self._check(scene)
         albedo = scene.surface.albedos(scene.wavelengths_nm)
         if np.ptp(albedo) > 0:
-            stokes = self.truth(scene, standard_error=False).stokes
-            return np.stack([polarisation.polarised(stokes, angle) for angle in angles_deg])
-        weights = self.nodes.weights(places(scene)).astype(np.float32)
+            truth = self.truth(scene, standard_error=False)
+            return np.stack([truth.polarised(angle) for angle in angles_deg])
+        weights = self.nodes.weights(node_coordinates(scene)).astype(np.float32)
         key = (angles_deg, float(albedo[0]))
         nodes = self._transmitted.get(key)
         if nodes is None:
             nodes = self._transmitted[key] = self._transmit(*key)
         side = self.key.camera.resolution
-        # Of whole images, zero off the object: to fill those in later costs four times as much.
-        images: Floats = np.matmul(nodes.swapaxes(1, 2), weights.T)
+        # Whole images, zero off the object: filling those in later costs four times as much.
+        images: Float32Array = np.matmul(nodes.swapaxes(1, 2), weights.T)
         return images.reshape(len(angles_deg), side, side, len(weights))
 
-    def _transmit(self, angles_deg: tuple[float, ...], albedo: float) -> Floats:
+    def _transmit(self, angles_deg: tuple[float, ...], albedo: float) -> Float32Array:
         """Radiance of both lobes behind the polariser at the nodes, (angles, K, height * width)."""
         stokes = self.lobes.specular.mean(axis=0) + np.float32(albedo) * self.lobes.diffuse.mean(
             axis=0
@@ -126,7 +127,9 @@ class Family:
         if FamilyKey.of(scene) != self.key:
             raise ValueError(f"scene {scene.id}: expected a scene of this family")
 
-    def _mean_and_noise(self, halves: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    def _mean_and_noise(
+        self, halves: Float32Array, weights: Float32Array
+    ) -> tuple[Float32Array, Float32Array]:
         """Mean of both halves and half their difference, (pixels, bands, 3) each."""
         first, second = halves
         return (
@@ -134,7 +137,8 @@ class Family:
             interpolate(weights, np.float32(0.5) * (first - second)),
         )
 
-    def _error(self, weights: Floats, albedo: Floats) -> Floats:
+    def _error(self, weights: Float32Array, albedo: Float32Array) -> Float32Array:
+        """Standard error (pixels, bands, 3) of the sum of both lobes."""
         # The noise at every node is the same draw, so that its variance is smooth in η as well.
         lobes = self.lobes
         if lobes.specular_variance is None or lobes.diffuse_variance is None:
@@ -145,18 +149,22 @@ class Family:
             + 2 * albedo * interpolate(weights, lobes.covariance)
             + albedo**2 * interpolate(weights, lobes.diffuse_variance)
         )
-        result: Floats = np.sqrt(np.maximum(variance, 0))
+        result: Float32Array = np.sqrt(np.maximum(variance, 0))
         return result
 
     def _image(self, values: NDArray[Scalar]) -> NDArray[Scalar]:
+        """Values (pixels, ...) as an image (height, width, ...), zero off the object."""
         side = self.key.camera.resolution
         image = np.zeros((side * side, *values.shape[1:]), dtype=values.dtype)
         image[self.lobes.pixels] = values
         return image.reshape(side, side, *values.shape[1:])
 
 
-def interpolate(weights: Floats, nodes: Floats) -> Floats:
-    """Values (pixels, bands, 3) from nodes (K, pixels, 3); one node serves every band."""
+def interpolate(weights: Float32Array, nodes: Float32Array) -> Float32Array:
+    """Values (pixels, bands, 3) from those at nodes (K, pixels, 3) and weights (bands, K).
+
+    A single node gives every band the same values.
+    """
     if len(nodes) == 1:
         bands = (nodes.shape[1], len(weights), 3)
         return np.broadcast_to(nodes[0][:, None, :], bands)

@@ -1,4 +1,4 @@
-"""Interpolation in the refractive index: a render is a smooth function of η.
+"""Interpolation in the refractive index η, of which a render is a smooth function.
 
 With the seed fixed, Monte Carlo noise is the same smooth function of η as the image itself, so
 that a polynomial through a few Chebyshev nodes gives the image at any η between them.
@@ -8,18 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import Float64Array, NumberArray
 from malus.scenes.materials.measured import Measured
 from malus.scenes.scene import Scene
 
-Floats = NDArray[np.float64]
-
 TARGET_ERROR = 2e-6
-"""Wanted rms interpolation error over the image's peak: a fifth of what is promised (1e-5)."""
+"""Wanted rms interpolation error over the image's peak: a fifth of the documented 1e-5."""
 
 
 def node_count(low: float, high: float) -> int:
@@ -44,7 +42,7 @@ def node_count(low: float, high: float) -> int:
     return count
 
 
-def chebyshev_nodes(low: float, high: float, count: int) -> Floats:
+def chebyshev_nodes(low: float, high: float, count: int) -> Float64Array:
     """Chebyshev nodes of the first kind on [low, high]."""
     if count == 1:
         return np.array([0.5 * (low + high)])
@@ -54,15 +52,15 @@ def chebyshev_nodes(low: float, high: float, count: int) -> Floats:
 
 @dataclass(frozen=True)
 class Nodes:
-    """The indices at which a family is rendered.
+    """The refractive indices at which a family is rendered.
 
     Attributes
     ----------
     values : (K,)
-        Chebyshev nodes, or all indices that are wanted where those are few or complex.
+        Chebyshev nodes, or all wanted indices where those are few or complex.
     held_out : float or None
-        The end of the interval next to η = 1, where the error is largest: rendered too, to measure
-        it. None where nothing is interpolated.
+        The end of the interval next to η = 1, where the error is largest, rendered too in order to
+        measure that error. None where nothing is interpolated.
 
     Examples
     --------
@@ -72,12 +70,12 @@ class Nodes:
     7
     """
 
-    values: NDArray[np.inexact[Any]]
+    values: NumberArray
     held_out: float | None = None
 
     @classmethod
-    def of(cls, eta: NDArray[np.inexact[Any]], count: int | None = None) -> Self:
-        """Nodes for indices (N,); `count` asks for so many Chebyshev nodes."""
+    def of(cls, eta: NumberArray, count: int | None = None) -> Self:
+        """Nodes for wanted indices (N,); `count` fixes the number of Chebyshev nodes."""
         wanted = np.unique(eta)
         if np.iscomplexobj(wanted) or len(wanted) == 1:
             return cls(wanted)
@@ -90,40 +88,40 @@ class Nodes:
 
     @property
     def rendered(self) -> tuple[float | complex, ...]:
-        """All indices that are rendered, the held-out one last."""
-        extra = () if self.held_out is None else (self.held_out,)
-        return (*self.values.tolist(), *extra)
+        """All rendered indices, the held-out one last."""
+        held_out = () if self.held_out is None else (self.held_out,)
+        return (*self.values.tolist(), *held_out)
 
-    def weights(self, eta: NDArray[np.inexact[Any]]) -> Floats:
-        """Weights (len(eta), K) of the nodes' images in the images at `eta`.
+    def weights(self, eta: NumberArray) -> Float64Array:
+        """Weights (len(eta), K) that interpolate from the nodes' images to those at `eta`.
 
         Raises
         ------
         ValueError
-            For an index that is not among those that the nodes were made for.
+            For an index outside those that the nodes were chosen for.
         """
         if self.held_out is None:
-            hits: Floats = (eta[:, None] == self.values).astype(np.float64)
-            known = bool(hits.any(axis=1).all())
+            weights: Float64Array = (eta[:, None] == self.values).astype(np.float64)
+            inside = bool(weights.any(axis=1).all())
         else:
             edge = self._edge
-            known = eta.min() >= self.values[0] - edge and eta.max() <= self.values[-1] + edge
-            hits = interpolation_weights(self.values.real, eta.real)
-        if not known:
+            inside = eta.min() >= self.values[0] - edge and eta.max() <= self.values[-1] + edge
+            weights = interpolation_weights(self.values.real, eta.real)
+        if not inside:
             raise ValueError(f"eta: expected a value among this family's indices, found {eta}")
-        return hits
+        return weights
 
     @property
     def _edge(self) -> float:
-        """How far the interval reaches beyond the outermost nodes."""
+        """Distance by which the interval reaches beyond the outermost nodes."""
         assert self.held_out is not None
         return float(self.values[0] - self.held_out) * (1 + 1e-9) + 1e-12
 
 
-def places(scene: Scene) -> NDArray[np.inexact[Any]]:
-    """Where among the nodes of its family each band of a scene lies: at its index.
+def node_coordinates(scene: Scene) -> NumberArray:
+    """The coordinate (bands,) of each band on the axis of the nodes: its refractive index.
 
-    Nothing is interpolated for a measured material: its nodes are the bands themselves, in nm.
+    Nothing is interpolated for a measured material, whose nodes are the bands themselves, in nm.
     """
     if isinstance(scene.surface, Measured):
         return np.array(scene.wavelengths_nm)
@@ -131,15 +129,15 @@ def places(scene: Scene) -> NDArray[np.inexact[Any]]:
 
 
 def family_nodes(scenes: Iterable[Scene], count: int | None = None) -> Nodes:
-    """The nodes that scenes of one family are rendered at; `count` as for `Nodes.of`."""
+    """The nodes at which scenes of one family are rendered; `count` as for `Nodes.of`."""
     scenes = list(scenes)
-    wanted = np.concatenate([places(scene) for scene in scenes])
+    wanted = np.concatenate([node_coordinates(scene) for scene in scenes])
     if isinstance(scenes[0].surface, Measured):
         return Nodes(np.unique(wanted))
     return Nodes.of(wanted, count)
 
 
-def interpolation_weights(nodes: Floats, eta: Floats) -> Floats:
+def interpolation_weights(nodes: Float64Array, eta: Float64Array) -> Float64Array:
     """Lagrange weights, shape (len(eta), len(nodes)), in barycentric form.
 
     Source: Berrut and Trefethen, "Barycentric Lagrange Interpolation", SIAM Review 46 (2004).
@@ -157,6 +155,6 @@ def interpolation_weights(nodes: Floats, eta: Floats) -> Floats:
     exact = distance == 0.0
     terms = barycentric / np.where(exact, 1.0, distance)
     weights = terms / terms.sum(axis=1, keepdims=True)
-    hit = exact.any(axis=1)
-    weights[hit] = exact[hit]
+    at_node = exact.any(axis=1)
+    weights[at_node] = exact[at_node]
     return weights

@@ -1,51 +1,49 @@
-"""Several surfaces on one object: which of them a point has, and the truth of all together.
+"""Families of objects with several surfaces: the truth is the sum of those of each surface.
 
-Every surface is rendered with the same rays and shades only the samples that fall on it. Light from
-one bounce is a sum over samples, so that the truth is the sum of the surfaces' truths.
+Every surface is rendered with the same rays, and only the samples that fall on it are shaded. Light
+from one reflection is a sum over samples, so that truths of surfaces can be added.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.families.interpolated import Family
 from malus.renderers.family_key import FamilyKey
-from malus.renderers.mitsuba.lobe_samples import Floats
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import AnyArray, Float32Array
 from malus.scenes.materials.surface import Patterned
 from malus.scenes.scene import Scene
 
 
 def with_part(scene: Scene, index: int) -> Scene:
-    """The scene with one of its surfaces all over."""
+    """The scene with one of its surfaces on the whole object."""
     assert isinstance(scene.surface, Patterned)
     return scene.model_copy(update={"surface": scene.surface.surfaces[index]})
 
 
 @dataclass(frozen=True)
 class PatternedFamily:
-    """Families of each surface, lit only where the pattern has it.
+    """A family for each surface, shaded only where the pattern has that surface.
 
     Attributes
     ----------
     families : Families, one a surface
     shares : (height, width, surfaces)
-        Share of each surface in what a pixel sees.
+        Share of each surface in the area of a pixel.
     samples : int
         Samples a pixel, of which each fell on one surface.
     """
 
     key: FamilyKey
     families: tuple[Family, ...]
-    shares: Floats
+    shares: Float32Array
     samples: int
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
-        """The truth of one scene; `eta` and `alpha` are means over what a pixel sees.
+        """The truth of one scene; `eta` and `alpha` are means over each pixel.
 
         Raises
         ------
@@ -76,13 +74,8 @@ class PatternedFamily:
             alpha_map=self.shares @ alpha,
         )
 
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
-        """Images (angles, height, width, bands) through a polariser, as of a `Family`."""
-        truth = self.truth(scene, standard_error=False)
-        return np.stack([truth.polarised(angle) for angle in angles_deg])
-
-    def _error(self, parts: list[Truth]) -> NDArray[Any]:
-        """A sample is on one surface only: the covariance of two is minus the product of means."""
+    def _error(self, parts: list[Truth]) -> AnyArray:
+        """Standard error: a sample is on one surface, so two have covariance -mean times mean."""
         means = [part.stokes for part in parts]
         crossed = _sum(means) ** 2 - _sum([mean**2 for mean in means])
         variance = _sum([part.standard_error**2 for part in parts]) - crossed / (self.samples - 1)
@@ -90,5 +83,5 @@ class PatternedFamily:
         return np.sqrt(np.maximum(variance, 0))
 
 
-def _sum(images: list[NDArray[Any]]) -> NDArray[Any]:
+def _sum(images: list[AnyArray]) -> AnyArray:
     return np.sum(images, axis=0, dtype=images[0].dtype)

@@ -1,1 +1,1 @@
-"""What every package stands on: errors, strict models, files that are whole or absent."""
+"""What every package uses: array types, errors, validated models, files, stores, versions."""

@@ -1,4 +1,4 @@
-"""Types of arrays: what stands in annotations instead of NumPy's long names."""
+"""Types of arrays for annotations, shorter than NumPy's own names."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray: TypeAlias = NDArray[np.floating[Any]]
-"""Real numbers of any precision: images are float32 or float64, as their maker chose."""
+"""Real numbers of any precision: images are float32 from Mitsuba, float64 from formulas."""
 
 Float64Array: TypeAlias = NDArray[np.float64]
 Float32Array: TypeAlias = NDArray[np.float32]

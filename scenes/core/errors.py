@@ -1,16 +1,16 @@
-"""The one exception for a user's mistake."""
+"""The exception for a user's mistake, and the errors of other libraries turned into it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_LONGEST = 80
-"""Characters kept of a value that was found: enough to recognise it, too few to fill a screen."""
+_FOUND_CHARACTERS = 80
+"""Most characters of a wrong value that a message repeats."""
 
 
 class InputError(ValueError):
-    """A user's mistake, told in one line; the command line turns it into exit code 2.
+    """A user's mistake, described in one line; the command line turns it into exit code 2.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def printable(text: str) -> str:
 
 
 def _shortened(text: str) -> str:
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+    return text if len(text) <= _FOUND_CHARACTERS else text[: _FOUND_CHARACTERS - 3] + "..."
 
 
 @contextmanager
@@ -88,12 +88,12 @@ def reading(where: str, expected: str, hint: str) -> Iterator[None]:
 
 
 def first_line(error: Exception) -> str:
-    """What an exception says, on one line; its type's name where it says nothing.
+    """The first line of an exception's message; its type's name where it has none.
 
     Examples
     --------
     >>> first_line(ValueError("bad header\\nat byte 7")), first_line(KeyError())
     ('bad header', 'KeyError')
     """
-    said = getattr(error, "strerror", None) or str(error)
-    return next(iter(said.strip().splitlines()), type(error).__name__)
+    message = getattr(error, "strerror", None) or str(error)
+    return next(iter(message.strip().splitlines()), type(error).__name__)

@@ -1,4 +1,4 @@
-"""Files and folders that are whole or not there, and that are checked before they are believed."""
+"""Files and folders that are written as a whole or not at all, and checked before they are read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.remote import is_here, put_file, put_folder, put_mark
 
 TEMPORARY = ".part-"
@@ -35,13 +35,13 @@ def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
     if not is_here(final):
         put_folder(final, write)
         return
-    temporary, aside = _own_folder(final.parent), None
+    temporary, aside = _temporary_folder(final.parent), None
     try:
         write(temporary)
         temporary.chmod(0o755)
         if final.is_dir() and not final.is_symlink():
             # A folder that is not empty cannot be replaced by renaming: it steps aside first.
-            aside = _own_folder(final.parent)
+            aside = _temporary_folder(final.parent)
             os.rename(final, aside / final.name)
         os.rename(temporary, final)
     finally:
@@ -87,6 +87,18 @@ def replace_file(final: Path, write: Callable[[Path], object]) -> None:
             temporary.unlink(missing_ok=True)
 
 
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file as `replace_file` does, and make the folders above it first.
+
+    Raises
+    ------
+    InputError
+        Where there is no room, or no permission to write.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace_file(path, write)
+
+
 def replace_text(final: Path, text: str) -> None:
     """Write a text file under a temporary name, then rename it: whole or not at all."""
     replace_file(final, lambda temporary: temporary.write_text(text, encoding="utf-8"))
@@ -94,10 +106,10 @@ def replace_text(final: Path, text: str) -> None:
 
 def remove_abandoned(folder: Path) -> None:
     """Remove temporary files and folders of processes of this machine that are gone."""
-    mine = f"{TEMPORARY}{socket.gethostname()}-"
-    for entry in _temporary(folder, mine):
-        owner = entry.name.removeprefix(mine).split("-")[0]
-        if not owner.isdigit() or _runs(int(owner)) or entry.is_symlink():
+    of_this_machine = f"{TEMPORARY}{socket.gethostname()}-"
+    for entry in _temporary(folder, of_this_machine):
+        process = entry.name.removeprefix(of_this_machine).split("-")[0]
+        if not process.isdigit() or _runs(int(process)) or entry.is_symlink():
             continue
         if entry.is_dir():
             shutil.rmtree(entry, ignore_errors=True)
@@ -150,11 +162,8 @@ def read_json(path: Path, limit: int) -> tuple[Any, str]:
         raw = file.read(limit + 1)
     if len(raw) > limit:
         raise InputError(str(path), f"at most {limit} bytes", "more", "is this file from malus?")
-    try:
+    with reading(str(path), "a JSON file", "write it again"):
         return json.loads(raw), hashlib.sha256(raw).hexdigest()
-    except (ValueError, RecursionError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(str(path), "a JSON file", reason, "write it again") from None
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -186,7 +195,7 @@ def digest(path: Path) -> tuple[int, str]:
 
 
 def check_digest(path: Path, size: int, sha256: str, hint: str) -> None:
-    """Compare a file with what is known of it, its size first.
+    """Compare a file with its recorded size and hash, the size first.
 
     Raises
     ------
@@ -194,48 +203,37 @@ def check_digest(path: Path, size: int, sha256: str, hint: str) -> None:
         If it is missing, cut or changed.
     """
     with open_regular(path) as file:
-        found = file.seek(0, os.SEEK_END)
-        if found != size:
-            raise InputError(str(path), f"{size} bytes", f"{found} bytes", hint)
+        actual_size = file.seek(0, os.SEEK_END)
+        if actual_size != size:
+            raise InputError(str(path), f"{size} bytes", f"{actual_size} bytes", hint)
         file.seek(0)
-        actual = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
-    if actual != sha256:
-        raise InputError(str(path), f"SHA-256 {sha256}", actual, hint)
+        actual_sha256 = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
+    if actual_sha256 != sha256:
+        raise InputError(str(path), f"SHA-256 {sha256}", actual_sha256, hint)
 
 
 def _temporary(folder: Path, beginning: str = TEMPORARY) -> list[Path]:
-    """What lies in a folder under temporary names; nothing where there is no folder."""
+    """Entries of a folder with temporary names; none where there is no folder."""
     try:
         return [entry for entry in folder.iterdir() if entry.name.startswith(beginning)]
     except (FileNotFoundError, NotADirectoryError):
         return []
 
 
-def _own_folder(parent: Path) -> Path:
+def _temporary_folder(parent: Path) -> Path:
     return Path(tempfile.mkdtemp(dir=parent, prefix=_prefix()))
 
 
 def _prefix() -> str:
-    """How temporary names of this process begin: `remove_abandoned` knows whose they are."""
+    """Beginning of this process's temporary names, by which `remove_abandoned` knows its owner."""
     return f"{TEMPORARY}{socket.gethostname()}-{os.getpid()}-"
 
 
 def _runs(process: int) -> bool:
+    """Whether a process of that number is running."""
     with contextlib.suppress(PermissionError):
         try:
             os.kill(process, 0)
         except (ProcessLookupError, OverflowError):
             return False
     return True
-
-
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary name beside `path`, then rename: whole or not at all.
-
-    Raises
-    ------
-    InputError
-        Where there is no room, or no permission to write.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, write)

@@ -1,4 +1,4 @@
-"""What the data classes of a scene share: frozen, strict, hashed by content."""
+"""The base of all data classes: frozen, strictly validated, identified by their content."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from malus.scenes.core.validation import first_problem
 
 
 class Model(BaseModel):
-    """A frozen value without unknown keys, NaN or infinity; equal content has an equal id."""
+    """Frozen data without unknown keys, NaN or infinity; equal content has an equal id."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

@@ -1,4 +1,4 @@
-"""Files that a scene names are known by their content: its hash is part of the scene's id."""
+"""Files that a scene names: the hash of their content is part of the scene's id."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 
 from pydantic import PrivateAttr
 
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
 
 
@@ -17,7 +17,7 @@ class NamedFile(Model):
     """A part of a scene that is in a file; `digest` is the hash of its bytes."""
 
     what: ClassVar[str]
-    """What the file is, in messages."""
+    """Kind of the file, as error messages name it."""
     digest: str = ""
     _file: Path | None = PrivateAttr(default=None)
 
@@ -28,28 +28,28 @@ class NamedFile(Model):
 
     @property
     def file(self) -> Path:
-        """Where it is read from: the path in the scene, unless a dataset keeps a copy."""
+        """The path that is read: the one in the scene, unless a dataset keeps a copy."""
         return self._file or Path(self.file_name or "")
 
     def read_from(self, file: Path) -> Self:
-        """The same part, of the same id, which is read from another file."""
+        """The same part, with the same id, read from another file."""
         moved = self.model_copy()
         moved._file = file
         return moved
 
     def checked(self) -> Path:
-        """The file, whose content is the one that the digest tells, where there is one.
+        """The path that is read, after comparing its content with the digest, if there is one.
 
         Raises
         ------
         InputError
             If the file is another one, or cannot be read.
         """
-        found = digest_of(self.file, self.what)
-        if self.digest not in ("", found):
+        actual = digest_of(self.file, self.what)
+        if self.digest not in ("", actual):
             expected = f"a {self.what} with digest {self.digest}"
             hint = "the file changed: give the command again, or find the old one"
-            raise InputError(str(self.file), expected, found, hint)
+            raise InputError(str(self.file), expected, actual, hint)
         return self.file
 
 
@@ -61,12 +61,9 @@ def digest_of(path: Path, what: str) -> str:
     InputError
         If it cannot be read.
     """
-    try:
+    with reading(str(path), f"a readable {what}", "check the path"):
         # A pipe would be waited for.
         if path.exists() and not path.is_file():
             raise InputError(str(path), f"a readable {what}", "no file", "check the path")
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()[:16]
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(str(path), f"a readable {what}", reason, "check the path") from None

@@ -1,4 +1,4 @@
-"""Silence for libraries that print what they raise."""
+"""Hide what other libraries print beside the exceptions that they raise."""
 
 from __future__ import annotations
 
@@ -41,13 +41,14 @@ def quiet() -> Iterator[None]:
 
 
 def _redirected() -> ExitStack:
+    """Redirect both streams; closing the result restores them."""
     with ExitStack() as undo:
-        nothing = undo.enter_context(open(os.devnull, "w", encoding="utf-8"))
+        null_device = undo.enter_context(open(os.devnull, "w", encoding="utf-8"))
         if sys.stderr is not None:
             sys.stderr.flush()
-            kept = os.dup(2)
-            undo.callback(os.close, kept)
-            undo.callback(os.dup2, kept, 2)
-            os.dup2(nothing.fileno(), 2)
-        undo.enter_context(redirect_stdout(nothing))
+            error_stream = os.dup(2)
+            undo.callback(os.close, error_stream)
+            undo.callback(os.dup2, error_stream, 2)
+            os.dup2(null_device.fileno(), 2)
+        undo.enter_context(redirect_stdout(null_device))
         return undo.pop_all()

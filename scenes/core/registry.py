@@ -1,4 +1,4 @@
-"""Tables of named things that malus brings, and the way to one of them."""
+"""TOML tables that malus brings, and look-up by name with suggestions for a wrong one."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ FolderName = Annotated[str, AfterValidator(_no_path)]
 
 
 def table(name: str) -> dict[str, Any]:
-    """The content of the TOML file of that name among malus' data."""
+    """Read the TOML file of that name in `malus/scenes/data`."""
     return tomllib.loads(resources.files("malus.scenes").joinpath("data", name).read_text("utf-8"))
 
 
-def lookup(name: str, known: Mapping[str, Item], where: str, expected: str = "") -> Item:
-    """What is known under that name.
+def lookup(name: str, items: Mapping[str, Item], where: str, expected: str = "") -> Item:
+    """The item of that name.
 
     Parameters
     ----------
     name : str
-    known : mapping by name
+    items : mapping by name
     where, expected : str
-        Of the message; by default the name of a `where` is expected.
+        Parts of the error message; by default the name of a `where` is expected.
 
     Raises
     ------
     InputError
-        For an unknown name; tells the closest ones.
+        For an unknown name; the message suggests the closest ones.
 
     Examples
     --------
     >>> lookup("gold", {"gold": 79}, "metal")
     79
     """
-    if name in known:
-        return known[name]
-    hint = near(name, known) or f"known: {', '.join(known)}"
+    if name in items:
+        return items[name]
+    hint = near(name, items) or f"known: {', '.join(items)}"
     raise InputError(where, expected or f"the name of a {where}", repr(name), hint)

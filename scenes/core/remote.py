@@ -1,8 +1,8 @@
-"""Folders and files on this machine and elsewhere: a path, or a URL that fsspec knows.
+"""Files and folders on this machine, or in a store elsewhere whose URL fsspec understands.
 
 A store elsewhere (`s3://bucket/folder`, `memory://folder`) holds whole objects: one that is put is
-there entirely or not at all, so that no temporary name and no rename are needed. What writes or
-reads with a library that knows files only does so here, and the whole is put or copied.
+there entirely or not at all, so that no temporary name and no rename are needed. A library that
+knows local files only writes to a temporary one, which is then copied to the store as a whole.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from pathlib import Path
 from typing import Any, cast
 from urllib.parse import unquote
 
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, first_line
 
 _HERE = ("file://", "local://")
 LAST = "scene.json"
-"""The file of a folder that tells that it is whole: it is put last, and removed first."""
+"""The file that marks a folder as complete: it is copied last, and removed first."""
 
 
 def as_path(path_or_url: str | Path) -> Path:
-    """The file or folder of a path or a URL; a URL gives a `UPath`, which has the same methods.
+    """A path or URL as a `Path`; a URL of a store gives a `UPath`, which has the same methods.
 
     Raises
     ------
@@ -50,31 +50,31 @@ def as_path(path_or_url: str | Path) -> Path:
             # Protocols that UPath has no class of its own for work all the same.
             warnings.simplefilter("ignore", UserWarning)
             # Others write there too: what was listed a minute ago may be old.
-            found = UPath(text, use_listings_cache=False)
-            _ = found.fs
+            path = UPath(text, use_listings_cache=False)
+            _ = path.fs
     except ImportError as error:
-        reason = (str(error).splitlines() or ["no package for it"])[0]
+        reason = first_line(error)
         hint = "pip install that package (s3fs for s3://, gcsfs for gs://, adlfs for az://)"
         raise InputError(text, "a store whose package is installed", reason, hint) from None
     except ValueError as error:
         hint = "a path needs no ://"
         raise InputError(text, "a path, or a URL that fsspec knows", str(error), hint) from None
-    return cast(Path, found)
+    return cast(Path, path)
 
 
 def is_here(path: Path) -> bool:
-    """Whether it is a file or folder of this machine."""
+    """Whether a path is on this machine, not in a store elsewhere."""
     return isinstance(path, Path)
 
 
 def lstat(path: Path) -> os.stat_result:
-    """Kind and size of a file itself, not of what a link leads to."""
+    """Kind and size of a file itself, not of the target of a link."""
     return path.lstat() if is_here(path) else path.stat()
 
 
 @contextmanager
 def readable(path: Path) -> Iterator[Path]:
-    """A file of this machine with the content of `path`: itself, or a copy for a while."""
+    """A local file with the content of `path`: itself, or a temporary copy of a remote one."""
     if is_here(path):
         yield path
         return
@@ -86,7 +86,7 @@ def readable(path: Path) -> Iterator[Path]:
 
 
 def put_file(final: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a file of this machine, then put it elsewhere as a whole."""
+    """Call `write` with a temporary local file, then copy it to the store as a whole."""
     with tempfile.TemporaryDirectory() as folder:
         # The suffix stays: writers choose a format by it.
         temporary = Path(folder) / f"whole{final.suffix}"
@@ -95,7 +95,7 @@ def put_file(final: Path, write: Callable[[Path], object]) -> None:
 
 
 def put_folder(final: Path, write: Callable[[Path], None]) -> None:
-    """Call `write` with a folder of this machine, then put its files elsewhere, `LAST` last."""
+    """Call `write` with a temporary local folder, then copy its files to the store, `LAST` last."""
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder))
         files = [path for path in sorted(Path(folder).rglob("*")) if path.is_file()]
@@ -105,7 +105,7 @@ def put_folder(final: Path, write: Callable[[Path], None]) -> None:
 
 
 def put_mark(folder: Path, name: str) -> Path:
-    """An empty file whose name is not there yet: `name` with `*` replaced by something new."""
+    """Create an empty file in a folder, named `name` with `*` replaced by a random number."""
     mark = folder / name.replace("*", secrets.token_hex(4))
     mark.write_bytes(b"")
     return mark

@@ -1,4 +1,4 @@
-"""Names of the files that a run writes and a report reads."""
+"""Names of the files and folders of a run, which `bench` writes and `reports` reads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with untrusted data, in one line and in malus' own words."""
+"""The first problem that pydantic finds in untrusted data, as an InputError of one line."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ _EXPECTED = {
     "union_tag_not_found": 'a kind: {{ kind = "…" }}',
     "union_tag_invalid": "one of {expected_tags}",
 }
-"""By pydantic's type of error, with the values that it gives; other types keep its message."""
+"""Expectations by pydantic's type of error; other types keep pydantic's message."""
 
 
 def first_problem(error: ValidationError, data: Any, where: str) -> InputError:
-    """The first of the problems that `error` found in `data`; `where` names the file."""
+    """The first problem of a ValidationError of `data`; `where` names the file."""
     problems = [p for p in error.errors(include_url=False) if not _follows(p)]
     # Where a value may be one of several types, the deepest complaint is about the one meant.
     first = max(problems, key=lambda problem: len(problem["loc"]))
-    told = first.get("ctx", {}).get("error")
+    cause = first.get("ctx", {}).get("error")
     key = _key(first["loc"], data)
-    if isinstance(told, InputError):
+    if isinstance(cause, InputError):
         inside = f"{where}, key {key}" if key else where
-        return InputError(f"{inside}, {told.where}", told.expected, told.found, told.hint)
+        return InputError(f"{inside}, {cause.where}", cause.expected, cause.found, cause.hint)
     missing = first["type"] == "missing"
     if missing:
         key = ".".join(filter(None, (key, str(first["loc"][-1]))))
@@ -58,25 +58,25 @@ def first_problem(error: ValidationError, data: Any, where: str) -> InputError:
     )
 
 
-def near(name: str, known: Iterable[str]) -> str:
-    """The question whether one of the known names that look like this one was meant, or nothing.
+def near(name: str, names: Iterable[str]) -> str:
+    """A question that suggests the most similar names, or an empty string where none is.
 
     Examples
     --------
     >>> near("sphre", ["sphere", "torus"])
     'did you mean sphere?'
     """
-    close = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.5)
+    close = difflib.get_close_matches(name.lower(), names, n=3, cutoff=0.5)
     return f"did you mean {' or '.join(close)}?" if close else ""
 
 
 def _follows(problem: Mapping[str, Any]) -> bool:
-    """Whether a list is called too short only because its items were refused."""
+    """Whether a list counts as too short only because its items were refused."""
     return problem["type"] == "too_short" and bool(problem["input"])
 
 
 def _key(loc: tuple[int | str, ...], data: Any) -> str:
-    """Where in the data that is: without the names that pydantic gives to the types of a union."""
+    """The key in the data of a pydantic location, without the names of the types of a union."""
     parts = []
     for part in loc:
         if part in data if isinstance(data, Mapping) else _has_item(data, part):
@@ -90,6 +90,7 @@ def _has_item(data: Any, part: int | str) -> bool:
 
 
 def _expectation(problem: Mapping[str, Any]) -> str:
+    """What would have been right, in words."""
     if problem["type"] in _EXPECTED:
         return _EXPECTED[problem["type"]].format(**problem.get("ctx", {})).replace("'", "")
     message: str = problem["msg"]
@@ -99,8 +100,8 @@ def _expectation(problem: Mapping[str, Any]) -> str:
 
 
 def _nearest(problem: Mapping[str, Any]) -> str:
-    """What to do: take the nearest of the names that would have been right, where there are."""
-    told = problem.get("ctx", {})
-    found = told.get("tag", problem["input"])
-    names = re.findall("'([^']*)'", told.get("expected_tags", told.get("expected", "")))
-    return (near(found, names) if isinstance(found, str) else "") or "correct this value"
+    """What to do: take the most similar of the allowed names, where there are any."""
+    context = problem.get("ctx", {})
+    value = context.get("tag", problem["input"])
+    names = re.findall("'([^']*)'", context.get("expected_tags", context.get("expected", "")))
+    return (near(value, names) if isinstance(value, str) else "") or "correct this value"

@@ -1,4 +1,4 @@
-"""Which versions of which packages made something, for the records that stand beside it."""
+"""Versions of packages, for the records beside results and datasets."""
 
 from __future__ import annotations
 

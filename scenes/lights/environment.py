@@ -1,7 +1,7 @@
 """Radiance maps of light from all around.
 
-A map is equirectangular, its rows from straight up (+y) to straight down, its
-columns by the angle atan2(x, −z) from 0 to 2π: the first column is what lies behind the object.
+A map is equirectangular, its rows from straight up (+y) to straight down, its columns by the angle
+atan2(x, −z) from 0 to 2π: the first column shows the direction behind the object.
 """
 
 from __future__ import annotations
@@ -12,27 +12,26 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.arrays import Float32Array, Float64Array
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.quiet import quiet
 from malus.scenes.lights import sky
 from malus.scenes.lights.lights import Environment, Sky
 
-Map = NDArray[np.float32]
-
 HEIGHT = 128
+"""Rows of the map that malus brings."""
 SKY_HEIGHT = 256
-"""Rows of a sky's map: between them its horizon is blurred, by 0.15 % of what a ball mirrors."""
+"""Rows of a sky's map: its horizon is blurred by 0.15 % of the light that a sphere reflects."""
 _HDR_SIZE = re.compile(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n")
 
 LARGEST_PIXELS = 1 << 26
-"""Bounds the memory that a hostile file can ask for: 64 megapixels."""
+"""Most pixels of a map, 64 megapixels: bounds the memory that a hostile file can ask for."""
 
 
 @functools.lru_cache(maxsize=4)
-def radiance_map(light: Environment | Sky) -> Map:
-    """The map's radiance, shape (height, width), one value for every band; a sky's without sun.
+def radiance_map(light: Environment | Sky) -> Float32Array:
+    """Radiance of a map (height, width), the same in every band; of a sky without its sun.
 
     Raises
     ------
@@ -55,10 +54,10 @@ def radiance_map(light: Environment | Sky) -> Map:
         expected = "studio, or the path of an .exr or .hdr file"
         raise InputError("environment", expected, light.name, "correct the name")
     path = light.checked()
-    return _checked(readers[suffix](path), path)
+    return _valid_radiance(readers[suffix](path), path)
 
 
-def directions(height: int, width: int, turn_deg: float = 0.0) -> NDArray[np.float64]:
+def directions(height: int, width: int, turn_deg: float = 0.0) -> Float64Array:
     """Unit vectors towards the pixels' centres of a map, shape (height, width, 3).
 
     `turn_deg` is the light's: the map turned about z, anticlockwise as an unrolled camera sees it.
@@ -76,7 +75,7 @@ def directions(height: int, width: int, turn_deg: float = 0.0) -> NDArray[np.flo
     return toward @ _about_z(turn_deg).T if turn_deg else toward
 
 
-def solid_angles(height: int, width: int) -> NDArray[np.float64]:
+def solid_angles(height: int, width: int) -> Float64Array:
     """Solid angle of each row's pixels, steradians, shape (height, 1).
 
     Examples
@@ -88,24 +87,24 @@ def solid_angles(height: int, width: int) -> NDArray[np.float64]:
     return (edges[:-1] - edges[1:])[:, None] * (2 * math.pi / width)
 
 
-def _about_z(turn_deg: float) -> NDArray[np.float64]:
+def _about_z(turn_deg: float) -> Float64Array:
     cosine, sine = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _studio() -> Map:
-    """Two soft lamps, a bright ceiling and a dim floor: smooth, so that its pixels do not show."""
-    d = directions(HEIGHT, 2 * HEIGHT)
+def _studio() -> Float32Array:
+    """Two soft lamps, a bright ceiling and a dim floor: smooth, so that no pixel shows."""
+    toward = directions(HEIGHT, 2 * HEIGHT)
     key = np.array([0.55, 0.45, 0.70])
     rim = np.array([-0.85, 0.20, -0.10])
-    light = 0.15 + 0.35 * np.clip(d[..., 1], 0, None) ** 2
+    light = 0.15 + 0.35 * np.clip(toward[..., 1], 0, None) ** 2
     for axis, strength, sharpness in ((key, 9.0, 40.0), (rim, 6.0, 25.0)):
-        cosine = d @ (axis / np.linalg.norm(axis))
+        cosine = toward @ (axis / np.linalg.norm(axis))
         light = light + strength * np.exp(sharpness * (cosine - 1.0))
     return light.astype(np.float32)
 
 
-def read_grey(path: Path) -> Map:
+def read_grey(path: Path) -> Float32Array:
     """Mean of the colours of an EXR file, (rows, columns) from the top.
 
     Raises
@@ -115,19 +114,13 @@ def read_grey(path: Path) -> Map:
     """
     import OpenEXR
 
-    try:
+    with reading(str(path), "a readable EXR file", "check the path"):
         with quiet(), OpenEXR.File(str(path), header_only=True) as file:
             window = file.header()["dataWindow"]
             size = np.asarray(window[1], np.int64) - np.asarray(window[0], np.int64) + 1
-        _check_size(path, int(size[0]), int(size[1]))
+        check_size(path, int(size[0]), int(size[1]))
         with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.asarray(c.pixels) for name, c in file.channels().items()}
-    except InputError:
-        raise
-    except Exception as error:  # a foreign parser raises anything on a broken file
-        raise InputError(
-            str(path), "a readable EXR file", str(error) or "another file", "check the path"
-        ) from None
     colours = [channels[name] for name in ("R", "G", "B") if name in channels]
     colours = colours or [channels[name] for name in ("Y",) if name in channels]
     if not colours:
@@ -138,36 +131,33 @@ def read_grey(path: Path) -> Map:
         return np.mean(colours, axis=0).astype(np.float32)
 
 
-def _read_hdr(path: Path) -> Map:
-    """Radiance's RGBE format; rows from the top, as nearly all such files are."""
+def _read_hdr(path: Path) -> Float32Array:
+    """Mean of the colours of a file in Radiance's RGBE format, whose rows run from the top."""
     import imagecodecs
 
-    try:
+    with reading(str(path), "a readable file", "check the path"):
         content = path.read_bytes()
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(str(path), "a readable file", reason, "check the path") from None
     size = _HDR_SIZE.search(content, 0, 1 << 16)
     if size is None:
         expected = "a Radiance file whose size reads -Y height +X width"
         raise InputError(str(path), expected, "another", "export the map again")
-    _check_size(path, int(size[2]), int(size[1]))
-    try:
+    check_size(path, int(size[2]), int(size[1]))
+    with reading(str(path), "a whole Radiance file", "copy it again"):
         colours = imagecodecs.rgbe_decode(content)
-    except (RuntimeError, ValueError) as error:
-        raise InputError(str(path), "a whole Radiance file", str(error), "copy it again") from None
     with np.errstate(over="ignore"):  # infinite radiance is refused by name
         return np.asarray(colours.mean(axis=-1), dtype=np.float32)
 
 
-def _check_size(path: Path, width: int, height: int) -> None:
+def check_size(path: Path, width: int, height: int) -> None:
+    """Raise InputError for a picture of more than 64 megapixels, before it is decoded."""
     if width * height > LARGEST_PIXELS:
         raise InputError(
             str(path), "at most 64 megapixels", f"{width} x {height}", "make it smaller"
         )
 
 
-def _checked(values: Map, path: Path) -> Map:
+def _valid_radiance(values: Float32Array, path: Path) -> Float32Array:
+    """The values themselves; raises InputError unless they are finite, >= 0 and not all zero."""
     if values.size < 2 or not np.isfinite(values).all() or values.min() < 0 or values.max() <= 0:
         raise InputError(
             str(path),

@@ -13,7 +13,7 @@ from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
 
 Strength = Annotated[float, Field(ge=1e-9, le=1e9)]
-"""Of a light: its square and its inverse must fit into single precision."""
+"""Radiance or irradiance of a light; its square and its inverse must fit into float32."""
 
 
 class Uniform(Model):
@@ -105,7 +105,7 @@ class Environment(NamedFile):
     """Light from all around: a radiance map that malus brings, or an EXR or HDR file.
 
     Maps are equirectangular with y up: see `malus.scenes.lights.environment`. `turn_deg` turns the
-    map about the viewing axis, anticlockwise as an unrolled camera sees it.
+    map about the viewing axis, anticlockwise in the image of an unrolled camera.
     """
 
     kind: Literal["environment"] = "environment"
@@ -129,9 +129,9 @@ class Sky(Model):
 
     The model of Hosek and Wilkie, as Mitsuba's: see `malus.scenes.lights.sky`. `sun_azimuth_deg`
     counts from straight behind the viewer, over the right, to straight ahead at 180. `turbidity` is
-    2 for clear air, 10 for haze. Like every light the sky is unpolarised and has one spectrum, that
-    of its light at `wavelength_nm`: a scene for every colour is what shows its colours. `turn_deg`
-    turns it about the viewing axis as it does an `Environment`.
+    2 for clear air, 10 for haze. Like every light the sky is unpolarised and has one radiance for
+    all bands, that of its light at `wavelength_nm`: its colours take a scene for every wavelength.
+    `turn_deg` turns it about the viewing axis as it does an `Environment`.
     """
 
     kind: Literal["sky"] = "sky"
@@ -166,7 +166,7 @@ Light = Annotated[Uniform | Distant | Area | Environment | Sky, Field(discrimina
 
 
 def turned(light: Light, angle_deg: float) -> Light:
-    """The light turned about the viewing axis, anticlockwise as an unrolled camera sees it.
+    """Turn a light about the viewing axis, anticlockwise in the image of an unrolled camera.
 
     Examples
     --------

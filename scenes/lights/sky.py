@@ -2,7 +2,7 @@
 
 Source: Hosek and Wilkie, "An analytic model for full spectral sky-dome radiance", ACM TOG 31
 (2012), and "Adding a solar-radiance function to the Hosek-Wilkie skylight model", IEEE CG&A 33
-(2013): what Mitsuba's `sunsky` computes. `data/sky.npz` holds the authors' coefficients from
+(2013), as in Mitsuba's `sunsky`. `data/sky.npz` holds the authors' coefficients from
 Mitsuba's data files, for a ground of reflectance 0.3 (copyright 2012-2013 Lukas Hosek and
 Alexander Wilkie, `data/sky_licence.txt`). The light of a real sky is polarised; the model says
 nothing about that, and here the sky is unpolarised like every light. Below the horizon it is dark.
@@ -15,19 +15,18 @@ import math
 from importlib import resources
 
 import numpy as np
-from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.lights.lights import Distant, Light, Sky, turned
 
-Floats = NDArray[np.float64]
-
 STEP_NM, FIRST_NM = 40.0, 400.0
+"""Step and first wavelength of the tables."""
 SUN_ELEVATIONS_DEG = (2.0, 88.0)
 """Range of elevations over which the sun's irradiance is tabulated in equal steps."""
 
 
 def parts(light: Light) -> tuple[Light, ...]:
-    """The lights that `light` is the sum of: a sky's sun is parallel light.
+    """The lights whose sum is `light`: a sky and its sun, which is parallel light.
 
     Its disc of 0.27° radius is narrower than any lobe of the roughnesses here.
 
@@ -41,7 +40,7 @@ def parts(light: Light) -> tuple[Light, ...]:
     return (light,)
 
 
-def radiance(sky: Sky, toward: Floats) -> Floats:
+def radiance(sky: Sky, toward: Float64Array) -> Float64Array:
     """Radiance (...) of the sky without its sun at unit vectors (..., 3) of the image frame.
 
     In W m⁻² sr⁻¹ nm⁻¹; zero below the horizon. The sky's `turn_deg` is not applied.
@@ -87,28 +86,29 @@ def sun(sky: Sky) -> Distant:
 
 
 @functools.cache
-def _data() -> dict[str, Floats]:
+def _data() -> dict[str, Float64Array]:
     entry = resources.files("malus.scenes") / "data" / "sky.npz"
     with entry.open("rb") as file, np.load(file) as stored:
         return {name: stored[name].astype(np.float64) for name in stored.files}
 
 
 def _bands(wavelength_nm: float) -> tuple[tuple[int, float], ...]:
-    """The tabulated wavelengths beside one, and their weights in a linear interpolation."""
-    place = (wavelength_nm - FIRST_NM) / STEP_NM
-    low = min(int(place), len(_data()["sun"][0, 0]) - 2)
-    return (low, 1.0 - (place - low)), (low + 1, place - low)
+    """Columns of the two tabulated wavelengths beside one, and their linear weights."""
+    column = (wavelength_nm - FIRST_NM) / STEP_NM
+    low = min(int(column), len(_data()["sun"][0, 0]) - 2)
+    return (low, 1.0 - (column - low)), (low + 1, column - low)
 
 
-def _at_turbidity(table: Floats, turbidity: float) -> Floats:
+def _at_turbidity(table: Float64Array, turbidity: float) -> Float64Array:
+    """Row of a table at a turbidity, linear between the tabulated 1, 2, ..., 10."""
     low = min(int(turbidity) - 1, len(table) - 2)
-    share = turbidity - 1 - low
-    result: Floats = (1.0 - share) * table[low] + share * table[low + 1]
+    weight = turbidity - 1 - low
+    result: Float64Array = (1.0 - weight) * table[low] + weight * table[low + 1]
     return result
 
 
-def _coefficients(sky: Sky, band: int) -> tuple[Floats, float]:
-    """The nine of the model's Equation 8 and the mean radiance: quintic Bézier in elevation."""
+def _coefficients(sky: Sky, band: int) -> tuple[Float64Array, float]:
+    """Coefficients (9,) of the model's Equation 8, mean radiance: quintic Bézier in elevation."""
     x = (sky.sun_elevation_deg / 90.0) ** (1 / 3)
     bezier = np.array([math.comb(5, k) * x**k * (1 - x) ** (5 - k) for k in range(6)])
     shape = _at_turbidity(_data()["shape"][:, :, band], sky.turbidity)

@@ -1,1 +1,1 @@
-"""What objects are made of: refractive indices, reflectances, roughness, measured tables."""
+"""Materials: refractive indices, reflectances, roughness, measured tables."""

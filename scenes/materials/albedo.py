@@ -6,17 +6,16 @@ from functools import cache
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.registry import lookup, table
 
-Floats = NDArray[np.float64]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
-def _albedo(value: Any) -> str | None:
+def _kind_of_albedo(value: Any) -> str | None:
     match value:
         case str():
             return "swatch"
@@ -31,12 +30,12 @@ Albedo = Annotated[
     Annotated[Fraction, Tag("grey")]
     | Annotated[str, Tag("swatch")]
     | Annotated[tuple[Fraction, ...], Field(min_length=1, max_length=512), Tag("bands")],
-    Discriminator(_albedo, "choice", "a number in 0..1, a swatch, or one number a band"),
+    Discriminator(_kind_of_albedo, "choice", "a number in 0..1, a swatch, or one number a band"),
 ]
-"""Grey, the name of a swatch, or one number a band."""
+"""Albedo as a scene gives it: grey, the name of a swatch, or one number a band."""
 
 
-def reflectance(albedo: Albedo, wavelengths_nm: tuple[float, ...]) -> Floats:
+def reflectance(albedo: Albedo, wavelengths_nm: tuple[float, ...]) -> Float64Array:
     """Reflectance of a body at wavelengths in nm, shape (bands,).
 
     Raises
@@ -53,7 +52,7 @@ def reflectance(albedo: Albedo, wavelengths_nm: tuple[float, ...]) -> Floats:
     """
     wavelengths = np.asarray(wavelengths_nm, dtype=np.float64)
     if isinstance(albedo, str):
-        return _between(albedo, wavelengths)
+        return _swatch_at(albedo, wavelengths)
     values = np.asarray(albedo, dtype=np.float64)
     if values.ndim and len(values) != len(wavelengths):
         expected, found = f"one number a band, {len(wavelengths)}", str(len(values))
@@ -61,7 +60,7 @@ def reflectance(albedo: Albedo, wavelengths_nm: tuple[float, ...]) -> Floats:
     return np.broadcast_to(values, wavelengths.shape).copy()
 
 
-def swatches() -> dict[str, Floats]:
+def swatches() -> dict[str, Float64Array]:
     """Reflectances of all swatches by name, every 10 nm from 380 to 730 nm.
 
     Examples
@@ -72,9 +71,9 @@ def swatches() -> dict[str, Floats]:
     return {name: values.copy() for name, values in _tables()[1].items()}
 
 
-def _between(name: str, wavelengths_nm: Floats) -> Floats:
-    table_nm, known = _tables()
-    values = lookup(name, known, "albedo", "a number in 0..1 or a swatch")
+def _swatch_at(name: str, wavelengths_nm: Float64Array) -> Float64Array:
+    table_nm, reflectances = _tables()
+    values = lookup(name, reflectances, "albedo", "a number in 0..1 or a swatch")
     inside = (wavelengths_nm >= table_nm[0]) & (wavelengths_nm <= table_nm[-1])
     if not inside.all():
         expected = f"wavelengths in {table_nm[0]:g} to {table_nm[-1]:g} nm"
@@ -84,8 +83,9 @@ def _between(name: str, wavelengths_nm: Floats) -> Floats:
 
 
 @cache
-def _tables() -> tuple[Floats, dict[str, Floats]]:
+def _tables() -> tuple[Float64Array, dict[str, Float64Array]]:
+    """Wavelengths (N,) in nm, and reflectances (N,) of every swatch by name."""
     data = table("swatches.toml")
-    known = {name: np.array(values) for name, values in data["swatches"].items()}
-    count = len(next(iter(known.values())))
-    return data["first_nm"] + data["step_nm"] * np.arange(count, dtype=np.float64), known
+    reflectances = {name: np.array(values) for name, values in data["swatches"].items()}
+    count = len(next(iter(reflectances.values())))
+    return data["first_nm"] + data["step_nm"] * np.arange(count, dtype=np.float64), reflectances

@@ -1,4 +1,4 @@
-"""The materials and their dispersion, the surfaces and their roughness.
+"""The 24 materials with their dispersion, and the 5 surfaces with their roughness.
 
 The numbers, with their sources, are in `data/materials.toml` and `data/surfaces.toml`.
 """
@@ -11,13 +11,13 @@ from functools import cache
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from malus.scenes.core.arrays import BoolArray, Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.registry import lookup, table
-from malus.scenes.materials.dispersion import FORMULAS, Numbers
+from malus.scenes.materials.dispersion import FORMULAS, Coefficients
 
-FloatArray = NDArray[np.float64]
 Kind = Literal["plastic", "liquid"]
 
 FRAUNHOFER_F_NM, FRAUNHOFER_D_NM, FRAUNHOFER_C_NM = 486.1, 587.6, 656.3
@@ -39,11 +39,11 @@ class Material:
     source: str
     valid_range_nm: tuple[float, float]
     dispersion: str
-    coefficients: Numbers = ()
-    table_nm: Numbers = ()
-    table_n: Numbers = ()
+    coefficients: Coefficients = ()
+    table_nm: tuple[float, ...] = ()
+    table_n: tuple[float, ...] = ()
 
-    def eta(self, wavelength_nm: ArrayLike) -> FloatArray:
+    def eta(self, wavelength_nm: ArrayLike) -> Float64Array:
         """Refractive index at wavelengths in nm, same shape, relative to vacuum or air.
 
         Raises
@@ -58,7 +58,7 @@ class Material:
         1.333
         """
         wavelengths = np.asarray(wavelength_nm, dtype=np.float64)
-        self._require(
+        self._check_wavelengths(
             wavelengths,
             (wavelengths > 0) & np.isfinite(wavelengths),
             "positive finite wavelengths in nm",
@@ -67,11 +67,13 @@ class Material:
             return self._from_table(wavelengths)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             eta = np.asarray(FORMULAS[self.dispersion](wavelengths * 1e-3, self.coefficients))
-        self._require(wavelengths, np.isfinite(eta) & (eta > 0), "wavelengths with a real index")
+        self._check_wavelengths(
+            wavelengths, np.isfinite(eta) & (eta > 0), "wavelengths with a real index"
+        )
         return eta
 
-    def extrapolated(self, wavelength_nm: ArrayLike) -> NDArray[np.bool_]:
-        """Whether a wavelength in nm lies outside the range of the data; same shape.
+    def extrapolated(self, wavelength_nm: ArrayLike) -> BoolArray:
+        """Whether wavelengths in nm lie outside the range of the data; same shape.
 
         Examples
         --------
@@ -93,15 +95,20 @@ class Material:
         n_f, n_d, n_c = self.eta([FRAUNHOFER_F_NM, FRAUNHOFER_D_NM, FRAUNHOFER_C_NM])
         return float((n_d - 1.0) / (n_f - n_c))
 
-    def _from_table(self, wavelengths: FloatArray) -> FloatArray:
+    def _from_table(self, wavelengths: Float64Array) -> Float64Array:
         low, high = self.table_nm[0], self.table_nm[-1]
         inside = (wavelengths >= low) & (wavelengths <= high)
-        self._require(wavelengths, inside, f"wavelengths within its table, {low:g} to {high:g} nm")
+        self._check_wavelengths(
+            wavelengths, inside, f"wavelengths within its table, {low:g} to {high:g} nm"
+        )
         return np.asarray(np.interp(wavelengths, self.table_nm, self.table_n), dtype=np.float64)
 
-    def _require(self, wavelengths: FloatArray, good: NDArray[np.bool_], expected: str) -> None:
-        if not good.all():
-            found = f"{wavelengths[~good].flat[0]:g} nm"
+    def _check_wavelengths(
+        self, wavelengths: Float64Array, valid: BoolArray, expected: str
+    ) -> None:
+        """Raise InputError for the first wavelength that is not valid."""
+        if not valid.all():
+            found = f"{wavelengths[~valid].flat[0]:g} nm"
             raise InputError(
                 f"material {self.id}", expected, found, "choose other bands or another material"
             )
@@ -109,10 +116,10 @@ class Material:
 
 @dataclass(frozen=True)
 class NamedSurface:
-    """A rough surface that a name stands for.
+    """A rough surface of the data file.
 
     `alpha` is the Beckmann roughness (rms slope m), `albedo` the diffuse fraction; `status`
-    is "recalled_unverified" for a stand-in nobody compared with the printed source.
+    is "recalled_unverified" for a value that nobody has compared with the printed source.
     """
 
     id: str
@@ -187,7 +194,7 @@ def surface(name: str) -> NamedSurface:
     return lookup(name, surfaces(), "surface")
 
 
-def _nanometres(micrometres: Iterable[float]) -> Numbers:
+def _nanometres(micrometres: Iterable[float]) -> tuple[float, ...]:
     # Rounded to a femtometre, so that 0.58 µm is the 580 nm that a user writes.
     return tuple(round(value * 1e3, 6) for value in micrometres)
 

@@ -1,8 +1,8 @@
 """Measured materials: tables of polarised BRDFs (pBRDF), as Baek et al. published them.
 
 "Image-Based Acquisition and Modeling of Polarimetric Reflectance", ACM Transactions on Graphics
-39(4), 2020. The tables are in Mitsuba's tensor files; Mitsuba's own plugin evaluates them. Here
-their shape is checked, before anything is rendered, and one band is cut out of them.
+39(4), 2020. The tables are in Mitsuba's tensor files, which Mitsuba's own plugin evaluates. This
+module checks their shape before anything is rendered, and reads the table of one band.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.arrays import AnyArray, Float32Array, Float64Array
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.named_file import NamedFile
 
 AXES = ("phi_d", "theta_d", "theta_h")
@@ -27,17 +28,16 @@ AXES = ("phi_d", "theta_d", "theta_h")
 _MAGIC = b"tensor_file\0\1\0"
 _HEADER_BYTES = 1 << 16
 _TYPES = ("none", "u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8")
-"""By their number in a tensor file; all are little-endian."""
+"""Types of arrays by their number in a tensor file; all are little-endian."""
 
 
 class Measured(NamedFile):
     """A material whose polarised BRDF was measured.
 
-    Nothing in such a table tells the light that the interface mirrored from the light that came
-    from inside: methods that must be told both do not apply. `eta` and `alpha` are what methods
-    are told of index and Beckmann roughness, known from elsewhere; without them, methods that need
-    them do not apply either. `path` leads to a `.pbsdf` file, and `digest` is its hash, which a
-    suite fills in.
+    Such a table does not tell specular from diffuse light: methods that need both do not apply.
+    `eta` and `alpha` are the refractive index and the Beckmann roughness that methods are given,
+    known from elsewhere; without them, methods that need them do not apply either. `path` leads to
+    a `.pbsdf` file, and `digest` is its hash, which a suite fills in.
     """
 
     kind: Literal["measured"] = "measured"
@@ -53,7 +53,7 @@ class Measured(NamedFile):
 
     @property
     def label(self) -> str:
-        """Stands for a roughness in tables."""
+        """The word that stands in tables instead of a roughness."""
         return "measured"
 
     @property
@@ -63,15 +63,15 @@ class Measured(NamedFile):
 
     @property
     def roughness(self) -> None:
-        """No name: it is what it is."""
+        """None: a measured material has no named roughness."""
 
     @property
     def body(self) -> str:
-        """What is inside is not known."""
+        """'unknown': a table does not tell how the body scatters."""
         return "unknown"
 
-    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
-        """What is known of the index of every band; NaN where nothing is.
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
+        """Refractive index of every band (bands,), where it was given; NaN elsewhere.
 
         Examples
         --------
@@ -80,8 +80,8 @@ class Measured(NamedFile):
         """
         return np.full(len(wavelengths_nm), math.nan if self.eta is None else self.eta)
 
-    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
-        """No light is told to come from inside, in no band."""
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
+        """Zeros (bands,): diffuse light is not told apart."""
         return np.zeros(len(wavelengths_nm))
 
 
@@ -100,9 +100,9 @@ class PBRDF:
     """
 
     path: Path
-    axes: dict[str, NDArray[np.float32]]
+    axes: dict[str, Float32Array]
     wavelengths_nm: NDArray[np.uint16]
-    mueller: NDArray[np.float32]
+    mueller: Float32Array
 
     def check_bands(self, wavelengths_nm: Iterable[float]) -> None:
         """Check that all bands lie within the table.
@@ -110,7 +110,7 @@ class PBRDF:
         Raises
         ------
         InputError
-            Naming the first one that does not.
+            Names the first band outside.
         """
         low, high = int(self.wavelengths_nm[0]), int(self.wavelengths_nm[-1])
         for wavelength in wavelengths_nm:
@@ -119,18 +119,18 @@ class PBRDF:
                 hint = "choose other bands"
                 raise InputError(str(self.path), expected, f"{wavelength:g} nm", hint)
 
-    def at(self, wavelength_nm: float) -> NDArray[np.float32]:
+    def at(self, wavelength_nm: float) -> Float32Array:
         """Mueller matrices (phi_d, theta_d, theta_h, 4, 4) of one band, linear between two."""
-        place = np.interp(wavelength_nm, self.wavelengths_nm, range(len(self.wavelengths_nm)))
-        below, part = int(place), np.float32(place % 1)
+        row = np.interp(wavelength_nm, self.wavelengths_nm, range(len(self.wavelengths_nm)))
+        below, weight = int(row), np.float32(row % 1)
         lower = self.mueller[:, :, :, below]
-        if part == 0:  # what lies beyond may be invalid, which is NaN
+        if weight == 0:  # the next row may hold NaN, which marks invalid entries
             return np.array(lower)
-        return np.asarray(lower + part * (self.mueller[:, :, :, below + 1] - lower))
+        return np.asarray(lower + weight * (self.mueller[:, :, :, below + 1] - lower))
 
 
 def open_pbrdf(path: Path) -> PBRDF:
-    """The table in a tensor file, whose numbers stay on disk until they are asked for.
+    """Open the table in a tensor file; its numbers are read from disk when they are used.
 
     Raises
     ------
@@ -144,39 +144,35 @@ def open_pbrdf(path: Path) -> PBRDF:
         field = fields.get(name)
         if field is None:
             expected = f"a polarised BRDF, with the fields {', '.join(types)}"
-            raise _wrong(path, expected, ", ".join(fields) or "none")
+            raise _damaged(path, expected, ", ".join(fields) or "none")
         if field.dtype != np.dtype(dtype) or field.ndim != dimensions:
             expected = f"field {name} as {dtype} of {dimensions} dimensions"
-            raise _wrong(path, expected, f"{field.dtype} {field.shape}")
+            raise _damaged(path, expected, f"{field.dtype} {field.shape}")
     axes = {name: np.array(fields[name].ravel()) for name in AXES}
     bands = np.array(fields["wvls"])
     for name, axis in {**axes, "wvls": bands}.items():
         if not (np.isfinite(axis).all() and (axis[1:] > axis[:-1]).all()):
-            raise _wrong(path, f"field {name} to increase", str(axis.tolist()))
+            raise _damaged(path, f"field {name} to increase", str(axis.tolist()))
     shape = (*(len(axis) for axis in axes.values()), len(bands), 4, 4)
     if fields["M"].shape != shape:
-        raise _wrong(path, f"field M of shape {shape}", str(fields["M"].shape))
+        raise _damaged(path, f"field M of shape {shape}", str(fields["M"].shape))
     return PBRDF(path, axes, bands, fields["M"])
 
 
-def _fields(path: Path) -> dict[str, NDArray[Any]]:
+def _fields(path: Path) -> dict[str, AnyArray]:
     """The arrays of a tensor file by name, mapped from it."""
-    try:
-        with path.open("rb") as file:
-            head, size = file.read(_HEADER_BYTES), file.seek(0, 2)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(str(path), "a readable pBRDF file", reason, "check the path") from None
+    with reading(str(path), "a readable pBRDF file", "check the path"), path.open("rb") as file:
+        head, size = file.read(_HEADER_BYTES), file.seek(0, 2)
     if not head.startswith(_MAGIC):
-        raise _wrong(path, "a tensor file (.pbsdf)", "another file")
+        raise _damaged(path, "a tensor file (.pbsdf)", "another file")
     try:
         header = _header(head)
     except (struct.error, ValueError, IndexError, TypeError):
-        raise _wrong(path, "a whole header of a tensor file", "a damaged one") from None
+        raise _damaged(path, "a whole header of a tensor file", "a damaged one") from None
     for dtype, shape, offset in header.values():
         end = offset + math.prod(shape) * dtype.itemsize
         if end > size:
-            raise _wrong(path, f"a file of at least {end} bytes", f"{size} bytes")
+            raise _damaged(path, f"a file of at least {end} bytes", f"{size} bytes")
     return {
         name: np.memmap(path, dtype, "r", offset, shape)
         for name, (dtype, shape, offset) in header.items()
@@ -184,20 +180,20 @@ def _fields(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def _header(head: bytes) -> dict[str, tuple[np.dtype[Any], tuple[int, ...], int]]:
-    """Type, shape and place of every array; raises what parsing raises."""
-    (count,), at = struct.unpack_from("<I", head, len(_MAGIC)), len(_MAGIC) + 4
-    found = {}
+    """Type, shape and offset of every array by name; raises the errors of `struct` and NumPy."""
+    (count,), start = struct.unpack_from("<I", head, len(_MAGIC)), len(_MAGIC) + 4
+    arrays = {}
     for _ in range(count):
-        (length,) = struct.unpack_from("<H", head, at)
-        name = head[at + 2 : at + 2 + length].decode()
-        dimensions, number, offset = struct.unpack_from("<HBQ", head, at + 2 + length)
-        shape = struct.unpack_from(f"<{dimensions}Q", head, at + length + 13)
+        (length,) = struct.unpack_from("<H", head, start)
+        name = head[start + 2 : start + 2 + length].decode()
+        dimensions, number, offset = struct.unpack_from("<HBQ", head, start + 2 + length)
+        shape = struct.unpack_from(f"<{dimensions}Q", head, start + length + 13)
         if dimensions > 6 or 0 in shape:
             raise ValueError(f"shape {shape}")
-        found[name] = (np.dtype(_TYPES[number]).newbyteorder("<"), shape, offset)
-        at += length + 13 + 8 * dimensions
-    return found
+        arrays[name] = (np.dtype(_TYPES[number]).newbyteorder("<"), shape, offset)
+        start += length + 13 + 8 * dimensions
+    return arrays
 
 
-def _wrong(path: Path, expected: str, found: str) -> InputError:
+def _damaged(path: Path, expected: str, found: str) -> InputError:
     return InputError(str(path), expected, found, "copy the file again, or choose another")

@@ -12,12 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.registry import lookup, table
 
-ComplexArray = NDArray[np.complex128]
-
 
 @dataclass(frozen=True)
 class Metal:
-    """A metal: n and k at the wavelengths of a table in nm, and the publication they are from."""
+    """A metal: n and k at the wavelengths of a table in nm, and the publication of both."""
 
     id: str
     name: str
@@ -26,7 +24,7 @@ class Metal:
     table_n: tuple[float, ...]
     table_k: tuple[float, ...]
 
-    def eta(self, wavelength_nm: ArrayLike) -> ComplexArray:
+    def eta(self, wavelength_nm: ArrayLike) -> NDArray[np.complex128]:
         """Complex index at wavelengths in nm, same shape, relative to vacuum or air.
 
         Raises

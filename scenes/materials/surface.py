@@ -1,4 +1,4 @@
-"""Surfaces: what a scene's object is made of."""
+"""Surfaces of a scene's objects: dielectric, conductor, measured, or several in a pattern."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from malus.scenes.core.arrays import Float64Array, NumberArray
 from malus.scenes.core.model import Model
 from malus.scenes.materials.albedo import Albedo, reflectance
 from malus.scenes.materials.materials import material, surface
@@ -17,11 +18,11 @@ from malus.scenes.shapes.patterns import Pattern
 
 Body = Literal["unpolarised", "polarised"]
 AnyBody = Literal["unpolarised", "polarised", "none"]
-"""What is inside the interface; nothing in a conductor."""
+"""How the body below the surface scatters light; a conductor has none."""
 
 
-class Rough(Model):
-    """What rough surfaces share: Beckmann facets of roughness `alpha`, and its name."""
+class RoughSurface(Model):
+    """Base of rough surfaces: Beckmann facets of roughness `alpha`, and its name."""
 
     roughness: str | None = None
     alpha: float = Field(gt=0, le=1)
@@ -37,12 +38,12 @@ class Rough(Model):
         return self.roughness or f"alpha {self.alpha:g}"
 
 
-class Dielectric(Rough):
+class Dielectric(RoughSurface):
     """A rough dielectric over a body that scatters.
 
     Exactly one of `material` (a name with dispersion) and `eta` (one relative index for every
-    band). `alpha` is the Beckmann roughness, `albedo` the reflectance of the body inside the
-    interface: a number, the name of a swatch, or one number a band. An `unpolarised` body is
+    band). `alpha` is the Beckmann roughness, `albedo` the reflectance of the body below the
+    surface: a number, the name of a swatch, or one number a band. An `unpolarised` body is
     Lambertian: the paper's assumption.
     """
 
@@ -73,7 +74,7 @@ class Dielectric(Rough):
         """Name of the material in tables."""
         return self.material or f"eta {self.eta:g}"
 
-    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """Relative refractive index of every band.
 
         Examples
@@ -85,7 +86,7 @@ class Dielectric(Rough):
             return np.full(len(wavelengths_nm), self.eta, dtype=np.float64)
         return material(self.material).eta(np.asarray(wavelengths_nm))
 
-    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """Reflectance of the body in every band.
 
         Examples
@@ -97,7 +98,7 @@ class Dielectric(Rough):
 
     @classmethod
     def named(cls, material: str, roughness: str, body: Body) -> Self:
-        """One of the suite's 24 materials with one of its 5 surfaces.
+        """A surface from the names of one of the 24 materials and one of the 5 surfaces.
 
         Examples
         --------
@@ -114,8 +115,8 @@ class Dielectric(Rough):
         )
 
 
-class Conductor(Rough):
-    """A rough metal: light is mirrored or absorbed, and there is no body.
+class Conductor(RoughSurface):
+    """A rough metal: all reflected light is specular, and there is no body.
 
     Either `material`, a metal with dispersion, or one complex index `eta` + i `k` for every band.
     """
@@ -136,7 +137,7 @@ class Conductor(Rough):
 
     @property
     def body(self) -> AnyBody:
-        """There is none."""
+        """'none': no light comes back from inside a metal."""
         return "none"
 
     @property
@@ -158,8 +159,8 @@ class Conductor(Rough):
         assert self.k is not None
         return np.full(len(wavelengths_nm), complex(self.eta, self.k))
 
-    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
-        """No light comes back from inside, in no band."""
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
+        """Zeros (bands,): there is no diffuse light."""
         return np.zeros(len(wavelengths_nm))
 
 
@@ -169,19 +170,19 @@ def _kind(value: Any) -> Any:
     return getattr(value, "kind", None)
 
 
-Plain = Annotated[
+UniformSurface = Annotated[
     Annotated[Dielectric, Tag("dielectric")] | Annotated[Conductor, Tag("conductor")],
     Discriminator(_kind),
 ]
-"""The same material, roughness and colour all over."""
+"""A surface of one material, roughness and colour."""
 
 
 class Patterned(Model):
-    """Several surfaces on one object, where a pattern puts them."""
+    """Several surfaces on one object, distributed by a pattern."""
 
     kind: Literal["patterned"] = "patterned"
     pattern: Pattern
-    surfaces: tuple[Plain, ...] = Field(min_length=2, max_length=8)
+    surfaces: tuple[UniformSurface, ...] = Field(min_length=2, max_length=8)
 
     @property
     def label(self) -> str:
@@ -195,28 +196,28 @@ class Patterned(Model):
 
     @property
     def roughness(self) -> None:
-        """No name: there are several."""
+        """None: there are several."""
 
     @property
     def alpha(self) -> float:
-        """Mean roughness, for tables; where each is, a truth's `alpha` says."""
+        """Mean roughness, for tables; a truth's `alpha` has that of every pixel."""
         return float(np.mean([part.alpha for part in self.surfaces]))
 
     @property
     def body(self) -> str:
-        """That of all surfaces, or 'mixed'."""
+        """The body of all surfaces, or 'mixed' where they differ."""
         bodies = {part.body for part in self.surfaces}
         return bodies.pop() if len(bodies) == 1 else "mixed"
 
-    def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.inexact[Any]]:
-        """Mean index of every band, for tables; where each is, a truth's `eta` says."""
-        found = [part.indices(wavelengths_nm) for part in self.surfaces]
-        return np.asarray(np.mean(found, axis=0))
+    def indices(self, wavelengths_nm: tuple[float, ...]) -> NumberArray:
+        """Mean index of every band, for tables; a truth's `eta` has that of every pixel."""
+        indices = [part.indices(wavelengths_nm) for part in self.surfaces]
+        return np.asarray(np.mean(indices, axis=0))
 
-    def albedos(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.float64]:
+    def albedos(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """Mean albedo of every band."""
-        found = [part.albedos(wavelengths_nm) for part in self.surfaces]
-        return np.asarray(np.mean(found, axis=0))
+        albedos = [part.albedos(wavelengths_nm) for part in self.surfaces]
+        return np.asarray(np.mean(albedos, axis=0))
 
 
 Surface = Annotated[

@@ -1,6 +1,6 @@
-"""Triangle meshes, and shapes of our own with exact normals.
+"""Triangle meshes of torus, blob and superquadric, with exact normals.
 
-Every shape is closed, faces outwards and fits the unit sphere. Its vertex normals are those of the
+Every mesh is closed, faces outwards and fits the unit sphere. Its vertex normals are those of the
 smooth surface, not averages over faces. With the default of 81920 triangles the interpolated normal
 of torus and blob is within 0.03° of the exact one, and the surface within 3e-4.
 """
@@ -11,14 +11,13 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import AnyArray, Float32Array, Float64Array, IntArray
 from malus.scenes.core.errors import InputError
 
-FloatArray = NDArray[np.float64]
 Faces = NDArray[np.uint32]
 
 _GOLDEN = (1.0 + math.sqrt(5.0)) / 2.0
@@ -31,7 +30,7 @@ _ICOSAHEDRON = (
 )  # fmt: skip
 
 
-def icosahedral_grid(subdivisions: int) -> tuple[FloatArray, Faces]:
+def icosahedral_grid(subdivisions: int) -> tuple[Float64Array, Faces]:
     """Nearly uniform unit directions (n, 3) and outward triangles (20 · 4^subdivisions, 3).
 
     Raises ValueError unless 0 <= subdivisions <= 9.
@@ -48,14 +47,14 @@ def icosahedral_grid(subdivisions: int) -> tuple[FloatArray, Faces]:
     signs = [(-1, 1), (1, 1), (-1, -1), (1, -1)]
     flat = [(a * short, b * long, 0.0) for a, b in signs]
     points = np.array([np.roll(corner, turn) for turn in (0, 1, 2) for corner in flat])
-    directions, faces = _unit(points), np.array(_ICOSAHEDRON, dtype=np.int64)
+    directions, faces = unit_vectors(points), np.array(_ICOSAHEDRON, dtype=np.int64)
     for _ in range(subdivisions):
         directions, faces = _subdivided(directions, faces)
     return directions, faces.astype(np.uint32)
 
 
-def torus_grid(rings: int, sides: int) -> tuple[FloatArray, FloatArray, Faces]:
-    """Angles around the axis and around the tube, both (rings · sides,), and their triangles.
+def torus_grid(rings: int, sides: int) -> tuple[Float64Array, Float64Array, Faces]:
+    """Angles around the axis and around the tube (rings · sides,), and triangles between them.
 
     Raises ValueError for fewer than 3 rings or sides.
 
@@ -67,16 +66,16 @@ def torus_grid(rings: int, sides: int) -> tuple[FloatArray, FloatArray, Faces]:
     if rings < 3 or sides < 3:
         raise ValueError(f"expected at least 3 rings and 3 sides, found {rings} and {sides}")
     i, j = (index.ravel() for index in np.indices((rings, sides)))
-    here, after = i * sides, (i + 1) % rings * sides
-    up = (j + 1) % sides
-    a, b, c, d = here + j, after + j, after + up, here + up
+    ring, next_ring = i * sides, (i + 1) % rings * sides
+    next_side = (j + 1) % sides
+    a, b, c, d = ring + j, next_ring + j, next_ring + next_side, ring + next_side
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     around, across = (np.asarray(k * (2 * math.pi / n)) for k, n in ((i, rings), (j, sides)))
     return around.astype(np.float64), across.astype(np.float64), faces.astype(np.uint32)
 
 
-def fitted(points: FloatArray) -> FloatArray:
-    """Points (n, 3) moved and scaled: bounding box about the origin, farthest point at radius 1.
+def fitted(points: Float64Array) -> Float64Array:
+    """Points (n, 3) with the bounding box centred on the origin and the farthest at radius 1.
 
     Raises ValueError unless the largest side of the bounding box is positive and finite.
 
@@ -96,26 +95,26 @@ def fitted(points: FloatArray) -> FloatArray:
     return np.asarray(centred / radius)
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
+def unit_vectors(vectors: Float64Array) -> Float64Array:
+    """Vectors (n, 3) divided by their lengths; NaN for a vector of length 0."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
-def _subdivided(
-    directions: FloatArray, faces: NDArray[np.int64]
-) -> tuple[FloatArray, NDArray[np.int64]]:
+def _subdivided(directions: Float64Array, faces: IntArray) -> tuple[Float64Array, IntArray]:
+    """Grid with each triangle cut into four; new vertices lie on the unit sphere."""
     a, b, c = faces.T
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     keys, inverse = np.unique(edges[:, 0] * len(directions) + edges[:, 1], return_inverse=True)
     first, second = np.divmod(keys, len(directions))
-    middles = _unit(directions[first] + directions[second])
+    middles = unit_vectors(directions[first] + directions[second])
     ab, bc, ca = inverse.reshape(3, -1) + len(directions)
     corners = [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
     finer = np.concatenate([np.stack(corner, axis=1) for corner in corners])
     return np.concatenate([directions, middles]), finer
 
 
-RadialSurface = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Directions (n, 3) to radius (n,) and its gradient ∂r/∂d (n, 3)."""
+RadialSurface = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
+"""A star-shaped surface: from directions d (n, 3) to radius r (n,) and ∂r/∂d (n, 3)."""
 
 _BUMPS = 7
 _BUMP_SHARPNESS = 6.0
@@ -123,8 +122,8 @@ _BUMP_SHARPNESS = 6.0
 
 
 def blob_radius(
-    directions: FloatArray, seed: int = 0, amplitude: float = 0.5
-) -> tuple[FloatArray, FloatArray]:
+    directions: Float64Array, seed: int = 0, amplitude: float = 0.5
+) -> tuple[Float64Array, Float64Array]:
     """Radius r(d) = 1 + Σ a exp(k (d·c − 1)) of a blob, and its gradient ∂r/∂d.
 
     `directions` (n, 3) are unit vectors; the results have the shapes (n,) and (n, 3). As no bump
@@ -140,16 +139,17 @@ def blob_radius(
     return 1.0 + values.sum(axis=1), _BUMP_SHARPNESS * values @ centres
 
 
-def _bumps(seed: int, amplitude: float) -> tuple[FloatArray, FloatArray]:
+def _bumps(seed: int, amplitude: float) -> tuple[Float64Array, Float64Array]:
+    """Directions (7, 3) and heights (7,) of a blob's bumps."""
     # The standard library promises the same random() for a seed in every version; NumPy does not
     # for its distributions, and the shape belongs to the identity of a scene.
     draw = random.Random(seed).random
-    centres = np.array([_direction(draw(), draw()) for _ in range(_BUMPS)])
+    centres = np.array([_uniform_direction(draw(), draw()) for _ in range(_BUMPS)])
     heights = amplitude * np.array([0.5 + 0.5 * draw() for _ in range(_BUMPS)])
     return centres, heights
 
 
-def _direction(u: float, v: float) -> tuple[float, float, float]:
+def _uniform_direction(u: float, v: float) -> tuple[float, float, float]:
     # Uniform on the sphere (Archimedes): z uniform, azimuth uniform.
     z, azimuth = 2.0 * u - 1.0, 2.0 * math.pi * v
     ring = math.sqrt(max(0.0, 1.0 - z * z))
@@ -157,8 +157,8 @@ def _direction(u: float, v: float) -> tuple[float, float, float]:
 
 
 def superquadric_radius(
-    directions: FloatArray, e1: float, e2: float
-) -> tuple[FloatArray, FloatArray]:
+    directions: Float64Array, e1: float, e2: float
+) -> tuple[Float64Array, Float64Array]:
     """Radius r(d) = F(d)^(−e1/2) of a superquadric, and its gradient ∂r/∂d.
 
     F = (|x|^(2/e2) + |y|^(2/e2))^(e2/e1) + |z|^(2/e1). Shapes as for `blob_radius`.
@@ -182,7 +182,9 @@ def superquadric_radius(
     return radius, (-e1 / 2 * radius / inside_outside)[:, None] * gradient
 
 
-def radial_normals(directions: FloatArray, radius: FloatArray, gradient: FloatArray) -> FloatArray:
+def radial_normals(
+    directions: Float64Array, radius: Float64Array, gradient: Float64Array
+) -> Float64Array:
     """Outward unit normals of r(d) d: along r d minus the tangential part of ∂r/∂d.
 
     `directions` (n, 3) unit vectors, `radius` (n,), `gradient` (n, 3).
@@ -195,7 +197,7 @@ def radial_normals(directions: FloatArray, radius: FloatArray, gradient: FloatAr
     """
     along = np.einsum("ij,ij->i", gradient, directions)[:, None] * directions
     normals = radius[:, None] * directions - (gradient - along)
-    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    return unit_vectors(normals)
 
 
 _SUBDIVISIONS = 6
@@ -204,7 +206,7 @@ _SUBDIVISIONS = 6
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
-    """Triangles in the world's frame, wound anticlockwise as seen from outside.
+    """Triangles in world coordinates, wound anticlockwise as seen from outside.
 
     `vertices` (n, 3) float32, `faces` (m, 3) uint32, `normals` (n, 3) float32 of unit length, or
     None for flat shading; `uv` (n, 2) float32, texture coordinates, or None. The arrays are made
@@ -222,10 +224,10 @@ class TriangleMesh:
     1
     """
 
-    vertices: NDArray[np.float32]
-    faces: NDArray[np.uint32]
-    normals: NDArray[np.float32] | None = None
-    uv: NDArray[np.float32] | None = None
+    vertices: Float32Array
+    faces: Faces
+    normals: Float32Array | None = None
+    uv: Float32Array | None = None
 
     def __post_init__(self) -> None:
         """Check the arrays and freeze them."""
@@ -262,7 +264,7 @@ def torus(
     normals = np.cos(across)[:, None] * radial + np.sin(across)[:, None] * axial
     points = (major * radial + minor * normals) / (major + minor)
     turn = _rotation_about_x(tilt)
-    return _finished(points @ turn.T, normals @ turn.T, faces)
+    return _in_single_precision(points @ turn.T, normals @ turn.T, faces)
 
 
 def blob(seed: int = 0, amplitude: float = 0.5, subdivisions: int = _SUBDIVISIONS) -> TriangleMesh:
@@ -308,19 +310,19 @@ def _radial_mesh(surface: RadialSurface, subdivisions: int) -> TriangleMesh:
     directions, faces = icosahedral_grid(subdivisions)
     radius, gradient = surface(directions)
     normals = radial_normals(directions, radius, gradient)
-    return _finished(fitted(directions * radius[:, None]), normals, faces)
+    return _in_single_precision(fitted(directions * radius[:, None]), normals, faces)
 
 
-def _rotation_about_x(angle: float) -> FloatArray:
+def _rotation_about_x(angle: float) -> Float64Array:
     cosine, sine = math.cos(angle), math.sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
 
-def _finished(points: FloatArray, normals: FloatArray, faces: NDArray[np.uint32]) -> TriangleMesh:
+def _in_single_precision(points: Float64Array, normals: Float64Array, faces: Faces) -> TriangleMesh:
     return TriangleMesh(points.astype(np.float32), faces, normals.astype(np.float32))
 
 
-def _check_array(array: NDArray[Any], name: str, dtype: type[np.generic]) -> None:
+def _check_array(array: AnyArray, name: str, dtype: type[np.generic]) -> None:
     if array.dtype != dtype or array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(
             f"{name}: expected (n, 3) {dtype.__name__}, found {array.shape} {array.dtype}"

@@ -1,4 +1,4 @@
-"""Mesh files, read through trimesh and made fit to render; what is wrong with them, in words."""
+"""Read mesh files through trimesh, repair what can be repaired, and describe their defects."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from malus.scenes.core.errors import InputError
-from malus.scenes.shapes.geometry import TriangleMesh, fitted
+from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
+from malus.scenes.core.errors import InputError, reading
+from malus.scenes.shapes.geometry import TriangleMesh, fitted, unit_vectors
 from malus.scenes.shapes.shapes import Shading
 
-FloatArray = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
+def merged_indices(vertices: Float64Array, distance: float) -> IntArray:
+    """Index of the first vertex in the same cubic cell, for each vertex (n, 3) in the unit sphere.
 
-def merged_indices(vertices: FloatArray, distance: float) -> Indices:
-    """For each vertex (n, 3) in the unit sphere, the first one in the same cell of `distance`.
+    Cells have edges of `distance`.
 
     Raises ValueError for a distance below 2e-6, as three cell numbers share one 64-bit key.
 
@@ -37,13 +36,13 @@ def merged_indices(vertices: FloatArray, distance: float) -> Indices:
     return np.asarray(first[inverse.ravel()])
 
 
-def thin(vertices: FloatArray, faces: Indices, height: float) -> NDArray[np.bool_]:
-    """Whether a triangle (m, 3) has an index twice or its least height is below `height`.
+def is_thin(vertices: Float64Array, faces: IntArray, height: float) -> BoolArray:
+    """Whether triangles (m, 3) have an index twice or a least height below `height`; bool (m,).
 
     Examples
     --------
     >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    >>> thin(corners, np.array([[0, 1, 2], [0, 1, 3], [0, 0, 3]]), 1e-7).tolist()
+    >>> is_thin(corners, np.array([[0, 1, 2], [0, 1, 3], [0, 0, 3]]), 1e-7).tolist()
     [True, False, True]
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
@@ -53,8 +52,8 @@ def thin(vertices: FloatArray, faces: Indices, height: float) -> NDArray[np.bool
     return np.asarray(repeated | (twice_area <= height * longest))
 
 
-def defects_of_edges(faces: Indices) -> list[str]:
-    """Words for edges of triangles (m, 3) without exactly two faces of opposite direction.
+def defects_of_edges(faces: IntArray) -> list[str]:
+    """Descriptions of edges of triangles (m, 3) that are not shared by two faces alike wound.
 
     Examples
     --------
@@ -66,17 +65,17 @@ def defects_of_edges(faces: Indices) -> list[str]:
     low, high = np.minimum(start, end), np.maximum(start, end)
     _, inverse, sharing = np.unique(low * size + high, return_inverse=True, return_counts=True)
     net = np.bincount(inverse.ravel(), weights=np.where(start < end, 1.0, -1.0))
-    found = {
+    bad_edges = {
         "open: {} edges have only one face": sharing == 1,
         "not a surface: {} edges have more than two faces": sharing > 2,
         # Of two faces that agree, one runs along their edge forwards and one backwards.
         "inconsistent: {} edges between faces wound in opposite senses": (sharing == 2)
         & (net != 0),
     }
-    return [words.format(bad.sum()) for words, bad in found.items() if bad.any()]
+    return [words.format(bad.sum()) for words, bad in bad_edges.items() if bad.any()]
 
 
-def signed_volume(vertices: FloatArray, faces: Indices) -> float:
+def signed_volume(vertices: Float64Array, faces: IntArray) -> float:
     """Volume inside a closed surface by the divergence theorem, negative if it is inside out.
 
     Examples
@@ -90,7 +89,7 @@ def signed_volume(vertices: FloatArray, faces: Indices) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
-def face_normals(vertices: FloatArray, faces: Indices) -> FloatArray:
+def face_normals(vertices: Float64Array, faces: IntArray) -> Float64Array:
     """Unit normals (m, 3) of triangles wound anticlockwise; NaN for one without area.
 
     Examples
@@ -100,10 +99,10 @@ def face_normals(vertices: FloatArray, faces: Indices) -> FloatArray:
     [[0.0, 0.0, 1.0]]
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return _unit(np.cross(b - a, c - a))
+    return unit_vectors(np.cross(b - a, c - a))
 
 
-def angle_weighted_normals(vertices: FloatArray, faces: Indices) -> FloatArray:
+def angle_weighted_normals(vertices: Float64Array, faces: IntArray) -> Float64Array:
     """Unit normals (n, 3) at vertices: face normals weighted by the angle of the face there.
 
     Independent of how a flat part is cut into triangles. A vertex whose faces cancel, or that has
@@ -125,23 +124,19 @@ def angle_weighted_normals(vertices: FloatArray, faces: Indices) -> FloatArray:
             sums[:, axis] += np.bincount(here, weights, minlength=len(vertices))
         last[here] = of_faces
     cancelled = np.linalg.norm(sums, axis=1) < 1e-9  # rounding of angles of order 1
-    return _unit(np.where(cancelled[:, None], last, sums))
+    return unit_vectors(np.where(cancelled[:, None], last, sums))
 
 
-def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
+def _angle(a: Float64Array, b: Float64Array) -> Float64Array:
     # atan2 keeps its precision for thin angles, where arccos loses half the digits.
     sine = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.arctan2(sine, np.einsum("ij,ij->i", a, b)))
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
-
-
 def outward_normals(
-    normals: FloatArray, vertices: FloatArray, faces: Indices, defects: list[str]
-) -> FloatArray:
-    """The file's normals on the outer side of its faces; those still behind are reported."""
+    normals: Float64Array, vertices: Float64Array, faces: IntArray, defects: list[str]
+) -> Float64Array:
+    """Normals (n, 3) turned to the outer side of the faces; `defects` gets what was found."""
     of_faces = face_normals(vertices, faces)
     agreement = np.einsum("ijk,ik->ij", normals[faces], of_faces)
     if agreement.mean() < 0:
@@ -155,26 +150,27 @@ def outward_normals(
 
 LARGEST_FILE_BYTES = 2 << 30
 HUGE_FACES = 5_000_000
+"""More faces than this are reported as a defect."""
 
 _MERGE_DISTANCE = 2e-6
-"""Of the unit sphere: some thirty float32 steps, a thousandth of a pixel of an image 1000 wide."""
+"""In the unit sphere: thirty float32 steps, a thousandth of a pixel of an image 1000 wide."""
 
 _THINNEST = 1e-7
 """Height of a triangle in the unit sphere below which float32 cannot hold its orientation."""
 
 
 @dataclass(frozen=True)
-class _Raw:
-    """A file's corners (n, 3), triangles (m, 3), and its normals (n, 3) and uv (n, 2), if any."""
+class _MeshArrays:
+    """A file's vertices (n, 3), faces (m, 3), and its normals (n, 3) and uv (n, 2), if any."""
 
-    vertices: FloatArray
-    faces: Indices
-    normals: FloatArray | None
-    uv: FloatArray | None
+    vertices: Float64Array
+    faces: IntArray
+    normals: Float64Array | None
+    uv: Float64Array | None
 
 
 def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMesh, list[str]]:
-    """A mesh file, centred and scaled to the unit sphere, and its defects in words.
+    """Read a mesh file, centred and scaled to the unit sphere, and describe its defects.
 
     Parameters
     ----------
@@ -210,13 +206,13 @@ def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMe
     if shading not in get_args(Shading):
         hint = "choose one of these"
         raise InputError(f"mesh {file}", "shading smooth, flat or file", repr(shading), hint)
-    raw = _centred(_read(file), file)
-    if shading == "file" and raw.normals is None:
+    arrays = _centred(_read(file), file)
+    if shading == "file" and arrays.normals is None:
         raise InputError(f"mesh {file}", "normals in the file", "none", "choose shading smooth")
-    return _cleaned(raw, shading, file)
+    return _without_defects(arrays, shading, file)
 
 
-def _read(file: Path) -> _Raw:
+def _read(file: Path) -> _MeshArrays:
     from trimesh.exchange.load import load_scene, mesh_formats
 
     kind = file.suffix.lower().lstrip(".")
@@ -225,52 +221,53 @@ def _read(file: Path) -> _Raw:
     if kind not in formats:
         expected = f"a mesh file ({', '.join(formats)})"
         raise InputError(f"mesh {file}", expected, repr(file.suffix), "convert it, to PLY say")
-    try:
-        # NaN and infinity pass here without a warning: _centred refuses them by name.
-        with file.open("rb") as stream, np.errstate(all="ignore"):
+    hint = "check that the file is whole and needs no other file"
+    # NaN and infinity pass here without a warning: _centred refuses them by name.
+    with reading(f"mesh {file}", f"a readable {kind} file", hint), np.errstate(all="ignore"):
+        with file.open("rb") as stream:
             # An empty resolver: nothing outside this one file is opened.
             scene = load_scene(stream, file_type=kind, resolver={}, process=False)
-            parts = list(_parts(scene))
-    except Exception as error:  # a foreign parser raises anything on a broken file
-        found = f"{type(error).__name__}: {error}"
-        hint = "check that the file is whole and needs no other file"
-        raise InputError(f"mesh {file}", f"a readable {kind} file", found, hint) from None
+        parts = list(_parts(scene))
     if not parts:
         hint = "give a file that holds triangles"
         raise InputError(f"mesh {file}", "a mesh with faces", "no faces", hint)
     return _joined(parts)
 
 
-def _parts(scene: Any) -> Iterator[_Raw]:
-    """Every mesh of a trimesh scene, placed; trimesh's own Scene.to_mesh loses the normals."""
+def _parts(scene: Any) -> Iterator[_MeshArrays]:
+    """Every mesh of a trimesh scene, in its place; trimesh's Scene.to_mesh loses the normals."""
     for node in scene.graph.nodes_geometry:
         placement, name = scene.graph[node]
         mesh = scene.geometry[name]
         if len(getattr(mesh, "faces", ())):
-            # Asking for vertex_normals would compute some; the cache tells the file's own.
-            own = mesh.vertex_normals if "vertex_normals" in mesh._cache else None
+            # Asking for vertex_normals would compute some; the file's own are in the cache.
+            normals = mesh.vertex_normals if "vertex_normals" in mesh._cache else None
             uv = getattr(mesh.visual, "uv", None)
-            yield _placed(np.asarray(placement), mesh.vertices, mesh.faces, own, uv)
+            yield _placed(np.asarray(placement), mesh.vertices, mesh.faces, normals, uv)
 
 
-def _placed(placement: FloatArray, vertices: Any, faces: Any, normals: Any, uv: Any) -> _Raw:
+def _placed(
+    placement: Float64Array, vertices: Any, faces: Any, normals: Any, uv: Any
+) -> _MeshArrays:
+    """One mesh in the scene's coordinates; a reflection also turns the winding of the faces."""
     linear, shift = placement[:3, :3], placement[:3, 3]
-    mirrored = np.linalg.det(linear) < 0
+    reflected = np.linalg.det(linear) < 0
     faces = np.asarray(faces, dtype=np.int64)
-    return _Raw(
+    return _MeshArrays(
         np.asarray(vertices, dtype=np.float64) @ linear.T + shift,
-        faces[:, ::-1] if mirrored else faces,
+        faces[:, ::-1] if reflected else faces,
         # A normal is a covector: it goes with the inverse transpose.
         None if normals is None else np.asarray(normals, dtype=np.float64) @ np.linalg.inv(linear),
         uv if np.shape(uv) == (len(vertices), 2) and np.isfinite(uv).all() else None,
     )
 
 
-def _joined(parts: list[_Raw]) -> _Raw:
+def _joined(parts: list[_MeshArrays]) -> _MeshArrays:
+    """All parts as one mesh; normals and uv only where every part has them."""
     starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
     normals = [part.normals for part in parts if part.normals is not None]
     uv = [part.uv for part in parts if part.uv is not None]
-    return _Raw(
+    return _MeshArrays(
         np.concatenate([part.vertices for part in parts]),
         np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
         np.concatenate(normals) if len(normals) == len(parts) else None,
@@ -280,27 +277,24 @@ def _joined(parts: list[_Raw]) -> _Raw:
 
 def _check_file(file: Path) -> None:
     where = f"mesh {file}"
-    try:
-        found = "a folder or device" if file.exists() and not file.is_file() else None
+    with reading(where, "a readable file", "check the path"):
+        is_other = file.exists() and not file.is_file()
         size = file.stat().st_size
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(where, "a readable file", reason, "check the path") from None
-    if found:
-        raise InputError(where, "a file", found, "check the path")
+    if is_other:
+        raise InputError(where, "a file", "a folder or device", "check the path")
     if size > LARGEST_FILE_BYTES:
         limit = f"at most {LARGEST_FILE_BYTES / 2**30:g} GiB"
         raise InputError(where, limit, f"{size / 2**30:.1f} GiB", "simplify the mesh")
 
 
-def _centred(raw: _Raw, file: Path) -> _Raw:
-    """Only the vertices that faces use, checked and moved into the unit sphere."""
-    where, count = f"mesh {file}", len(raw.vertices)
-    if raw.faces.min() < 0 or raw.faces.max() >= count:
+def _centred(arrays: _MeshArrays, file: Path) -> _MeshArrays:
+    """The mesh without unused vertices, checked and moved into the unit sphere."""
+    where, count = f"mesh {file}", len(arrays.vertices)
+    if arrays.faces.min() < 0 or arrays.faces.max() >= count:
         found = f"faces that refer to others than its {count}"
         raise InputError(where, "faces between existing vertices", found, "export it again")
-    used, faces = np.unique(raw.faces, return_inverse=True)
-    vertices = raw.vertices[used]
+    used, faces = np.unique(arrays.faces, return_inverse=True)
+    vertices = arrays.vertices[used]
     bad = ~np.isfinite(vertices).all(axis=1)
     if bad.any():
         found = f"{bad.sum()} of {len(vertices)} vertices with NaN or infinity"
@@ -311,43 +305,48 @@ def _centred(raw: _Raw, file: Path) -> _Raw:
         found = str(error).rpartition("found ")[2]
         hint = "give a mesh that is larger than a point"
         raise InputError(where, "a positive finite extent", found, hint) from None
-    normals = None if raw.normals is None else raw.normals[used]
-    uv = None if raw.uv is None else raw.uv[used]
-    return _Raw(vertices, faces.reshape(-1, 3), normals, uv)
+    normals = None if arrays.normals is None else arrays.normals[used]
+    uv = None if arrays.uv is None else arrays.uv[used]
+    return _MeshArrays(vertices, faces.reshape(-1, 3), normals, uv)
 
 
-def _cleaned(raw: _Raw, shading: Shading, file: Path) -> tuple[TriangleMesh, list[str]]:
+def _without_defects(
+    arrays: _MeshArrays, shading: Shading, file: Path
+) -> tuple[TriangleMesh, list[str]]:
+    """The mesh to render, without degenerate faces and not inside out, and its defects in words."""
     defects: list[str] = []
-    same = merged_indices(raw.vertices, _MERGE_DISTANCE)
-    merged = same[raw.faces]
-    sound = ~thin(raw.vertices, merged, _THINNEST)
+    merged_to = merged_indices(arrays.vertices, _MERGE_DISTANCE)
+    merged = merged_to[arrays.faces]
+    sound = ~is_thin(arrays.vertices, merged, _THINNEST)
     if not sound.all():
         defects.append(f"degenerate: {(~sound).sum()} faces without area dropped")
     if not sound.any():
         raise InputError(f"mesh {file}", "faces with area", "none", "give another mesh")
-    merged, own = merged[sound], raw.faces[sound]
-    of_edges = defects_of_edges(merged)
-    defects += of_edges
-    if not of_edges and signed_volume(raw.vertices, merged) < 0:
+    merged, faces = merged[sound], arrays.faces[sound]
+    edge_defects = defects_of_edges(merged)
+    defects += edge_defects
+    if not edge_defects and signed_volume(arrays.vertices, merged) < 0:
         defects.append("inverted: the faces pointed inwards and were turned")
-        merged, own = merged[:, ::-1], own[:, ::-1]
-    if raw.normals is None:
+        merged, faces = merged[:, ::-1], faces[:, ::-1]
+    if arrays.normals is None:
         defects.append("no normals in the file")
     if len(merged) > HUGE_FACES:
         defects.append(f"huge: {len(merged)} faces")
     if shading == "file":
-        assert raw.normals is not None  # load_mesh refused it
-        chosen = outward_normals(_unit_normals(raw.normals, own, file), raw.vertices, own, defects)
-        return _compact(raw.vertices, own, chosen, raw.uv), defects
-    normals = angle_weighted_normals(raw.vertices, merged) if shading == "smooth" else None
-    if raw.uv is None:
-        return _compact(raw.vertices, merged, normals), defects
-    # At a seam of the texture one place has several coordinates: there its corners stay apart.
-    normals = None if normals is None else normals[same]
-    return _compact(raw.vertices[same], own, normals, raw.uv), defects
+        assert arrays.normals is not None  # load_mesh refused it
+        unit_normals = _unit_normals(arrays.normals, faces, file)
+        normals = outward_normals(unit_normals, arrays.vertices, faces, defects)
+        return _compact(arrays.vertices, faces, normals, arrays.uv), defects
+    smooth = angle_weighted_normals(arrays.vertices, merged) if shading == "smooth" else None
+    if arrays.uv is None:
+        return _compact(arrays.vertices, merged, smooth), defects
+    # At a seam of the texture one position has several coordinates: its vertices are not merged.
+    smooth = None if smooth is None else smooth[merged_to]
+    return _compact(arrays.vertices[merged_to], faces, smooth, arrays.uv), defects
 
 
-def _unit_normals(normals: FloatArray, faces: Indices, file: Path) -> FloatArray:
+def _unit_normals(normals: Float64Array, faces: IntArray, file: Path) -> Float64Array:
+    """The file's normals at unit length; raises InputError where one of a face has no direction."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     bad = ~(np.isfinite(length[faces]) & (length[faces] > 0)).all(axis=(1, 2))
     if bad.any():
@@ -357,11 +356,12 @@ def _unit_normals(normals: FloatArray, faces: Indices, file: Path) -> FloatArray
 
 
 def _compact(
-    vertices: FloatArray,
-    faces: Indices,
-    normals: FloatArray | None,
-    uv: FloatArray | None = None,
+    vertices: Float64Array,
+    faces: IntArray,
+    normals: Float64Array | None,
+    uv: Float64Array | None = None,
 ) -> TriangleMesh:
+    """A mesh in single precision of the vertices that faces use."""
     used, renumbered = np.unique(faces, return_inverse=True)
     return TriangleMesh(
         vertices[used].astype(np.float32),

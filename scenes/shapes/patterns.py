@@ -1,8 +1,8 @@
-"""Patterns: where on an object each of several surfaces is.
+"""Patterns: which of several surfaces each point of an object has.
 
-A pattern is a function of the place in space (x right, y up, z towards the viewer; shapes fit the
-unit sphere), as if the object were carved out of it: no seams, and no texture coordinates needed.
-Only a picture may follow those of a mesh.
+A pattern is a function of the position in space (x right, y up, z towards the viewer; shapes fit
+the unit sphere), as if the object were carved out of a patterned block: there are no seams, and no
+texture coordinates are needed. Only a picture may use those of a mesh.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.arrays import Float32Array
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
-from malus.scenes.lights.environment import LARGEST_PIXELS, read_grey
+from malus.scenes.lights.environment import check_size, read_grey
 
 if TYPE_CHECKING:
     import PIL.Image
@@ -69,8 +69,8 @@ class ImageTexture(NamedFile):
 
     A grey between is a fine mixture of both neighbours. It is projected along z (`planar`: the
     square −1..1 of x and y), or from the centre (`spherical`: columns by atan2(−x, −z) from 0 to
-    2π, rows from +y, upright as seen from outside); or it lies where a mesh file's own texture
-    coordinates put it (`uv`: from the lower left corner, repeated beyond 0..1). `digest` is the
+    2π, rows from +y, upright as seen from outside); or it follows a mesh file's own texture
+    coordinates (`uv`: from the lower left corner, repeated beyond 0..1). `digest` is the
     file's hash, which a suite fills in.
     """
 
@@ -89,8 +89,8 @@ class ImageTexture(NamedFile):
         """Name in tables."""
         return Path(self.path).stem
 
-    def grey(self) -> NDArray[np.float32]:
-        """Values (rows, columns) in 0..1, rows from the top; PNG's are taken as they are stored.
+    def grey(self) -> Float32Array:
+        """Grey values (rows, columns) in 0..1, rows from the top; a PNG is not linearised.
 
         Raises
         ------
@@ -108,27 +108,19 @@ class ImageTexture(NamedFile):
 Pattern = Annotated[Checker | Stripes | Spots | ImageTexture, Field(discriminator="kind")]
 
 
-def _read_png(path: Path) -> NDArray[np.float32]:
+def _read_png(path: Path) -> Float32Array:
     from PIL import Image
 
-    try:
-        with warnings.catch_warnings():
-            # Of a size that is refused here anyway, and of odd chunks.
-            warnings.simplefilter("ignore")
-            return _grey(path, Image.open(path, formats=["PNG"]))
-    except InputError:
-        raise
-    except Exception as error:  # a foreign parser raises anything on a broken file
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(str(path), "a PNG or EXR file", reason, "check the path") from None
+    with reading(str(path), "a PNG or EXR file", "check the path"), warnings.catch_warnings():
+        # Of a size that is refused here anyway, and of odd chunks.
+        warnings.simplefilter("ignore")
+        return _grey(path, Image.open(path, formats=["PNG"]))
 
 
-def _grey(path: Path, opened: PIL.Image.Image) -> NDArray[np.float32]:
+def _grey(path: Path, opened: PIL.Image.Image) -> Float32Array:
+    """Grey values in 0..1 of an opened PNG, of 8 or 16 bits."""
     with opened as picture:
-        width, height = picture.size
-        if width * height > LARGEST_PIXELS:
-            hint = "make it smaller"
-            raise InputError(str(path), "at most 64 megapixels", f"{width} x {height}", hint)
+        check_size(path, *picture.size)
         deep = picture.mode.startswith("I")
         values = np.asarray(picture if deep else picture.convert("L"), dtype=np.float32)
     return values / np.float32(65535 if deep else 255)

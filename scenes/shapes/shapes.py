@@ -1,4 +1,4 @@
-"""Shapes: all fit the unit sphere at the origin."""
+"""Shapes of objects, all of which fit the unit sphere at the origin."""
 
 from __future__ import annotations
 

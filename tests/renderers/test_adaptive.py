@@ -10,8 +10,8 @@ import pytest
 from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
 from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
-from malus.renderers.families.adaptive import Repeated, relative_error
-from malus.renderers.families.family import render_family
+from malus.renderers.families.adaptive import RepeatedRenders, relative_error
+from malus.renderers.families.family import polarised_images, render_family
 from malus.scenes import Area, Camera, Dielectric, Sampling, Scene, Sphere, load_suite
 
 LIT = {"shape": Sphere(), "light": Area(incidence_deg=45), "camera": Camera(resolution=10)}
@@ -19,16 +19,18 @@ ONE = Scene(surface=Dielectric(eta=1.5, alpha=0.3), **LIT)
 TWO = Scene(surface=Dielectric(eta=1.7, alpha=0.3, albedo=0.1), **LIT)
 
 
-def until(target: float, seed: int = 1, samples: int = 256, scenes: object = (ONE,)) -> Repeated:
-    found = render_family(scenes, Sampling(samples=samples, seed=seed, target=target))
-    assert isinstance(found, Repeated)
-    return found
+def until(
+    target: float, seed: int = 1, samples: int = 256, scenes: object = (ONE,)
+) -> RepeatedRenders:
+    renders = render_family(scenes, Sampling(samples=samples, seed=seed, target=target))
+    assert isinstance(renders, RepeatedRenders)
+    return renders
 
 
 def test_without_a_target_nothing_changes() -> None:
     assert "target" not in Sampling().model_dump()
     assert Sampling().id == Sampling(target=None).id != Sampling(target=1e-3).id
-    assert not isinstance(render_family([ONE], Sampling(samples=4)), Repeated)
+    assert not isinstance(render_family([ONE], Sampling(samples=4)), RepeatedRenders)
 
 
 def test_the_target_is_met_with_few_more_samples_than_needed() -> None:
@@ -77,6 +79,16 @@ def test_passes_are_independent_and_average() -> None:
     assert abs(np.corrcoef(noise)[0, 1]) < 0.4
     errors = np.hypot(0.25 * first.standard_error, 0.75 * second.standard_error)
     np.testing.assert_allclose(found.truth(ONE).standard_error, errors, rtol=1e-4)
+
+
+def test_polarised_images_are_those_of_the_truth() -> None:
+    angles = (0.0, 30.0)
+    for renders in (until(0.01, samples=64), render_family([ONE], Sampling(samples=8))):
+        truth = renders.truth(ONE)
+        expected = [truth.polarised(angle) for angle in angles]
+        # A family interpolates after the polariser instead of before: single precision rounds.
+        images = polarised_images(renders, ONE, angles)
+        np.testing.assert_allclose(images, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_stopping_biases_nothing() -> None:

@@ -1,0 +1,38 @@
+"""Colour matching functions at the bands, which both previews and colour differences use."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from malus.scenes.colour import band_weights, cell_widths, lab, lab_of_linear_srgb, preview
+from malus.scenes.colour import matching_functions as matching
+
+BANDS = (450.0, 512.5, 550.25, 610.0, 650.0)
+
+
+def test_both_interpolations_agree_with_the_table() -> None:
+    whole = (360.0, 445.0, 555.0, 600.0, 830.0)
+    # Tabulated wavelengths: only the rounding of the polynomial is between them.
+    np.testing.assert_allclose(matching(whole), matching(whole, "sprague"), rtol=1e-12, atol=1e-15)
+    # Between rows 1 nm apart a straight line errs by f'' / 8, of the order of 1e-4.
+    np.testing.assert_allclose(matching(BANDS), matching(BANDS, "sprague"), atol=3e-4)
+
+
+def test_nothing_is_visible_outside_the_table() -> None:
+    for between in ("linear", "sprague"):
+        assert not matching((100.0, 359.0, 830.5, 2000.0), between).any()
+
+
+def test_cells_meet_half_way() -> None:
+    np.testing.assert_allclose(cell_widths((400.0, 410.0, 430.0)), [10.0, 15.0, 20.0])
+    np.testing.assert_allclose(cell_widths((532.0,)), [1.0])
+
+
+def test_grey_is_grey_in_every_colorimetry() -> None:
+    spectrum = np.full((1, 1, len(BANDS)), 0.18)
+    colours = lab(spectrum, band_weights(BANDS)).ravel()
+    # The white of both is equal energy, adapted to that of sRGB in previews.
+    of_preview = lab_of_linear_srgb(preview(spectrum, BANDS), 1.0).ravel()
+    np.testing.assert_allclose(colours[1:], 0.0, atol=1e-9)
+    # sRGB's matrices are rounded to four digits, and its preview to single precision.
+    np.testing.assert_allclose(of_preview, colours, atol=0.05)
