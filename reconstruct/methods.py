@@ -97,7 +97,7 @@ def _methods() -> list[Method]:
     found = [TRIVIAL]
     for name, (model, needs, summary) in _SPECULAR.items():
         plain = functools.partial(from_lobes, specular_model=model, diffuse_model=None)
-        mended = functools.partial(from_lobes, specular_model=model, diffuse_model=lobes.body)
+        mended = functools.partial(from_lobes, specular_model=model, diffuse_model=lobes.diffuse)
         found.append(Method(name, needs | LOBES, plain, summary, per_pixel=True))
         more = f"{summary}; body light polarised as it leaves"
         all_needs = needs | LOBES | _GEOMETRY

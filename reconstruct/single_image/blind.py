@@ -210,7 +210,7 @@ def _by_model(
 
 def _polarised(filled: Observation, body: BodyKind) -> Components:
     """Both lobes polarised on the mask, by the half vector and by the interface; else as seen."""
-    found = from_lobes(filled, lobes.half_vector, lobes.body if body == "polarised" else None)
+    found = from_lobes(filled, lobes.half_vector, lobes.diffuse if body == "polarised" else None)
     inside = filled.mask[..., None]
     return Components(
         filled.image, np.where(inside, found.s1, 0), np.where(inside, found.s2, 0), found.valid
