@@ -11,12 +11,12 @@ from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method, Observation
 from malus.reconstruct.single_image import shape
-from malus.reconstruct.single_image.blind import BLIND, blind, run_chain
+from malus.reconstruct.single_image.blind import BLIND_METHODS, blind, run_chain
 from malus.renderers import render
 from malus.renderers.truth import Truth
 from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere, Uniform
 
-METHODS = {entry[0]: Method(*entry) for entry in BLIND}
+METHODS = {entry[0]: Method(*entry) for entry in BLIND_METHODS}
 COLOUR = np.array([0.3, 0.6, 1.0])[:, None]
 
 
