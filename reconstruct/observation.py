@@ -16,7 +16,15 @@ Image = FloatArray
 
 
 class Inapplicable(ValueError):
-    """A method cannot work on this observation, for the reason in its message; nobody's mistake."""
+    """A method cannot work on this observation, for the reason in its message; nobody's mistake.
+
+    Examples
+    --------
+    >>> Observation(np.ones((1, 1, 1)), np.ones((1, 1), bool)).require("eta")
+    Traceback (most recent call last):
+        ...
+    malus.reconstruct.observation.Inapplicable: eta is not known
+    """
 
 
 @dataclass(frozen=True)
@@ -44,6 +52,17 @@ class Observation:
         Beckmann roughness; σ = 1/alpha².
     light : Light or None
         A light of `malus.scenes`, in the image frame.
+
+    Raises
+    ------
+    ValueError
+        If an array's shape is not that of the image; the message names the array and both shapes.
+
+    Examples
+    --------
+    >>> picture = Observation(np.ones((2, 3, 1)), np.ones((2, 3), bool), eta=np.array([1.5]))
+    >>> picture.require("eta").tolist()
+    [1.5]
     """
 
     image: Image
@@ -116,6 +135,13 @@ class Components:
     converged : bool or None
         Whether the search behind the estimate ended where it explains the image; None means that
         nothing was searched.
+
+    Examples
+    --------
+    >>> pixel = np.ones((1, 1, 1))
+    >>> light = Components(image=pixel, s1=0.5 * pixel, s2=0 * pixel)
+    >>> light.i_max.item(), light.i_min.item(), light.polarised(0.0).item()
+    (0.75, 0.25, 0.25)
     """
 
     image: Image

@@ -49,6 +49,18 @@ class ChainResult:
         How the search for a shape ended; None where the normals were given.
     statements : tuple of str
         What was assumed, found, or failed, stage by stage.
+
+    Examples
+    --------
+    >>> from malus.renderers import render
+    >>> from malus.scenes import Camera, Dielectric, Scene, Sphere
+    >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
+    ...               light=Distant(incidence_deg=60), camera=Camera(resolution=16))
+    >>> truth = render(scene, renderer="torrance-sparrow")
+    >>> result = run_chain(Observation(truth.image, truth.mask, normals=truth.normals,
+    ...                                light=scene.light))
+    >>> result.convergence is None, result.statements[-1], result.warnings
+    (True, 'body taken for unpolarised', ())
     """
 
     observation: Observation

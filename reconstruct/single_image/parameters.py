@@ -52,6 +52,13 @@ class SurfaceParameters:
         Root mean square residual over the largest value of the image.
     notes : tuple of str
         What was assumed, and what failed.
+
+    Examples
+    --------
+    >>> facing = np.array([[0.0, 0.0, 1.0]])
+    >>> fit = fit_parameters(np.ones((1, 1)), facing, facing[0], "unpolarised", alpha=0.3)
+    >>> fit.eta_known, fit.notes[0]
+    (False, 'eta is assumed (1.5): the irradiance is not known')
     """
 
     eta: float

@@ -63,6 +63,16 @@ class RecoveredShape:
         Fitted to the whole picture with these normals.
     convergence : Convergence
         How the search ended.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[1:-1:16j, -1:1:16j]
+    >>> mask = x**2 + y**2 < 0.8
+    >>> facing = np.sqrt(np.clip(1 - (x**2 + y**2) / 0.8, 0, None))
+    >>> given = GivenParameters(alpha=0.3, body="unpolarised")
+    >>> shape = recover_shape(facing[..., None], mask, np.array([0.0, 0.0, 1.0]), given)
+    >>> shape.parameters.alpha, shape.convergence.converged
+    (0.3, True)
     """
 
     normals: Image
@@ -154,12 +164,13 @@ def recover_shape(
     --------
     A Lambertian sphere, lit from the viewer:
 
-    >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
+    >>> y, x = np.mgrid[1:-1:16j, -1:1:16j]
     >>> mask = x**2 + y**2 < 0.8
     >>> facing = np.sqrt(np.clip(1 - (x**2 + y**2) / 0.8, 0, None))
-    >>> shape = recover_shape(facing[..., None], mask, np.array([0.0, 0.0, 1.0]))
+    >>> given = GivenParameters(body="unpolarised")
+    >>> shape = recover_shape(facing[..., None], mask, np.array([0.0, 0.0, 1.0]), given)
     >>> shape.normals.shape
-    (32, 32, 3)
+    (16, 16, 3)
     """
     given = given or GivenParameters()
     reduced = reduce(image, mask, specular, size)

@@ -302,5 +302,5 @@ def test_a_dark_object_has_no_shape() -> None:
 @pytest.mark.parametrize("incidence_deg", [10, 45, 80])
 def test_the_light_is_found_from_shading(incidence_deg: float) -> None:
     truth = sphere(incidence_deg=incidence_deg)
-    found = estimate_direction(truth.image[truth.mask].mean(axis=1), truth.normals[truth.mask])
-    assert math.degrees(math.acos(min(1.0, float(found @ light_of(truth))))) < 2
+    direction = estimate_direction(truth.image[truth.mask].mean(axis=1), truth.normals[truth.mask])
+    assert math.degrees(math.acos(min(1.0, float(direction @ light_of(truth))))) < 2
