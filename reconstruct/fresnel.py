@@ -1,4 +1,4 @@
-"""Fresnel reflection of one smooth facet, in forms that survive index one and grazing incidence.
+"""Fresnel reflection of one smooth facet, accurate near index one and at grazing incidence too.
 
 With c = cos γ, s = sin γ, δ = η² − 1 and q = √(c² + δ) (q = η cos of the refracted angle):
 
@@ -18,8 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
-EtaArray = NDArray[Any]  # float64, or complex128 for metals
+from malus.scenes.core.arrays import BoolArray, Float64Array
+
+EtaArray = NDArray[Any]
+"""Refractive index or its excess δ: float64, or complex128 for metals."""
 
 
 def excess(eta: EtaArray) -> EtaArray:
@@ -27,7 +29,7 @@ def excess(eta: EtaArray) -> EtaArray:
     return (eta - 1.0) * (eta + 1.0)
 
 
-def refracted(cos_incidence: FloatArray, delta: EtaArray) -> EtaArray:
+def refracted(cos_incidence: Float64Array, delta: EtaArray) -> EtaArray:
     """q = √(cos²γ + δ): real, or complex beyond the critical angle and in metals."""
     square = cos_incidence * cos_incidence + delta
     if np.iscomplexobj(square) or square.size == 0 or float(square.min()) >= 0.0:
@@ -35,11 +37,13 @@ def refracted(cos_incidence: FloatArray, delta: EtaArray) -> EtaArray:
     return np.asarray(np.sqrt(square.astype(np.complex128)))
 
 
-def _square_modulus(z: EtaArray) -> FloatArray:
+def _square_modulus(z: EtaArray) -> Float64Array:
+    """|z|² of real or complex numbers."""
     return np.asarray(z.real * z.real + z.imag * z.imag if np.iscomplexobj(z) else z * z)
 
 
-def _checked(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[FloatArray, EtaArray]:
+def _checked(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[Float64Array, EtaArray]:
+    """Both arguments as arrays; ValueError if the cosine is outside [0, 1] or η unphysical."""
     cosine = np.asarray(cos_incidence, dtype=np.float64)
     if not np.all((cosine >= 0.0) & (cosine <= 1.0)):
         worst = cosine[~((cosine >= 0.0) & (cosine <= 1.0))].flat[0]
@@ -47,8 +51,8 @@ def _checked(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[FloatArray, EtaA
     return cosine, checked_eta(eta)
 
 
-def physical(eta: EtaArray) -> NDArray[np.bool_]:
-    """Which indices are those of a body that does not amplify light: n > 0, k ≥ 0."""
+def physical(eta: EtaArray) -> BoolArray:
+    """True where an index is that of a body that does not amplify light: n > 0, k ≥ 0."""
     return np.asarray((np.abs(eta) < 1e100) & (eta.real > 0.0) & (eta.imag >= 0.0))
 
 
@@ -69,7 +73,7 @@ def checked_eta(eta: ArrayLike) -> EtaArray:
     return np.asarray(index.real) if not np.any(index.imag) else index
 
 
-def reflectances(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def reflectances(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[Float64Array, Float64Array]:
     """Fresnel reflectances (F_⊥, F_∥) of a smooth surface.
 
     Parameters
@@ -105,7 +109,7 @@ def reflectances(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[FloatArray, 
     delta = excess(index)
     q = refracted(cosine, delta)
     sine2 = (1.0 - cosine) * (1.0 + cosine)
-    # c + q = 0 only where eta = 1 at exactly grazing incidence: nothing is there to reflect.
+    # c + q = 0 only where eta = 1 at exactly grazing incidence: nothing is reflected there.
     outgoing = np.where(cosine + q == 0.0, 1.0, cosine + q)
     perpendicular = (np.abs(delta) / _square_modulus(outgoing)) ** 2
     cq = cosine * q
@@ -113,7 +117,7 @@ def reflectances(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[FloatArray, 
     return np.asarray(perpendicular), np.asarray(perpendicular * ratio)
 
 
-def smooth_dolp(cos_incidence: ArrayLike, eta: ArrayLike) -> FloatArray:
+def smooth_dolp(cos_incidence: ArrayLike, eta: ArrayLike) -> Float64Array:
     """Degree of polarisation (F_⊥ − F_∥)/(F_⊥ + F_∥) of light reflected by a smooth surface.
 
     Defined at eta = 1 too, as the limit eta → 1. Arguments and errors as in `reflectances`.
@@ -133,8 +137,8 @@ def smooth_dolp(cos_incidence: ArrayLike, eta: ArrayLike) -> FloatArray:
     return np.asarray(2.0 * cosine * q.real * sine2 / np.maximum(norm, 1e-300))
 
 
-def transmission_dolp(cos_incidence: ArrayLike, eta: ArrayLike) -> FloatArray:
-    """Degree of polarisation ρ_d = (T_∥ − T_⊥)/(T_∥ + T_⊥) of body light, T = 1 − F.
+def transmission_dolp(cos_incidence: ArrayLike, eta: ArrayLike) -> Float64Array:
+    """Degree of polarisation ρ_d = (T_∥ − T_⊥)/(T_∥ + T_⊥) of diffuse light, T = 1 − F.
 
     Positive means parallel to the plane of normal and viewer. Arguments and errors as in
     `reflectances`; `cos_incidence` is the cosine of the angle outside the body.
@@ -155,14 +159,14 @@ def transmission_dolp(cos_incidence: ArrayLike, eta: ArrayLike) -> FloatArray:
     sine2 = (1.0 - cosine) * (1.0 + cosine)
     outgoing = np.where(cosine + q == 0.0, 1.0, cosine + q)
     if np.iscomplexobj(index):
-        return _absorbing_transmission_dolp(cosine, index, q)
+        return _metal_transmission_dolp(cosine, index, q)
     turned = sine2 * np.square(delta / np.abs(outgoing))
     norm = index * index + _square_modulus(cosine * q + sine2)
     return np.asarray(turned / np.maximum(norm, 1e-300))
 
 
-def _absorbing_transmission_dolp(cosine: FloatArray, index: EtaArray, q: EtaArray) -> FloatArray:
-    """(F_⊥ − F_∥)/(T_∥ + T_⊥) with 4 cos γ divided out; real elements as in the real case."""
+def _metal_transmission_dolp(cosine: Float64Array, index: EtaArray, q: EtaArray) -> Float64Array:
+    """ρ_d = (F_⊥ − F_∥)/(T_∥ + T_⊥) for complex η, with 4 cos γ divided out of both parts."""
     sine2 = (1.0 - cosine) * (1.0 + cosine)
     sum2 = np.where(cosine + q == 0.0, 1.0, _square_modulus(cosine + q))
     reflected = _square_modulus(excess(index)) / sum2**2

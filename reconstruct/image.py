@@ -1,8 +1,8 @@
-"""Whole images from models of the two lobes: Equations 7 and 9 to 12, block by block.
+"""Polarisation components of a whole image from its two lobes: Equations 7 and 9 to 12.
 
-A block of rows is small enough that what a model makes of it stays in cache, so that an image
-costs little more than reading and writing it once, and memory beyond inputs and outputs stays a
-few megabytes however large the image is.
+The image is worked on in blocks of rows whose intermediate arrays stay in cache. It costs little
+more than reading and writing the image once, and memory beyond inputs and outputs stays a few
+megabytes however large the image is.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import NDArray
 
-from malus.reconstruct.lobe_models import AboutNormals, Lobe, LobeModel
+from malus.reconstruct.lobe_models import Lobe, LobeModel, ZenithTables
 from malus.reconstruct.observation import Components, Observation
 from malus.reconstruct.pixel_block import Block
+from malus.scenes.core.arrays import Float64Array
 
 BLOCK_PIXELS = 1 << 17
 """Measured best of 2^13 to 2^19: smaller blocks pay for calls, larger ones leave the cache."""
@@ -25,14 +25,15 @@ BLOCK_PIXELS = 1 << 17
 def from_lobes(
     observation: Observation, specular_model: LobeModel, diffuse_model: LobeModel | None
 ) -> Components:
-    """Polarised parts of both lobes, added as Stokes vectors.
+    """Polarisation components from I_s and I_d, whose Stokes vectors add up.
 
     Parameters
     ----------
     observation : Observation
-        Its specular and diffuse intensity must be known, besides what the models need.
-    specular_model, body_model : LobeModel
-        No body model means an unpolarised body.
+        Its specular and diffuse intensity must be given, besides what the models need.
+    specular_model : LobeModel
+    diffuse_model : LobeModel or None
+        None is the paper's assumption that diffuse light is unpolarised.
 
     Returns
     -------
@@ -44,7 +45,7 @@ def from_lobes(
     Raises
     ------
     Inapplicable
-        If something that the models need is not known.
+        If something that the models need is not given.
     """
     specular = observation.require("specular")
     observation.require("diffuse")
@@ -53,36 +54,38 @@ def from_lobes(
     lobes: dict[str, Lobe] = {"specular": specular_model(observation)}
     if diffuse_model is not None:
         lobes["diffuse"] = diffuse_model(observation)
-    tabled = {name: lobe for name, lobe in lobes.items() if isinstance(lobe, AboutNormals)}
-    others = {name: lobe for name, lobe in lobes.items() if not isinstance(lobe, AboutNormals)}
-    table = _joined(list(tabled.values()))
+    tabulated = {name: lobe for name, lobe in lobes.items() if isinstance(lobe, ZenithTables)}
+    pixelwise = {name: lobe for name, lobe in lobes.items() if not isinstance(lobe, ZenithTables)}
+    table = _joined(list(tabulated.values()))
 
     dtype = np.result_type(specular.dtype, np.float32)
     image = np.empty(specular.shape, dtype)
     s1, s2 = (np.zeros(specular.shape, dtype) for _ in range(2))
     valid = np.empty(observation.mask.shape, dtype=bool)
 
-    def work(rows: slice) -> None:
+    def reconstruct(rows: slice) -> None:
         block = Block(observation, rows)
         valid[rows] = block.valid.reshape(valid[rows].shape)
-        total, first, second = (
+        total, block_s1, block_s2 = (
             part[rows].reshape(block.mask.size, specular.shape[2]) for part in (image, s1, s2)
         )
-        light = {name: block.lobe(name) for name in ("specular", "diffuse")}
-        np.add(light["specular"], light["diffuse"], out=total)  # Equation 7
-        if tabled:
-            one, *more = (light[name] for name in tabled)
-            other = more[0] if more else one
-            kernels.about_normals(one, other, block.normals, table, block.longest, first, second)
-        for name, ratio in others.items():
-            kernels.add_ratio(light[name], ratio(block), first, second)
+        intensity = {name: block.lobe(name) for name in ("specular", "diffuse")}
+        np.add(intensity["specular"], intensity["diffuse"], out=total)  # I = I_d + I_s
+        if tabulated:
+            first, *rest = (intensity[name] for name in tabulated)
+            second = rest[0] if rest else first
+            kernels.polarise_about_normals(
+                first, second, block.normals, table, block.frame_length, block_s1, block_s2
+            )
+        for name, ratios in pixelwise.items():
+            kernels.add_polarised(intensity[name], ratios(block), block_s1, block_s2)
 
-    _in_threads(work, list(_blocks(specular.shape[:2])))
+    _in_threads(reconstruct, list(_blocks(specular.shape[:2])))
     return Components(image, s1, s2, valid)
 
 
-def _joined(lobes: Sequence[AboutNormals]) -> NDArray[np.float64]:
-    """The tables of all bands and lobes as columns of one, on the finest of their grids."""
+def _joined(lobes: Sequence[ZenithTables]) -> Float64Array:
+    """One table (steps + 2, columns) of all lobes and bands, on the finest of their grids."""
     columns = [grid for lobe in lobes for grid in lobe.grids]
     finest = np.linspace(0.0, 1.0, max((column.size for column in columns), default=1))
     for k, column in enumerate(columns):
@@ -93,6 +96,7 @@ def _joined(lobes: Sequence[AboutNormals]) -> NDArray[np.float64]:
 
 
 def _in_threads(work: Callable[[slice], None], blocks: Sequence[slice]) -> None:
+    """Do the work on every block of rows, on all cores where there are several blocks."""
     if len(blocks) > 2:
         with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
             list(pool.map(work, blocks))
@@ -102,6 +106,7 @@ def _in_threads(work: Callable[[slice], None], blocks: Sequence[slice]) -> None:
 
 
 def _blocks(shape: tuple[int, int]) -> Iterator[slice]:
+    """Rows of an image (height, width), about `BLOCK_PIXELS` pixels at a time."""
     rows = max(1, BLOCK_PIXELS // max(shape[1], 1))
     for start in range(0, shape[0], rows):
         yield slice(start, min(start + rows, shape[0]))

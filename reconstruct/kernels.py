@@ -1,7 +1,8 @@
-"""Loops over pixels, compiled by numba: what costs as much as the memory it reads and writes.
+"""Loops over the pixels of an image, compiled by numba.
 
-Importing this takes as long as importing numba, so that only those do who have an image at hand.
-Machine code is kept in the cache folder of Python or of the user, where one can be written.
+Importing this module imports numba, which takes long: import it inside the function that has an
+image to work on. Machine code is kept in the cache folder of Python or of the user, where one can
+be written.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ Loop = TypeVar("Loop", bound=Callable[..., Any])
 
 
 def compiled(loop: Loop, any_order: bool = False) -> Loop:
-    """Machine code that runs without the interpreter's lock, for each dtype when first called.
+    """Compile a loop to machine code that runs without the interpreter's lock.
 
-    In `any_order`, sums may be added up in several parts at once.
+    It is compiled for each combination of dtypes when first called with it. With `any_order`, the
+    compiler may reorder sums, so that several parts of one are added up at once.
     """
-    freedom = {"contract", "reassoc"} if any_order else {"contract"}
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": freedom}
+    permitted = {"contract", "reassoc"} if any_order else {"contract"}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": permitted}
     try:
         return numba.njit(cache=True, **options)(loop)
     except RuntimeError:  # no folder can be written: every process compiles again
@@ -30,67 +32,71 @@ def compiled(loop: Loop, any_order: bool = False) -> Loop:
 
 
 @compiled
-def accept(specular: Any, diffuse: Any, normals: Any, most: Any, valid: Any) -> None:
-    """Mark the pixels whose intensities are in [0, most] and whose normals face the viewer.
+def mark_valid_pixels(specular: Any, diffuse: Any, normals: Any, largest: Any, valid: Any) -> None:
+    """Mark the pixels whose intensities are in [0, largest] and whose normals face the viewer.
 
-    specular, diffuse (pixels, bands); normals (pixels, 3), or (0, 3) where none are known; valid
-    (pixels,) is written. Normals must have length one to 5e-4: float32 normals that were averaged
-    and normalised again have it to 1e-6.
+    specular, diffuse (pixels, bands); normals (pixels, 3), or (0, 3) where none are given; valid
+    (pixels,) bool is written. Normals must have length one to 5e-4: float32 normals that were
+    averaged and normalised again have it to 1e-6.
     """
     pixels, bands = specular.shape
     valid[:] = True
-    bad = 0  # counted over flat arrays first, which takes a quarter of the time of pixels
+    # Counted over flat arrays first, which takes a quarter of the time of going pixel by pixel.
+    out_of_range = 0
     for lobe in (specular.reshape(-1), diffuse.reshape(-1)):
         for k in range(lobe.size):
-            bad += not (lobe[k] >= 0 and lobe[k] <= most)  # NaN compares False
-    if bad:
+            out_of_range += not (lobe[k] >= 0 and lobe[k] <= largest)  # NaN compares False
+    if out_of_range:
         for i in range(pixels):
             for b in range(bands):
                 s, d = specular[i, b], diffuse[i, b]
-                valid[i] &= s >= 0 and s <= most and d >= 0 and d <= most
+                valid[i] &= s >= 0 and s <= largest and d >= 0 and d <= largest
     for i in range(normals.shape[0]):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
         valid[i] &= (abs(x * x + y * y + z * z - 1) < 1e-3) & (z >= 0)
 
 
 @compiled
-def about_normals(
-    light: Any, other: Any, normals: Any, table: Any, longest: float, s1: Any, s2: Any
+def polarise_about_normals(
+    first: Any, second: Any, normals: Any, table: Any, frame_length: float, s1: Any, s2: Any
 ) -> None:
-    """Write s1 and s2 of one or two lobes that are polarised in the frame of the normals.
+    """Write s1 and s2 of one or two lobes whose polarisation depends on the zenith angle alone.
 
-    light, other, s1, s2 (pixels, bands); normals (pixels, 3) with z ≥ 0. The rows of `table` hold
-    s1/s0 at azimuth 0 on even steps of √cos θ from 0 to 1, the last one twice, and its columns
-    every band of `light`, and of `other` where there are as many more. `longest` is the length of
-    (cos 2φ, sin 2φ).
+    first, second, s1, s2 (pixels, bands): intensities of the lobes and their Stokes components;
+    normals (pixels, 3) with z ≥ 0. The rows of `table` hold s1/s0 at azimuth 0 on even steps of
+    √cos θ from 0 to 1, the last one twice. Its columns are the bands of `first`, followed by those
+    of `second` where there are twice as many. `frame_length` is the length of (cos 2φ, sin 2φ).
     """
-    pixels, bands = light.shape
+    pixels, bands = first.shape
     cells = table.shape[0] - 2
     both = table.shape[1] > bands
     for i in range(pixels):
         x, y, z = np.float64(normals[i, 0]), np.float64(normals[i, 1]), np.float64(normals[i, 2])
-        where = math.sqrt(min(z, 1.0)) * cells
-        cell = int(where)
-        part = where - cell
+        grid_position = math.sqrt(min(z, 1.0)) * cells
+        cell = int(grid_position)
+        part = grid_position - cell
         low, high = table[cell], table[cell + 1]
         # Where the squares underflow, both numerators are zero as well.
-        inverse = longest / (x * x + y * y + 1e-300)
+        inverse = frame_length / (x * x + y * y + 1e-300)
         cos2, sin2 = (x * x - y * y) * inverse, 2.0 * x * y * inverse
         for b in range(bands):
-            polarised = light[i, b] * (low[b] + part * (high[b] - low[b]))
+            polarised = first[i, b] * (low[b] + part * (high[b] - low[b]))
             if both:
                 c = bands + b
-                polarised += other[i, b] * (low[c] + part * (high[c] - low[c]))
+                polarised += second[i, b] * (low[c] + part * (high[c] - low[c]))
             s1[i, b] = polarised * cos2
             s2[i, b] = polarised * sin2
 
 
 @compiled
-def add_ratio(light: Any, ratio: Any, s1: Any, s2: Any) -> None:
-    """Add light (pixels, bands) times its s1/s0 and s2/s0, ratio (pixels or 1, bands, 2)."""
-    pixels, bands = light.shape
-    step = 1 if ratio.shape[0] > 1 else 0
+def add_polarised(intensity: Any, ratios: Any, s1: Any, s2: Any) -> None:
+    """Add to s1 and s2 what a lobe contributes: its intensity times s1/s0 and s2/s0.
+
+    intensity, s1, s2 (pixels, bands); ratios (pixels or 1, bands, 2).
+    """
+    pixels, bands = intensity.shape
+    step = 1 if ratios.shape[0] > 1 else 0
     for i in range(pixels):
         for b in range(bands):
-            s1[i, b] += light[i, b] * ratio[i * step, b, 0]
-            s2[i, b] += light[i, b] * ratio[i * step, b, 1]
+            s1[i, b] += intensity[i, b] * ratios[i * step, b, 0]
+            s2[i, b] += intensity[i, b] * ratios[i * step, b, 1]

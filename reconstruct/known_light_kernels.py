@@ -1,6 +1,6 @@
-"""Facets that mirror known lights, compiled: the loops over pixels and directions.
+"""Specular light of given lights: the loops over pixels and directions, compiled by numba.
 
-Importing this takes as long as importing numba.
+Importing this module imports numba, which takes long.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from typing import Any
 from malus.reconstruct.facets.facet_kernels import dielectric, metal, shadowing
 from malus.reconstruct.kernels import compiled
 
-_LOWEST = -40.0  # exp(−40) = 4e-18: below every rounding, and cheaper to leave out
+_LOWEST = -40.0  # exp(−40) = 4e-18 is below every rounding, and leaving it out saves time
 
 
 @compiled
-def facets(n_h: float, n_l: float, inverse_alpha: float) -> float:
-    """Beckmann's facets that stand at N·H, times Smith's shadowing of the light at N·L."""
+def facet_weight(n_h: float, n_l: float, inverse_alpha: float) -> float:
+    """Beckmann's density of facets at N·H times Smith's shadowing of the light at N·L."""
     if n_l <= 0.0 or n_h <= 1e-3:
         return 0.0
     squared = n_h * n_h
@@ -27,28 +27,29 @@ def facets(n_h: float, n_l: float, inverse_alpha: float) -> float:
 
 
 @compiled
-def weigh(normals: Any, half: Any, toward: Any, alpha: float, weights: Any) -> None:
-    """Write the facets of `normals` (pixels, 3) that stand at each of K half vectors.
+def weigh_facets(normals: Any, half: Any, toward: Any, alpha: float, weights: Any) -> None:
+    """Write the weight of the facets that mirror each direction at each pixel.
 
-    half, toward (K, 3): half vectors and directions of the light; weights (pixels, K).
+    normals (pixels, 3); half, toward (K, 3): half vectors and directions of the light; weights
+    (pixels, K) is written.
     """
     for i in range(normals.shape[0]):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
         for k in range(half.shape[0]):
             n_h = x * half[k, 0] + y * half[k, 1] + z * half[k, 2]
             n_l = x * toward[k, 0] + y * toward[k, 1] + z * toward[k, 2]
-            weights[i, k] = facets(n_h, n_l, 1.0 / alpha)
+            weights[i, k] = facet_weight(n_h, n_l, 1.0 / alpha)
 
 
 @compiled
-def mirror(
-    normals: Any, basis: Any, alpha: Any, delta: Any, toward: Any, power: Any, out: Any
+def sum_stokes(
+    normals: Any, basis: Any, alpha: Any, delta: Any, toward: Any, power: Any, stokes: Any
 ) -> None:
-    """Add what facets mirror of K directions to Stokes vectors `out` (pixels, bands, 3).
+    """Add the specular light of K directions to Stokes vectors (pixels, bands, 3).
 
-    normals (pixels, 3) in the frame of the pixel, where V = z; basis (pixels, 3, 3) into it;
-    alpha (pixels,); delta (pixels, bands): η² − 1, complex; toward (K, 3); power (K,). `basis`,
-    `alpha` and `delta` may have one entry for all pixels.
+    normals (pixels, 3) in the frame of the pixel, where V = z; basis (pixels, 3, 3): from the
+    image frame to that of the pixel; alpha (pixels,); delta (pixels, bands): η² − 1, complex;
+    toward (K, 3); power (K,). `basis`, `alpha` and `delta` may have one entry for all pixels.
     """
     for i in range(normals.shape[0]):
         turn = basis[i if len(basis) > 1 else 0]
@@ -62,7 +63,7 @@ def mirror(
             z = turn[2, 0] * w_x + turn[2, 1] * w_y + turn[2, 2] * w_z
             n_l = n_x * x + n_y * y + n_z * z
             length = math.sqrt(max(2.0 + 2.0 * z, 1e-30))  # of L + V
-            weight = power[k] * facets((n_l + n_z) / length, n_l, inverse_alpha)
+            weight = power[k] * facet_weight((n_l + n_z) / length, n_l, inverse_alpha)
             if weight == 0.0:
                 continue
             gamma, sine2 = min(0.5 * length, 1.0), max(0.5 - 0.5 * z, 0.0)
@@ -74,8 +75,8 @@ def mirror(
                     total, contrast = dielectric(gamma, sine2, d.real)
                 else:
                     total, contrast = metal(gamma, sine2, d.real, d.imag)
-                bright = weight * (d.real * d.real + d.imag * d.imag)  # |δ|² was taken out
+                bright = weight * (d.real * d.real + d.imag * d.imag)  # both leave |δ|² out
                 polarised = bright * contrast * sine2
-                out[i, b, 0] += bright * total
-                out[i, b, 1] -= polarised * cos2
-                out[i, b, 2] -= polarised * sin2
+                stokes[i, b, 0] += bright * total
+                stokes[i, b, 1] -= polarised * cos2
+                stokes[i, b, 2] -= polarised * sin2

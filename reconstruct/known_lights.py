@@ -1,4 +1,4 @@
-"""Which facets mirror a known light to the viewer, and how the light is polarised thereby.
+"""Specular light from lights that are given: which facets mirror them, and the polarisation.
 
 For an orthographic viewer the facet that mirrors a direction ω has the half vector H of ω and V
 for its normal, whatever the pixel: Fresnel's reflectances and the plane of reflection belong to
@@ -7,10 +7,10 @@ a sum over directions,
 
     s(N) ∝ Σ_ω D(N·H_ω) G1(N·ω) · L(ω) ΔΩ (½(F_⊥ + F_∥), −½(F_⊥ − F_∥) cos 2φ_H, … sin 2φ_H),
 
-one matrix product for all pixels and bands. Where pixels have a view or a surface of their own,
-nothing is shared, and `_each` sums pixel by pixel. D is Beckmann's distribution, G1 Smith's
-shadowing; the viewer's masking and the factor 1/(4 N·V) are common to all directions and cancel
-in s/s0.
+one matrix product for all pixels and bands. Where pixels have a direction to the camera or a
+surface of their own, nothing is shared, and `_pixelwise_stokes` sums pixel by pixel. D is
+Beckmann's distribution, G1 Smith's shadowing; the viewer's masking and the factor 1/(4 N·V) are
+common to all directions and cancel in s/s0.
 """
 
 from __future__ import annotations
@@ -18,58 +18,64 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct.fresnel import EtaArray, excess, reflectances
-from malus.reconstruct.lobe_models import Ratio
+from malus.reconstruct.lobe_models import StokesRatios
 from malus.reconstruct.observation import Image, Observation
 from malus.reconstruct.pixel_block import Block, below_one, uniform_alpha, uniform_eta
 from malus.reconstruct.quadrature import Directions, quadrature
+from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
 
 BLOCK = 1 << 24
 """Largest number of pixel-direction pairs in memory at once."""
 
 DARK = 1e-30
-"""Mirrored light below this share of the brightest direction is none: nearer to the smallest
-float32 its polarisation would be rounding."""
+"""Specular light below this share of the brightest direction counts as none: so near to the
+smallest float32, rounding would decide its polarisation."""
 
 
-def known_lights(observation: Observation) -> Ratio:
-    """The lobe model: light mirrored by the facets that stand right for each direction."""
+def known_lights(observation: Observation) -> StokesRatios:
+    """Lobe model of specular light: facets weighted by the light that each mirrors to the viewer.
+
+    Raises
+    ------
+    Inapplicable
+        If light, normals, eta or alpha is not given.
+    """
     light = observation.require("light")
     observation.require("normals")
     eta, alpha = uniform_eta(observation), uniform_alpha(observation)
-    lamp = quadrature(light, _finest(observation) if alpha is None else alpha)
+    lamp = quadrature(light, _smallest_alpha(observation) if alpha is None else alpha)
     shared = None
     if eta is not None and alpha is not None and observation.view_direction is None:
-        shared = _mirrored(lamp, eta)
+        shared = _facet_stokes(lamp, eta)
 
-    def ratio(block: Block) -> Image:
-        seen = block.mask & block.valid
-        summed: Image
+    def ratios(block: Block) -> Image:
+        inside = block.mask & block.valid
+        stokes: Image
         if shared is None:
-            summed = _each(block, seen, lamp)
+            stokes = _pixelwise_stokes(block, inside, lamp)
         else:
-            summed = _gather(block.normals[seen], lamp, block.alpha[0], shared)
-            summed = summed.reshape(len(summed), shared.shape[1] // 3, 3)
-        dark = summed[..., 0] < DARK
+            stokes = _shared_stokes(block.normals[inside], lamp, block.alpha[0], shared)
+            stokes = stokes.reshape(len(stokes), shared.shape[1] // 3, 3)
+        dark = stokes[..., 0] < DARK
         # Rounding must not lift a degree of polarisation above one.
-        total = np.where(dark, np.inf, summed[..., 0] / below_one(np.dtype(np.float32)))
-        result = np.zeros((len(seen), summed.shape[1], 2), block.dtype)
-        result[seen] = summed[..., 1:] / total[..., None]
+        total = np.where(dark, np.inf, stokes[..., 0] / below_one(np.dtype(np.float32)))
+        result = np.zeros((len(inside), stokes.shape[1], 2), block.dtype)
+        result[inside] = stokes[..., 1:] / total[..., None]
         return result
 
-    return ratio
+    return ratios
 
 
-def _finest(observation: Observation) -> float:
+def _smallest_alpha(observation: Observation) -> float:
     """The smallest roughness of the object's pixels."""
     whole = Block(observation, slice(None))
     return float(np.min(whole.alpha[whole.mask & whole.valid], initial=1.0))
 
 
-def _mirrored(lamp: Directions, eta: EtaArray) -> NDArray[np.float32]:
-    """What a facet makes of each direction, (K, bands · 3)."""
+def _facet_stokes(lamp: Directions, eta: EtaArray) -> Float32Array:
+    """Stokes vectors (K, bands · 3) of each direction's light, mirrored by its facet."""
     perpendicular, parallel = reflectances(np.clip(lamp.half[:, 2:], 0.0, 1.0), eta[None, :])
     x, y = lamp.half[:, 0], lamp.half[:, 1]
     squared = np.where(x * x + y * y > 0, x * x + y * y, 1.0)
@@ -83,23 +89,24 @@ def _mirrored(lamp: Directions, eta: EtaArray) -> NDArray[np.float32]:
     return scaled.reshape(len(x), -1).astype(np.float32)
 
 
-def _gather(
-    normals: Image, lamp: Directions, alpha: float, stokes: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def _shared_stokes(
+    normals: Image, lamp: Directions, alpha: float, facet_stokes: Float32Array
+) -> Float32Array:
+    """Stokes vectors (pixels, bands · 3) of pixels with one roughness, up to one factor."""
     block = max(1, BLOCK // len(lamp.power))
     if len(normals) <= block:
-        weights = _cached_weights(_Same(normals), lamp, alpha)
-        result: NDArray[np.float32] = weights @ stokes
+        weights = _cached_weights(_ArrayKey(normals), lamp, alpha)
+        result: Float32Array = weights @ facet_stokes
         return result
     parts = [
-        _weights(normals[i : i + block], lamp, alpha) @ stokes
+        _weights(normals[i : i + block], lamp, alpha) @ facet_stokes
         for i in range(0, len(normals), block)
     ]
     return np.concatenate(parts)
 
 
-class _Same:
-    """An array as a key by content, so that scenes of one geometry share their weights."""
+class _ArrayKey:
+    """An array as a key by its content, so that scenes of one geometry share their weights."""
 
     def __init__(self, array: Image) -> None:
         self.array = array
@@ -109,34 +116,35 @@ class _Same:
         return hash(self._key)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self._key == other._key
+        return isinstance(other, _ArrayKey) and self._key == other._key
 
 
 @functools.lru_cache(maxsize=1)
-def _cached_weights(normals: _Same, lamp: Directions, alpha: float) -> NDArray[np.float32]:
+def _cached_weights(normals: _ArrayKey, lamp: Directions, alpha: float) -> Float32Array:
+    """As `_weights`, kept for the next image of the same geometry."""
     return _weights(normals.array, lamp, alpha)
 
 
-def _weights(normals: Image, lamp: Directions, alpha: float) -> NDArray[np.float32]:
-    """Facets that stand at each half vector, times shadowing: (pixels, K)."""
-    from malus.reconstruct.known_light_kernels import weigh
+def _weights(normals: Image, lamp: Directions, alpha: float) -> Float32Array:
+    """Density of facets at each half vector times shadowing of the light: (pixels, K)."""
+    from malus.reconstruct.known_light_kernels import weigh_facets
 
     weights = np.empty((len(normals), len(lamp.power)), np.float32)
-    weigh(normals.astype(np.float64), lamp.half, lamp.toward, alpha, weights)
+    weigh_facets(normals.astype(np.float64), lamp.half, lamp.toward, alpha, weights)
     return weights
 
 
-def _each(block: Block, seen: NDArray[np.bool_], lamp: Directions) -> NDArray[np.float64]:
-    """What each seen pixel mirrors, (seen pixels, bands, 3), up to one factor."""
-    from malus.reconstruct.known_light_kernels import mirror
+def _pixelwise_stokes(block: Block, chosen: BoolArray, lamp: Directions) -> Float64Array:
+    """Specular Stokes vectors (chosen pixels, bands, 3), up to one factor for the whole image."""
+    from malus.reconstruct.known_light_kernels import sum_stokes
 
-    index = np.flatnonzero(seen)
+    index = np.flatnonzero(chosen)
     basis, alpha, eta = (
         values if len(values) == 1 else values[index]
         for values in (block.basis, block.alpha, block.eta)
     )
     delta = excess(eta).astype(np.complex128)
-    summed = np.zeros((len(index), eta.shape[1], 3))
+    stokes = np.zeros((len(index), eta.shape[1], 3))
     normals = block.normals[index].astype(np.float64)
-    mirror(normals, basis, alpha, delta, lamp.toward, lamp.power / lamp.power.max(), summed)
-    return summed
+    sum_stokes(normals, basis, alpha, delta, lamp.toward, lamp.power / lamp.power.max(), stokes)
+    return stokes

@@ -1,42 +1,45 @@
 """How each lobe of the reflected light is polarised, pixel by pixel and band by band.
 
 A lobe model is given an observation once and prepares what the whole image shares, such as
-tables. Specular light polarises perpendicular to the plane of reflection and light that left the
-body parallel to the plane of N and V, so that with φ the azimuth of the plane (s1/s0, s2/s0) is
+tables. Specular light is polarised perpendicular to the plane of reflection, diffuse light parallel
+to the plane of N and V. With φ the azimuth of the plane, (s1/s0, s2/s0) is
 
-    specular: (−ρ cos 2φ, −ρ sin 2φ)        body: (+ρ_d cos 2φ, +ρ_d sin 2φ).
+    specular: (−ρ cos 2φ, −ρ sin 2φ)        diffuse: (+ρ_d cos 2φ, +ρ_d sin 2φ).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct.facets.maps import mapped_dolp
 from malus.reconstruct.facets.ratio import Measure
-from malus.reconstruct.facets.table import BodyTable, DolpTable, SmoothTable, Table
+from malus.reconstruct.facets.table import DiffuseTable, DolpTable, SmoothTable, Table
 from malus.reconstruct.fresnel import smooth_dolp, transmission_dolp
 from malus.reconstruct.observation import Image, Inapplicable, Observation
 from malus.reconstruct.pixel_block import Block, uniform_alpha, uniform_eta
+from malus.scenes.core.arrays import AnyArray, Float64Array
 from malus.scenes.lights.lights import Distant
 
-Degree = Callable[[Block], NDArray[Any]]  # ρ, (pixels or 1, bands)
-Ratio = Callable[[Block], Image]  # s1/s0 and s2/s0 in the pixel's frame, (pixels or 1, bands, 2)
+DolpFunction = Callable[[Block], AnyArray]
+"""Degree of polarisation ρ (pixels or 1, bands) of the pixels of a block."""
+
+StokesRatios = Callable[[Block], Image]
+"""s1/s0 and s2/s0 (pixels or 1, bands, 2) of the pixels of a block, in the frame of each."""
 
 
-class AboutNormals(NamedTuple):
-    """s1/s0 at azimuth 0, everywhere the same function of the zenith angle.
+class ZenithTables(NamedTuple):
+    """Polarisation about the normal that depends on the zenith angle alone.
 
-    `grids` has one array a band: its values on even steps of √cos θ from 0 to 1.
+    `grids` has one array a band: s1/s0 at azimuth 0, on even steps of √cos θ from 0 to 1.
     """
 
-    grids: Sequence[NDArray[np.float64]]
+    grids: Sequence[Float64Array]
 
 
-Lobe = AboutNormals | Ratio
+Lobe = ZenithTables | StokesRatios
 LobeModel = Callable[[Observation], Lobe]
 
 
@@ -53,13 +56,13 @@ def microfacets(measure: Measure) -> LobeModel:
     return prepare
 
 
-def body(observation: Observation) -> Lobe:
-    """Light that left the body: ρ_d from what the interface transmits at the zenith angle."""
-    return _from_index(observation, BodyTable, transmission_dolp, 1)
+def diffuse(observation: Observation) -> Lobe:
+    """Diffuse light polarised as it leaves the body: ρ_d from Fresnel's transmittances at θ."""
+    return _from_index(observation, DiffuseTable, transmission_dolp, 1)
 
 
 def smooth(observation: Observation) -> Lobe:
-    """Wolff's smooth surface: Fresnel at the zenith angle, one mirror and no facets.
+    """Specular light of a smooth surface: Fresnel's reflectances at the zenith angle, no facets.
 
     Source: Wolff and Boult, "Constraining object features using a polarization reflectance
     model", IEEE TPAMI 13 (1991).
@@ -70,46 +73,47 @@ def smooth(observation: Observation) -> Lobe:
 def _from_index(
     observation: Observation,
     table: Callable[[complex], Table],
-    degree: Callable[..., NDArray[np.float64]],
+    dolp: Callable[..., Float64Array],
     sign: int,
 ) -> Lobe:
-    """What zenith angle and index decide: tabulated where there is one index a band."""
+    """A lobe that zenith angle and index decide: tabulated where there is one index a band."""
     observation.require("normals")
     eta = uniform_eta(observation)
     if eta is None:
-        return _pixelwise(lambda block: degree(block.cosine[:, None], block.eta), sign)
+        return _pixelwise(lambda block: dolp(block.cosine[:, None], block.eta), sign)
     return _tabulated([table(index) for index in eta], sign)
 
 
 def _tabulated(tables: Sequence[Table], sign: int) -> Lobe:
+    """A lobe from one table a band; `sign` +1 is parallel to the plane of normal and viewer."""
     grids = [sign * table.grid for table in tables if table.grid is not None]
     if len(grids) == len(tables):
-        return AboutNormals(grids)
-    # Nearly smooth at a critical angle: no even grid is fine enough.
+        return ZenithTables(grids)
+    # Of nearly smooth surfaces near a critical angle no even grid is fine enough.
     return _pixelwise(
         lambda block: np.stack([table(block.cosine) for table in tables], axis=-1), sign
     )
 
 
-def _pixelwise(degree: Degree, sign: int) -> Ratio:
-    """± ρ in the plane of normal and viewer."""
+def _pixelwise(dolp: DolpFunction, sign: int) -> StokesRatios:
+    """A lobe computed pixel by pixel; `sign` +1 is parallel to the plane of normal and viewer."""
 
-    def ratio(block: Block) -> Image:
+    def ratios(block: Block) -> Image:
         frame = block.double_azimuth(block.normals)
-        polarised: Image = sign * degree(block)[:, :, None] * frame[:, None, :]
+        polarised: Image = sign * dolp(block)[:, :, None] * frame[:, None, :]
         return polarised.astype(block.dtype)
 
-    return ratio
+    return ratios
 
 
 def half_vector(observation: Observation) -> Lobe:
-    """Facets that mirror a distant light: M is the half vector H of light and viewer."""
+    """Specular light of a distant light: its facets' normal M is the half vector H."""
     light = observation.require("light")
     if not isinstance(light, Distant):
         raise Inapplicable(f"needs a distant light, found {light.kind}")
-    uniform_eta(observation)  # refuses what is none before any work
+    uniform_eta(observation)  # raises where η is missing or unphysical, before any work
 
-    def ratio(block: Block) -> Image:
+    def ratios(block: Block) -> Image:
         half = block.basis @ np.array(light.direction) + np.array([0.0, 0.0, 1.0])
         half /= np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-150)
         rho = smooth_dolp(np.clip(half[:, 2:], 0.0, 1.0), block.eta)
@@ -117,4 +121,4 @@ def half_vector(observation: Observation) -> Lobe:
         polarised: Image = -rho[:, :, None] * frame[:, None, :]
         return polarised.astype(block.dtype)
 
-    return ratio
+    return ratios

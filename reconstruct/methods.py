@@ -1,4 +1,4 @@
-"""The methods: each a declaration of what it needs over shared models of the lobes."""
+"""The methods by name: those that malus brings, installed ones, and objects of your own."""
 
 from __future__ import annotations
 
@@ -12,16 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from malus.reconstruct import lobe_models as lobes
-from malus.reconstruct.image import from_lobes
-from malus.reconstruct.known_lights import known_lights
-from malus.reconstruct.lobe_models import LobeModel
 from malus.reconstruct.observation import Components, Observation
-from malus.reconstruct.single_image.blind import BLIND
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.validation import near
 
-LOBES = frozenset({"specular", "diffuse"})
 ENTRY_POINTS = "malus.methods"
 
 
@@ -38,9 +32,17 @@ class Method:
     summary : str
         One line for `malus list`.
     per_pixel : bool
-        What it finds at a pixel follows from that pixel and from what all share, and threads may
-        call it at once. It is then given the pixels of the mask alone, in rows that are no
-        picture.
+        The components of a pixel follow from that pixel and from what all pixels share, and
+        several threads may call the function at once. It may then be given the pixels of the mask
+        alone, in rows that are no picture.
+
+    Examples
+    --------
+    >>> def half(observation):
+    ...     return Components(observation.image, 0.5 * observation.image, 0 * observation.image)
+    >>> method = Method("half", frozenset(), half, "half of the light is polarised horizontally")
+    >>> method.reconstruct(Observation(np.ones((1, 1, 1)), np.ones((1, 1), bool))).i_max.item()
+    0.75
     """
 
     name: str
@@ -51,37 +53,9 @@ class Method:
 
 
 def _unpolarised(observation: Observation) -> Components:
-    nothing = np.zeros_like(observation.image)
-    return Components(observation.image, nothing, nothing)
-
-
-_GEOMETRY = frozenset({"normals", "eta"})
-_FACETS = _GEOMETRY | {"alpha"}
-
-_SPECULAR: dict[str, tuple[LobeModel, frozenset[str], str]] = {
-    "eq8": (lobes.microfacets("eq8"), _FACETS, "the paper's model, Equation 8 as printed"),
-    "visible": (
-        lobes.microfacets("visible"),
-        _FACETS,
-        "Equation 8 with Gaussian slopes weighted by projected facet area",
-    ),
-    "shadowed": (
-        lobes.microfacets("shadowed"),
-        _FACETS,
-        "visible facets under uniform light, shadowed by their neighbours",
-    ),
-    "smooth": (lobes.smooth, _GEOMETRY, "Wolff's smooth surface: Fresnel at the zenith angle"),
-    "half_vector": (
-        lobes.half_vector,
-        frozenset({"eta", "light"}),
-        "Fresnel at the half vector of a known distant light",
-    ),
-    "lights": (
-        known_lights,
-        _FACETS | {"light"},
-        "facets weighted by the radiance that each mirrors from known lights",
-    ),
-}
+    """The image without any polarised part."""
+    zeros = np.zeros_like(observation.image)
+    return Components(observation.image, zeros, zeros)
 
 
 TRIVIAL = Method(
@@ -91,23 +65,12 @@ TRIVIAL = Method(
     "the trivial guess: half of I at every angle",
     per_pixel=True,
 )
-
-
-def _methods() -> list[Method]:
-    found = [TRIVIAL]
-    for name, (model, needs, summary) in _SPECULAR.items():
-        plain = functools.partial(from_lobes, specular_model=model, diffuse_model=None)
-        mended = functools.partial(from_lobes, specular_model=model, diffuse_model=lobes.body)
-        found.append(Method(name, needs | LOBES, plain, summary, per_pixel=True))
-        more = f"{summary}; body light polarised as it leaves"
-        all_needs = needs | LOBES | _GEOMETRY
-        found.append(Method(f"{name}+body", all_needs, mended, more, per_pixel=True))
-    return found + [Method(*entry) for entry in BLIND]
+"""The method that skill is measured against."""
 
 
 @functools.cache
 def methods() -> dict[str, Method]:
-    """Every method that malus brings, and those of the entry-point group `malus.methods`.
+    """All methods by name: those that malus brings, and the entry-point group `malus.methods`.
 
     Raises
     ------
@@ -119,10 +82,18 @@ def methods() -> dict[str, Method]:
     >>> "eq8" in methods()
     True
     """
-    found = {method.name: method for method in _methods()}
+    # Imported only now, because it takes long and `import malus.reconstruct` does not need it.
+    from malus.reconstruct.builtin_methods import per_pixel_methods, whole_picture_methods
+
+    declared = [
+        TRIVIAL,
+        *(Method(*declaration, per_pixel=True) for declaration in per_pixel_methods()),
+        *(Method(*declaration) for declaration in whole_picture_methods()),
+    ]
+    by_name = {method.name: method for method in declared}
     for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
-        found[entry.name] = _loaded(f"entry point {entry.name}", entry.value)
-    return found
+        by_name[entry.name] = _loaded(f"entry point {entry.name}", entry.value)
+    return by_name
 
 
 def get_method(name: str) -> Method:
@@ -142,27 +113,28 @@ def get_method(name: str) -> Method:
     """
     if ":" in name:
         return _loaded(f"method {name}", name)
-    known = methods()
-    if name not in known:
-        hint = near(name, known) or "`malus list methods` shows them; your own is module:object"
-        raise InputError("method", f"one of {', '.join(known)}", name, hint)
-    return known[name]
+    by_name = methods()
+    if name not in by_name:
+        hint = near(name, by_name) or "`malus list methods` shows them; your own is module:object"
+        raise InputError("method", f"one of {', '.join(by_name)}", name, hint)
+    return by_name[name]
 
 
 def _loaded(where: str, reference: str) -> Method:
+    """The Method that `package.module:object` refers to; InputError if there is none."""
     module, _, attribute = reference.partition(":")
-    # What is asked for by name on the command line may lie in the folder that one stands in.
-    here = os.getcwd()
-    sys.path.insert(0, here)
+    # The module may lie in the working folder.
+    folder = os.getcwd()
+    sys.path.insert(0, folder)
     try:
-        found = getattr(importlib.import_module(module), attribute)
+        loaded = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         hint = "check that it can be imported"
         raise InputError(where, "package.module:object", str(error), hint) from None
     finally:
-        # What was imported may have put something before it.
-        sys.path.remove(here)
-    if not isinstance(found, Method):
+        # Not pop(0): the imported module may have put a folder of its own before this one.
+        sys.path.remove(folder)
+    if not isinstance(loaded, Method):
         expected = "a malus.reconstruct.Method"
-        raise InputError(where, expected, type(found).__name__, "see README, a method of your own")
-    return found
+        raise InputError(where, expected, type(loaded).__name__, "see README, a method of your own")
+    return loaded

@@ -1,4 +1,4 @@
-"""What a method is given and what it returns. No truth is in sight, so that none can peek."""
+"""The input and the output of a method: `Observation` and `Components`. No truth is among them."""
 
 from __future__ import annotations
 
@@ -6,21 +6,30 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.scenes import polarisation
+from malus.scenes.core.arrays import BoolArray, FloatArray, NumberArray
 from malus.scenes.lights.lights import Light
 
-Image = NDArray[np.floating[Any]]
+Image = FloatArray
+"""An image (height, width, bands) or its pixels (pixels, bands), float32 or float64."""
 
 
 class Inapplicable(ValueError):
-    """A method cannot work on this observation, and says why; not a mistake of anybody."""
+    """A method cannot work on this observation, for the reason in its message; nobody's mistake.
+
+    Examples
+    --------
+    >>> Observation(np.ones((1, 1, 1)), np.ones((1, 1), bool)).require("eta")
+    Traceback (most recent call last):
+        ...
+    malus.reconstruct.observation.Inapplicable: eta is not known
+    """
 
 
 @dataclass(frozen=True)
 class Observation:
-    """One unpolarised picture and what is known besides; unknown things are None.
+    """One unpolarised picture and what a method is told besides; None where it is not told.
 
     Attributes
     ----------
@@ -43,16 +52,27 @@ class Observation:
         Beckmann roughness; σ = 1/alpha².
     light : Light or None
         A light of `malus.scenes`, in the image frame.
+
+    Raises
+    ------
+    ValueError
+        If an array's shape is not that of the image; the message names the array and both shapes.
+
+    Examples
+    --------
+    >>> picture = Observation(np.ones((2, 3, 1)), np.ones((2, 3), bool), eta=np.array([1.5]))
+    >>> picture.require("eta").tolist()
+    [1.5]
     """
 
     image: Image
-    mask: NDArray[np.bool_]
+    mask: BoolArray
     wavelengths_nm: tuple[float, ...] | None = None
     specular: Image | None = None
     diffuse: Image | None = None
     normals: Image | None = None
     view_direction: Image | None = None
-    eta: NDArray[np.inexact[Any]] | None = None
+    eta: NumberArray | None = None
     alpha: float | Image | None = None
     light: Light | None = None
 
@@ -67,7 +87,7 @@ class Observation:
         if np.ndim(self.image) != 3:
             raise ValueError(f"image: expected (height, width, bands), found {self.image.shape}")
         height, width, bands = self.image.shape
-        expected: dict[str, list[tuple[int, ...]]] = {
+        allowed_shapes: dict[str, list[tuple[int, ...]]] = {
             "mask": [(height, width)],
             "specular": [(height, width, bands)],
             "diffuse": [(height, width, bands)],
@@ -76,19 +96,19 @@ class Observation:
             "eta": [(bands,), (height, width, bands)],
             "alpha": [(), (height, width)],
         }
-        for name, shapes in expected.items():
+        for name, shapes in allowed_shapes.items():
             value = getattr(self, name)
             if value is not None and np.shape(value) not in shapes:
                 wanted = " or ".join(map(str, shapes))
                 raise ValueError(f"{name}: expected shape {wanted}, found {np.shape(value)}")
 
     def require(self, name: str) -> Any:
-        """What the method cannot do without.
+        """Value of an attribute that the method cannot do without.
 
         Raises
         ------
         Inapplicable
-            If it is not known.
+            If it is None.
         """
         value = getattr(self, name)
         if value is None:
@@ -98,7 +118,7 @@ class Observation:
 
 @dataclass(frozen=True)
 class Components:
-    """What a camera would see through a polariser: one sinusoid a pixel and band.
+    """Radiance through a turning polariser: one sinusoid for each pixel and band.
 
     Stored as the linear Stokes vector, which adds over lobes of different phase; the extremes
     and the phase of the paper's Equation 1 follow from it.
@@ -115,12 +135,19 @@ class Components:
     converged : bool or None
         Whether the search behind the estimate ended where it explains the image; None means that
         nothing was searched.
+
+    Examples
+    --------
+    >>> pixel = np.ones((1, 1, 1))
+    >>> light = Components(image=pixel, s1=0.5 * pixel, s2=0 * pixel)
+    >>> light.i_max.item(), light.i_min.item(), light.polarised(0.0).item()
+    (0.75, 0.25, 0.25)
     """
 
     image: Image
     s1: Image
     s2: Image
-    valid: NDArray[np.bool_] | None = None
+    valid: BoolArray | None = None
     converged: bool | None = None
 
     @classmethod
@@ -129,20 +156,20 @@ class Components:
 
         Examples
         --------
-        >>> one = np.ones((1, 1, 1))
-        >>> Components.from_extremes(3 * one, one, 0 * one).image.item()
+        >>> pixel = np.ones((1, 1, 1))
+        >>> Components.from_extremes(3 * pixel, pixel, 0 * pixel).image.item()
         4.0
         """
         stokes = polarisation.stokes_from_extremes(i_max, i_min, phase)
         return cls(stokes[..., 0], stokes[..., 1], stokes[..., 2])
 
-    def invalid(self, mask: NDArray[np.bool_]) -> int:
-        """How many of the mask's pixels are not `valid`; 0 where the method does not tell.
+    def invalid(self, mask: BoolArray) -> int:
+        """Number of the mask's pixels that are not `valid`; 0 where the method does not tell.
 
         Examples
         --------
-        >>> one, mask = np.ones((1, 2, 1)), np.array([[True, True]])
-        >>> Components(one, one, one, valid=np.array([[True, False]])).invalid(mask)
+        >>> image, mask = np.ones((1, 2, 1)), np.array([[True, True]])
+        >>> Components(image, image, image, valid=np.array([[True, False]])).invalid(mask)
         1
         """
         return 0 if self.valid is None else int(np.count_nonzero(mask & ~self.valid))
@@ -168,5 +195,5 @@ class Components:
         return polarisation.phase(self.stokes)
 
     def polarised(self, angle_deg: float) -> Image:
-        """The image (height, width, bands) through a polariser at ϑ: Equation 1."""
+        """Image (height, width, bands) through a polariser at ϑ, degrees: Equation 1."""
         return polarisation.polarised(self.stokes, angle_deg)

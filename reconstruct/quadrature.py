@@ -1,4 +1,4 @@
-"""Directions of a light, as many as lobes of some roughness ask for."""
+"""A light as a finite set of directions, as fine as the lobe of a given roughness needs."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.lights.environment import directions, radiance_map, solid_angles
 from malus.scenes.lights.lights import Area, Distant, Environment, Light, Sky
 from malus.scenes.lights.sky import parts
 
-Floats = NDArray[np.float64]
-
 NODES_A_LOBE = 3.0
-"""Directions of an environment across one roughness, and 32 rows at least.
+"""Directions of an environment across one roughness; it has 32 rows at least.
 
 A Gaussian lobe of facets needs no more; but across the plane of reflection half vectors turn
 1/(2 cos γ) as fast as the light, so that towards the rim the lobe is narrower among directions of
@@ -28,16 +26,24 @@ across, by a fifth of that.
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """Quadrature of the light over directions: unit vectors (K, 3) and radiance · ΔΩ (K,)."""
+    """Quadrature of a light over directions.
 
-    toward: Floats
-    power: Floats
+    Attributes
+    ----------
+    toward : (K, 3)
+        Unit vectors towards the light, in the image frame.
+    power : (K,)
+        Radiance times solid angle of each.
+    """
+
+    toward: Float64Array
+    power: Float64Array
 
     @functools.cached_property
-    def half(self) -> Floats:
+    def half(self) -> Float64Array:
         """Half vectors (K, 3) of each direction and the viewer on +z."""
         summed = self.toward + np.array([0.0, 0.0, 1.0])
-        result: Floats = summed / np.linalg.norm(summed, axis=-1, keepdims=True)
+        result: Float64Array = summed / np.linalg.norm(summed, axis=-1, keepdims=True)
         return result
 
 
@@ -68,7 +74,7 @@ def quadrature(light: Light, alpha: float) -> Directions:
 
 
 def _cone(light: Area, alpha: float) -> Directions:
-    """Gauss-Legendre in the cosine, equal steps in the angle about the axis."""
+    """Directions in a cone: Gauss-Legendre in the cosine, equal steps about its axis."""
     half_angle = math.radians(light.half_angle_deg)
     rings = 4 + math.ceil(NODES_A_LOBE * half_angle / (2.0 * alpha))
     sectors = 4 * rings
@@ -83,8 +89,8 @@ def _cone(light: Area, alpha: float) -> Directions:
     return Directions(local @ _frame(light.direction), power * light.radiance)
 
 
-def _frame(axis: tuple[float, float, float]) -> Floats:
-    """Rows are an orthonormal basis whose third vector is the axis."""
+def _frame(axis: tuple[float, float, float]) -> Float64Array:
+    """Matrix (3, 3) whose rows are an orthonormal basis, the axis its third vector."""
     third = np.array(axis)
     helper = np.eye(3)[np.argmin(np.abs(third))]
     first = np.cross(helper, third)
@@ -92,18 +98,18 @@ def _frame(axis: tuple[float, float, float]) -> Floats:
     return np.stack([first, np.cross(third, first), third])
 
 
-def _sphere(values: Floats, alpha: float, turn_deg: float = 0.0) -> Directions:
-    """All directions: a map's pixels summed in blocks as small as the lobe asks for.
+def _sphere(values: Float64Array, alpha: float, turn_deg: float = 0.0) -> Directions:
+    """Directions of a map (height, width) of radiance, summed in blocks as fine as the lobe needs.
 
     A block shines from the centroid of its light, so that a sun in it stays where it is.
     """
     height, width = values.shape
-    wanted = max(math.pi * NODES_A_LOBE / (2.0 * alpha), 32.0)
-    step = max(1, int(height / wanted))  # the last block of a map may be shorter
+    least_rows = max(math.pi * NODES_A_LOBE / (2.0 * alpha), 32.0)
+    step = max(1, int(height / least_rows))  # the last block of a map may be shorter
     rows, columns = np.arange(0, height, step), np.arange(0, width, step)
     weight = solid_angles(height, width) * values
 
-    def summed(plane: Floats) -> Floats:
+    def summed(plane: Float64Array) -> Float64Array:
         return np.add.reduceat(np.add.reduceat(plane, rows, axis=0), columns, axis=1).ravel()
 
     pixels = directions(height, width, turn_deg)
@@ -111,5 +117,6 @@ def _sphere(values: Floats, alpha: float, turn_deg: float = 0.0) -> Directions:
     toward = np.stack([summed(weight * pixels[..., axis]) for axis in range(3)], axis=-1)[power > 0]
     power = power[power > 0]
     toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
-    mirrored = toward[:, 2] > -1.0 + 1e-9  # what is straight behind mirrors nothing to V
-    return Directions(toward[mirrored], power[mirrored])
+    # Light from straight behind the object is mirrored to no viewer.
+    visible = toward[:, 2] > -1.0 + 1e-9
+    return Directions(toward[visible], power[visible])

@@ -34,7 +34,8 @@ ROOMS = {
     ),
     "reconstruct": (
         "observation fresnel kernels", "pixel_block quadrature", "facets", "lobe_models",
-        "known_light_kernels", "known_lights", "image", "single_image", "methods", "photos",
+        "known_light_kernels", "known_lights", "image", "single_image", "builtin_methods",
+        "methods", "photos",
     ),
     "reports": (
         "tables", "sample html", "figures", "viewer", "source", "section", "studies",

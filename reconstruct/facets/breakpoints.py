@@ -1,4 +1,4 @@
-"""Where the microfacet integrals over slope r and azimuth φ have ends, kinks and jumps.
+"""Slopes r and azimuths φ at which the microfacet integrands have ends, kinks and jumps.
 
 Everything that is not smooth lies on curves of constant cos γ or constant cos of the angle
 between mirrored direction L and mean normal N:
@@ -17,41 +17,43 @@ r = tan(|θ ± λ|/2).
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import AnyArray, Float64Array
+
 Measure = Literal["eq8", "visible", "shadowed"]
-FloatArray = NDArray[np.float64]
+"""Weight of a facet: Equation 8 as printed; by projected area; shadowed by its neighbours too."""
 
 G1_END = 1.6  # Mitsuba's microfacet.h: G1 = 1 where a = 1/(alpha tan θ_L) >= 1.6
-_FAR = 1e300
-# √σ r that parts the bulk of the weight from what happens near a horizon much closer to r = 0.
+_FAR = 1e300  # a slope that no integral reaches
+# √σ r that separates the bulk of the weight from a horizon much closer to r = 0.
 _BULK = 1.0
 
 
 class Surfaces(NamedTuple):
-    """Points (θ, η, σ) to integrate at, as flat arrays of one length."""
+    """Points (θ, η, σ) to integrate at, as flat arrays (points,)."""
 
-    zenith: FloatArray
-    cosine: FloatArray
-    sine: FloatArray
-    delta: NDArray[Any]  # η² − 1, complex for metals
-    critical: FloatArray  # cos γ at the critical angle; 0 where reflection is never total
-    sigma: FloatArray
+    zenith: Float64Array
+    cosine: Float64Array
+    sine: Float64Array
+    delta: AnyArray  # η² − 1, complex for metals
+    critical: Float64Array  # cos γ at the critical angle; 0 where reflection is never total
+    sigma: Float64Array
 
     def take(self, index: NDArray[np.intp] | slice) -> Surfaces:
         """The same fields at `index`."""
         return Surfaces(*(field[index] for field in self))
 
 
-def g1_end_cosine(sigma: FloatArray) -> FloatArray:
-    """L·N from which on the fitted G1 is 1: tan θ_L = √σ / 1.6."""
+def g1_end_cosine(sigma: Float64Array) -> Float64Array:
+    """L·N above which the fitted G1 is 1: tan θ_L = √σ / 1.6."""
     return np.asarray(1.0 / np.sqrt(1.0 + sigma / G1_END**2))
 
 
-def _touching(zenith: FloatArray, half_angle: FloatArray) -> list[FloatArray]:
+def _touching(zenith: Float64Array, half_angle: Float64Array) -> list[Float64Array]:
     """Slopes at which the curve 'angle to V is `half_angle`' touches a ring around N."""
     far = zenith + half_angle
     beyond = far >= np.pi / 2
@@ -61,7 +63,7 @@ def _touching(zenith: FloatArray, half_angle: FloatArray) -> list[FloatArray]:
     ]
 
 
-def _shadow_slopes(surfaces: Surfaces) -> list[FloatArray]:
+def _shadow_slopes(surfaces: Surfaces) -> list[Float64Array]:
     """Slopes at which the curves L·N = const touch a ring or cross the critical curve."""
     theta = surfaces.zenith
     end = np.arctan(np.sqrt(surfaces.sigma) / G1_END)
@@ -78,7 +80,7 @@ def _shadow_slopes(surfaces: Surfaces) -> list[FloatArray]:
     return slopes
 
 
-def slope_breaks(surfaces: Surfaces, measure: Measure, reach: FloatArray) -> FloatArray:
+def slope_breaks(surfaces: Surfaces, measure: Measure, reach: Float64Array) -> Float64Array:
     """Ascending breakpoints of r, shape (points, k); repeated ones bound empty intervals.
 
     `reach` is the largest √σ r that still matters.
@@ -99,7 +101,7 @@ def slope_breaks(surfaces: Surfaces, measure: Measure, reach: FloatArray) -> Flo
     return np.sort(np.minimum(np.stack(breaks, axis=-1), last[:, None]), axis=-1)
 
 
-def azimuth_breaks(r: FloatArray, surfaces: Surfaces, measure: Measure) -> FloatArray:
+def azimuth_breaks(r: Float64Array, surfaces: Surfaces, measure: Measure) -> Float64Array:
     """Ascending breakpoints of φ in [0, π] on rings of slope r, shape (rings, k).
 
     The last one ends the domain: φ = arccos(−cot θ / r) for facets that the viewer sees.

@@ -1,6 +1,6 @@
-"""The microfacet integrand, compiled: what most of the time of an integral goes into.
+"""The microfacet integrand, compiled by numba: most of an integral's time is spent here.
 
-Importing this takes as long as importing numba, so that it is imported where an integral begins.
+Importing this module imports numba, which takes long: import it in the function that integrates.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from malus.reconstruct.kernels import compiled
 
 @compiled
 def dielectric(cosine: float, sine2: float, delta: float) -> tuple[float, float]:
-    """(F_⊥ + F_∥)/δ² and (F_⊥ − F_∥)/(δ² sin²γ) of a facet, free of cancellation.
+    """(F_⊥ + F_∥)/δ² and (F_⊥ − F_∥)/(δ² sin²γ) of a dielectric facet, free of cancellation.
 
     `cosine` and `sine2` are cos γ and sin²γ: 1 − cos²γ loses its digits near γ = 0. `delta` is
     δ = η² − 1; it and the cosine are not both zero. See `malus.reconstruct.fresnel`.
@@ -25,31 +25,34 @@ def dielectric(cosine: float, sine2: float, delta: float) -> tuple[float, float]
     q = math.sqrt(square)
     product = cosine * q
     root = (cosine + q) * (cosine + q) * (product + sine2)
-    over = 1.0 / max(root, 1e-150)
-    over *= over
-    return 2.0 * over * (product * product + sine2 * sine2), 4.0 * over * product
+    scale = 1.0 / max(root, 1e-150)
+    scale *= scale
+    return 2.0 * scale * (product * product + sine2 * sine2), 4.0 * scale * product
 
 
 @compiled
 def metal(cosine: float, sine2: float, real: float, imaginary: float) -> tuple[float, float]:
-    """As `dielectric`, for complex δ."""
+    """(F_⊥ + F_∥)/|δ|² and (F_⊥ − F_∥)/(|δ|² sin²γ) of a metal facet; δ = real + i imaginary."""
     square = cosine * cosine + real
     modulus = math.hypot(square, imaginary)
-    # √ of a complex number, from the larger of its parts
+    # Square root of a complex number, from the larger of its parts.
     larger = math.sqrt(0.5 * (modulus + abs(square)))
     smaller = 0.5 * imaginary / larger
     q, k = (larger, smaller) if square >= 0.0 else (smaller, larger)
     product, absorbed = cosine * q, cosine * k
     across = product + sine2
     moduli = ((cosine + q) * (cosine + q) + k * k) ** 2 * (across * across + absorbed * absorbed)
-    over = 1.0 / moduli
+    scale = 1.0 / moduli
     total = product * product + absorbed * absorbed + sine2 * sine2
-    return 2.0 * over * total, 4.0 * over * product
+    return 2.0 * scale * total, 4.0 * scale * product
 
 
 @compiled
 def shadowing(cosine: float, root_sigma: float) -> float:
-    """Smith-Beckmann G1 of a direction, Mitsuba's rational fit; 0 below the horizon."""
+    """Smith-Beckmann G1 of a direction, Mitsuba's rational fit; 0 below the horizon.
+
+    `cosine` is that of the angle to N, `root_sigma` is √σ = 1/alpha.
+    """
     if cosine <= 0.0:
         return 0.0
     tangent = math.sqrt(max((1.0 - cosine) * (1.0 + cosine), 0.0))
@@ -60,14 +63,14 @@ def shadowing(cosine: float, root_sigma: float) -> float:
 
 
 @compiled
-def ring_sums(
-    turns: Any, weights: Any, ring: Any, r: Any, surfaces: Any, kind: int, sums: Any
+def sum_over_azimuths(
+    cosines: Any, weights: Any, ring: Any, r: Any, surfaces: Any, measure: int, sums: Any
 ) -> None:
     """Add Σ w (F_⊥ − F_∥) cos 2β and Σ w (F_⊥ + F_∥) over azimuths to `sums` (intervals, 2).
 
-    Less the factors that depend on r alone. turns (intervals, nodes): cos φ; weights (nodes,);
-    ring (intervals,): where in r, and in the fields of `surfaces`, an interval's are. kind: 0 for
-    eq8, 1 for visible, 2 for shadowed.
+    Factors that depend on r alone are left out. cosines (intervals, nodes): cos φ; weights
+    (nodes,); ring (intervals,): index of each interval's slope and surface in `r` and in the fields
+    of `surfaces`; measure: 0 for eq8, 1 for visible, 2 for shadowed.
     """
     for j in range(ring.size):
         i = ring[j]
@@ -76,7 +79,7 @@ def ring_sums(
         inverse = 1.0 / (1.0 + slope * slope)
         root = math.sqrt(inverse)
         for k in range(weights.size):
-            along = slope * turns[j, k]
+            along = slope * cosines[j, k]
             # M = [r sin φ, sin θ − r cos θ cos φ, cos θ + r sin θ cos φ] / √(1 + r²)
             y2 = (sine - along * cosine) ** 2
             x2 = (slope - along) * (slope + along)
@@ -87,9 +90,9 @@ def ring_sums(
             else:
                 total, contrast = metal(gamma, sine2, delta.real, delta.imag)
             weight = weights[k]
-            if kind > 0:
+            if measure > 0:
                 weight *= facing  # projected area (cos θ + r sin θ cos φ)₊
-            if kind > 1:
+            if measure > 1:
                 weight *= shadowing(2.0 * facing * inverse - cosine, root_sigma)
             sums[j, 0] += weight * contrast * (y2 - x2) * inverse
             sums[j, 1] += weight * total

@@ -6,9 +6,9 @@ With M the facet's normal, slopes (r, φ) about the mean normal N, and the weigh
 
 F_⊥ − F_∥ = sin²γ · contrast, and sin²γ cos 2β = (y² − x²)/(1 + r²) with x, y the facet's
 components before normalisation: the direction β, which has no value where M = V, never appears.
-The integral runs over r, split wherever something happens (facet_domain), and inside over φ in
-[0, π]; the other half is its mirror image. Each point climbs a ladder of rules (facet_rules) until
-two rungs agree.
+The integral runs over r, split at the breakpoints of the integrand (`breakpoints`), and inside over
+φ in [0, π]; the other half is its mirror image. Each point is integrated by denser and denser
+rules (`rules`) until two of them agree.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ from malus.reconstruct.facets.rules import (
     stretched,
 )
 from malus.reconstruct.fresnel import EtaArray, excess
+from malus.scenes.core.arrays import BoolArray, Float64Array
 
-FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 # Numbers in one temporary array: 64 kB, which stay in cache.
 _BLOCK = 8192
-_WORTH_THREADS = 8  # blocks
+_WORTH_THREADS = 8  # blocks from which on threads save time
 # exp(−32) = 1e-14 of the weight may be cut off, after facets at grazing incidence, which reflect
 # up to 1/F(0) times more, have been allowed for.
 _CUT = 32.0
-# Nearer to index one than this, grazing facets outshine all others from within a layer of cos γ
-# about √|δ| wide: tall and narrow, so that cheap rules could agree without having seen it.
+# |δ| below which grazing facets outshine all others within a layer of cos γ about √|δ| wide: so
+# tall and narrow that cheap rules could agree although none of their nodes lies in it.
 _THIN_LAYER = 0.1
-# Beyond it, Brewster's angle lies within cos γ = 1/|η| of grazing, another thin layer.
+# |δ| above which Brewster's angle lies within cos γ = 1/|η| of grazing, another thin layer.
 _MIRROR = 64.0
-# Rougher than this, G1 ≈ 3.5 a falls off from a spike at L = N like the inverse distance from it.
+# σ below which G1 ≈ 3.5 a falls off from a spike at L = N like the inverse distance from it.
 _SPIKED = 1.0
 
 
-def surfaces_at(zenith: FloatArray, eta: EtaArray, sigma: FloatArray) -> Surfaces:
-    """Points to integrate at, from flat arrays; extremes beyond which nothing changes are cut.
+def surfaces_at(zenith: Float64Array, eta: EtaArray, sigma: Float64Array) -> Surfaces:
+    """Points to integrate at, from flat arrays, clipped where larger values change nothing.
 
     At η = 1 nothing is reflected and ρ is its limit: the value at the next double.
     """
@@ -66,13 +66,13 @@ def surfaces_at(zenith: FloatArray, eta: EtaArray, sigma: FloatArray) -> Surface
     )
 
 
-def _reach(surfaces: Surfaces) -> FloatArray:
+def _reach(surfaces: Surfaces) -> Float64Array:
     """√σ r beyond which exp(−σr²) F is negligible for every facet."""
     reflected = np.abs(surfaces.delta) / (np.abs(surfaces.delta) + 4.0)  # about √F(0)
     return np.asarray(np.sqrt(_CUT - 2.0 * np.log(reflected)))
 
 
-def _intervals(breaks: FloatArray) -> tuple[FloatArray, FloatArray, IndexArray]:
+def _intervals(breaks: Float64Array) -> tuple[Float64Array, Float64Array, IndexArray]:
     """Start and width of every non-empty interval, and the row of `breaks` that it belongs to."""
     row, column = np.nonzero(breaks[:, 1:] > breaks[:, :-1])
     low = breaks[row, column]
@@ -80,41 +80,42 @@ def _intervals(breaks: FloatArray) -> tuple[FloatArray, FloatArray, IndexArray]:
 
 
 def _ring_integrals(
-    r: FloatArray, surfaces: Surfaces, measure: Measure, rule: Rule
-) -> tuple[FloatArray, FloatArray]:
+    r: Float64Array, surfaces: Surfaces, measure: Measure, rule: Rule
+) -> tuple[Float64Array, Float64Array]:
     """Numerator and denominator of ρ over φ, on rings of slope r (flat, as are the surfaces)."""
-    from malus.reconstruct.facets.facet_kernels import ring_sums
+    from malus.reconstruct.facets.facet_kernels import sum_over_azimuths
 
     low, width, ring = _intervals(azimuth_breaks(r, surfaces, measure))
-    turns = np.cos(low[:, None] + width[:, None] * rule.nodes)
+    cosines = np.cos(low[:, None] + width[:, None] * rule.nodes)
     sums = np.zeros((ring.size, 2))
-    ring_sums(turns, rule.weights, ring, r, surfaces, get_args(Measure).index(measure), sums)
+    number = get_args(Measure).index(measure)
+    sum_over_azimuths(cosines, rule.weights, ring, r, surfaces, number, sums)
     polarised, total = (np.bincount(ring, width * row, r.size) for row in sums.T)
     return np.asarray(polarised, np.float64), np.asarray(total, np.float64)
 
 
-def _integrate(surfaces: Surfaces, measure: Measure, rung: Rung) -> FloatArray:
-    """ρ of flat surfaces by one rung."""
+def _integrate(surfaces: Surfaces, measure: Measure, rung: Rung) -> Float64Array:
+    """ρ (points,) of surfaces by the rules of one rung."""
     low, width, row = _intervals(slope_breaks(surfaces, measure, _reach(surfaces)))
     nodes, weights = stretched(low, width, rung)
     r, point = nodes.ravel(), np.tile(row, len(nodes))
-    at = surfaces.take(point)
-    weight = weights.ravel() * np.exp(-at.sigma * r * r)  # Equation 2
+    ring_surfaces = surfaces.take(point)
+    weight = weights.ravel() * np.exp(-ring_surfaces.sigma * r * r)  # Equation 2
     if measure != "eq8":
         weight *= r  # the Jacobian that Equation 8 leaves out
-    polarised, total = _ring_integrals(r, at, measure, rung.inner)
+    polarised, total = _ring_integrals(r, ring_surfaces, measure, rung.inner)
     count = surfaces.zenith.size
     return np.asarray(
         np.bincount(point, weight * polarised, count) / np.bincount(point, weight * total, count)
     )
 
 
-def _blocked(surfaces: Surfaces, measure: Measure, rung: Rung) -> FloatArray:
+def _blocked(surfaces: Surfaces, measure: Measure, rung: Rung) -> Float64Array:
     """`_integrate` in blocks that stay in cache, on all cores where there are enough of them."""
     step = max(1, _BLOCK // (2 * rung.outer.nodes.size))
     blocks = [slice(start, start + step) for start in range(0, surfaces.zenith.size, step)]
 
-    def integrate(block: slice) -> FloatArray:
+    def integrate(block: slice) -> Float64Array:
         return _integrate(surfaces.take(block), measure, rung)
 
     if len(blocks) < _WORTH_THREADS:
@@ -125,32 +126,35 @@ def _blocked(surfaces: Surfaces, measure: Measure, rung: Rung) -> FloatArray:
 
 def _climb(
     surfaces: Surfaces, measure: Measure, ladder: Ladder, tolerance: float
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """ρ by the first rung whose estimated error is a tenth of `tolerance`, and where none was.
+) -> tuple[Float64Array, BoolArray]:
+    """ρ from the first rung whose estimated error is a tenth of `tolerance`.
 
-    Two rungs differ by the error of the lower one. The upper one's is smaller by the factor by
-    which the differences shrink from rung to rung, as far as the ladder can be trusted to go on;
-    but two rungs can come close by accident, so the difference before has a say.
+    The second array is True at points where no rung reached that.
+
+    The difference of two rungs is the error of the lower one. That of the upper one is smaller by
+    the factor by which the differences shrink from rung to rung, but not below `ladder.trust`. Two
+    rungs can agree by accident, so the difference before counts as well, by `ladder.memory`.
     """
     rho = _blocked(surfaces, measure, ladder.rungs[0])
-    left: IndexArray = np.arange(rho.size)
-    before = np.full(rho.size, np.inf)  # a first difference proves nothing
+    remaining: IndexArray = np.arange(rho.size)
+    previous = np.full(rho.size, np.inf)  # a first difference proves nothing
     for rung in ladder.rungs[1:]:
-        finer = _blocked(surfaces.take(left), measure, rung)
-        differ = np.abs(finer - rho[left])
-        rho[left] = finer
-        shrunk = np.clip(differ / np.maximum(before, 1e-300), ladder.trust, 1.0)
-        open_ = np.maximum(differ * shrunk, ladder.memory * before) > 0.1 * tolerance
-        left, before = left[open_], differ[open_]
-        if left.size == 0:
+        finer = _blocked(surfaces.take(remaining), measure, rung)
+        difference = np.abs(finer - rho[remaining])
+        rho[remaining] = finer
+        shrinkage = np.clip(difference / np.maximum(previous, 1e-300), ladder.trust, 1.0)
+        error = np.maximum(difference * shrinkage, ladder.memory * previous)
+        inaccurate = error > 0.1 * tolerance
+        remaining, previous = remaining[inaccurate], difference[inaccurate]
+        if remaining.size == 0:
             break
     unsettled = np.zeros(rho.size, dtype=np.bool_)
-    unsettled[left] = True
+    unsettled[remaining] = True
     return rho, unsettled
 
 
-def _stiff(surfaces: Surfaces, measure: Measure) -> NDArray[np.bool_]:
-    """Points whose integrand has something narrow that cheap rules could agree to overlook."""
+def _stiff(surfaces: Surfaces, measure: Measure) -> BoolArray:
+    """True at points whose integrand has a narrow feature that the cheap rules could all miss."""
     size = np.abs(surfaces.delta)
     stiff = (size < _THIN_LAYER) | (size > _MIRROR)
     nearest = np.abs(np.tan(surfaces.zenith - np.arccos(surfaces.critical)))
@@ -160,8 +164,8 @@ def _stiff(surfaces: Surfaces, measure: Measure) -> NDArray[np.bool_]:
 
 
 def integrate_dolp(
-    zenith: FloatArray, eta: EtaArray, sigma: FloatArray, measure: Measure, tolerance: float
-) -> FloatArray:
+    zenith: Float64Array, eta: EtaArray, sigma: Float64Array, measure: Measure, tolerance: float
+) -> Float64Array:
     """Specular degree of polarisation ρ of flat, valid arrays of one length, within `tolerance`."""
     surfaces = surfaces_at(zenith, eta, sigma)
     rho = np.empty(zenith.size)

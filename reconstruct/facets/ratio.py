@@ -2,72 +2,71 @@
 
 from __future__ import annotations
 
-from typing import Any, cast, get_args
+from typing import cast, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from malus.reconstruct.facets.breakpoints import Measure
 from malus.reconstruct.facets.integrals import integrate_dolp
 from malus.reconstruct.facets.scattered import interpolate
 from malus.reconstruct.fresnel import EtaArray, checked_eta
+from malus.scenes.core.arrays import AnyArray, BoolArray, Float64Array
 
 __all__ = ["Measure", "polarisation_ratio", "specular_dolp"]
 
-FloatArray = NDArray[np.float64]
-
-# Points from where probing for an interpolant takes less time than computing all of them.
+# Number of points from which building an interpolant takes less time than integrating at each.
 _MANY = 2000
 
 
-def _outside(name: str, allowed: str, values: NDArray[Any], good: NDArray[np.bool_]) -> None:
-    """Raise ValueError for the first value that is not good."""
-    if not np.all(good):
-        raise ValueError(f"{name} must be {allowed}, got {values[~good].flat[0]}")
+def _require(name: str, allowed: str, values: AnyArray, valid: BoolArray) -> None:
+    """Raise ValueError for the first value that is not valid."""
+    if not np.all(valid):
+        raise ValueError(f"{name} must be {allowed}, got {values[~valid].flat[0]}")
 
 
-def checked_zenith(zenith: ArrayLike) -> FloatArray:
+def checked_zenith(zenith: ArrayLike) -> Float64Array:
     """Zenith angles as float64 in [0, π/2]; a float32 π/2, which is larger, counts as π/2."""
-    given = np.asarray(zenith)
-    eps = np.finfo(given.dtype).eps if given.dtype.kind == "f" else 0.0
-    angles = given.astype(np.float64)
-    good = (angles >= 0.0) & (angles <= np.pi / 2 * (1.0 + eps))
-    _outside("zenith", "in [0, pi/2] radians", angles, good)
+    unchecked = np.asarray(zenith)
+    eps = np.finfo(unchecked.dtype).eps if unchecked.dtype.kind == "f" else 0.0
+    angles = unchecked.astype(np.float64)
+    valid = (angles >= 0.0) & (angles <= np.pi / 2 * (1.0 + eps))
+    _require("zenith", "in [0, pi/2] radians", angles, valid)
     return np.minimum(angles, np.pi / 2)
 
 
-def checked_sigma(sigma: ArrayLike) -> FloatArray:
+def checked_sigma(sigma: ArrayLike) -> Float64Array:
     """Exponents σ as float64, finite and above 0."""
     exponents = np.asarray(sigma, dtype=np.float64)
-    _outside("sigma", "finite and > 0", exponents, np.isfinite(exponents) & (exponents > 0.0))
+    _require("sigma", "finite and > 0", exponents, np.isfinite(exponents) & (exponents > 0.0))
     return exponents
 
 
 def checked_measure(measure: str) -> Measure:
-    """One of the names of physics.md."""
-    known = get_args(Measure)
-    if measure not in known:
-        raise ValueError(f"measure must be one of {', '.join(known)}, got {measure!r}")
+    """The name of a measure; ValueError if there is none of that name."""
+    names = get_args(Measure)
+    if measure not in names:
+        raise ValueError(f"measure must be one of {', '.join(names)}, got {measure!r}")
     return cast(Measure, measure)
 
 
 def _interpolated(
-    zenith: FloatArray, eta: EtaArray, sigma: FloatArray, measure: Measure, tolerance: float
-) -> FloatArray:
-    """ρ of many points through interpolants in √cos θ, η, k and ln σ, in which it is smooth.
+    zenith: Float64Array, eta: EtaArray, sigma: Float64Array, measure: Measure, tolerance: float
+) -> Float64Array:
+    """ρ of many points from interpolants in √cos θ, n, k and ln σ, in which it is smooth.
 
     √cos θ, because ρ of `eq8` ends like cos θ ln cos θ at grazing incidence, and because the band
     where the horizon cuts into the facets, cos θ ~ 1/√σ, is wider there.
     """
 
-    def at(points: FloatArray) -> FloatArray:
+    def integrate(points: Float64Array) -> Float64Array:
         cosine, n, k, log_sigma = np.square(points[:, 0]), points[:, 1], points[:, 2], points[:, 3]
         index = n + 1j * k if np.any(k) else n
         return integrate_dolp(np.arccos(cosine), index, np.exp(log_sigma), measure, tolerance)
 
     root = np.sqrt(np.maximum(np.cos(zenith), 0.0))
     points = np.stack([root, eta.real, eta.imag, np.log(sigma)], axis=-1)
-    return np.where(zenith == 0.0, 0.0, interpolate(at, points, tolerance))
+    return np.where(zenith == 0.0, 0.0, interpolate(integrate, points, tolerance))
 
 
 def specular_dolp(
@@ -77,7 +76,7 @@ def specular_dolp(
     measure: Measure = "eq8",
     *,
     tolerance: float = 1e-8,
-) -> FloatArray:
+) -> Float64Array:
     """Degree of polarisation ρ = (I_⊥ − I_∥)/(I_⊥ + I_∥) of light reflected by a rough surface.
 
     Parameters
@@ -132,7 +131,7 @@ def polarisation_ratio(
     measure: Measure = "eq8",
     *,
     tolerance: float = 1e-8,
-) -> FloatArray:
+) -> Float64Array:
     """Polarisation ratio R = I_∥/I_⊥ of light reflected by a rough surface, Equation 8.
 
     Parameters, measures and errors are those of `specular_dolp`, from which R = (1 − ρ)/(1 + ρ).

@@ -1,9 +1,10 @@
-"""ρ of one surface as a small table: built once in milliseconds, read at a few operations a pixel.
+"""Degree of polarisation of one surface as a table over the zenith angle.
 
-A table is a Chebyshev series of a few dozen numbers in x = √cos θ, because ρ of `eq8` ends like
-cos θ ln cos θ at grazing incidence; where one series is not enough (a smooth surface, total
-reflection), several on pieces of [0, 1]. Pixels are read from straight lines between points on
-an even grid in x: one square root, two look-ups and one multiplication, no trigonometry.
+A table is built once, in milliseconds, and read with a few operations a pixel. It is a Chebyshev
+series of a few dozen numbers in x = √cos θ, because ρ of `eq8` ends like cos θ ln cos θ at grazing
+incidence; where one series is not enough (a smooth surface, total reflection), several on pieces of
+[0, 1]. Pixels are read from straight lines between points on an even grid in x: one square root,
+two look-ups and one multiplication, no trigonometry.
 """
 
 from __future__ import annotations
@@ -13,14 +14,13 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from malus.reconstruct.facets.chebyshev import Function, chebyshev_pieces, evaluate_pieces
 from malus.reconstruct.facets.integrals import integrate_dolp
 from malus.reconstruct.facets.ratio import Measure, checked_measure, checked_sigma
 from malus.reconstruct.fresnel import checked_eta, excess, smooth_dolp, transmission_dolp
-
-FloatArray = NDArray[np.float64]
+from malus.scenes.core.arrays import Float64Array, FloatArray
 
 _PART_ERROR = 3e-7  # of the series, and as much of the straight lines: together below 1e-6
 _NARROWEST = 1e-5  # pieces of x that are not halved any more
@@ -28,24 +28,28 @@ _FEWEST_CELLS = 1 << 11  # of the even grid: six tables, of both lobes in RGB, t
 _MOST_CELLS = 1 << 17
 
 
-class _Values(NamedTuple):
-    """`function` of x = √cos θ; its values on an even grid over [0, 1] where lines do for it."""
+class _Interpolant(NamedTuple):
+    """A function of x = √cos θ, and its values on an even grid over [0, 1].
+
+    Without a grid the function itself is evaluated. `coefficients` counts those of its series.
+    """
 
     function: Function
-    grid: FloatArray | None
+    grid: Float64Array | None
     coefficients: int
 
-    def at(self, root: FloatArray) -> FloatArray:
+    def evaluate(self, root: Float64Array) -> Float64Array:
+        """Values at x = √cos θ, same shape, on straight lines between the grid's points."""
         if self.grid is None:
             return self.function(root)
-        where = root * (self.grid.size - 1)
-        cell = np.minimum(where.astype(np.intp), self.grid.size - 2)
+        position = root * (self.grid.size - 1)
+        cell = np.minimum(position.astype(np.intp), self.grid.size - 2)
         low = self.grid[cell]
-        return low + (where - cell) * (self.grid[cell + 1] - low)
+        return low + (position - cell) * (self.grid[cell + 1] - low)
 
 
-def _tabulated(function: Function, coefficients: int = 0) -> _Values:
-    """Lines on as many cells as the bulge of the function over its chords asks for."""
+def _tabulated(function: Function, coefficients: int = 0) -> _Interpolant:
+    """The function on a grid so fine that straight lines are off by `_PART_ERROR` at most."""
     cells = _FEWEST_CELLS
     while cells <= _MOST_CELLS:
         edges = function(np.linspace(0.0, 1.0, cells + 1))
@@ -53,16 +57,17 @@ def _tabulated(function: Function, coefficients: int = 0) -> _Values:
         bulge = 0.25 * float(np.max(np.abs(edges[1:-1] - 0.5 * (edges[:-2] + edges[2:]))))
         if bulge <= _PART_ERROR:
             edges.flags.writeable = False  # shared by all callers
-            return _Values(function, edges, coefficients)
+            return _Interpolant(function, edges, coefficients)
         cells *= 1 << max(1, int(np.ceil(0.5 * np.log2(bulge / _PART_ERROR))))
-    return _Values(function, None, coefficients)
+    return _Interpolant(function, None, coefficients)
 
 
 @lru_cache(maxsize=1024)
-def _specular(eta: complex, sigma: float, measure: Measure) -> _Values:
+def _specular(eta: complex, sigma: float, measure: Measure) -> _Interpolant:
+    """ρ of microfacets; kept, so that a surface is tabulated once a process."""
     index = eta if eta.imag else eta.real
 
-    def rho(x: FloatArray) -> FloatArray:
+    def rho(x: Float64Array) -> Float64Array:
         zenith = np.where(x == 1.0, 0.0, np.arccos(np.square(x)))
         filled = np.full(x.shape, index)
         return integrate_dolp(zenith, filled, np.full(x.shape, sigma), measure, 1e-6)
@@ -79,44 +84,46 @@ def _specular(eta: complex, sigma: float, measure: Measure) -> _Values:
 
 
 @lru_cache(maxsize=1024)
-def _body(eta: complex) -> _Values:
+def _diffuse(eta: complex) -> _Interpolant:
+    """ρ_d of diffuse light; kept."""
     return _tabulated(lambda x: transmission_dolp(np.square(x), eta))
 
 
 @lru_cache(maxsize=1024)
-def _smooth(eta: complex) -> _Values:
+def _smooth(eta: complex) -> _Interpolant:
+    """ρ of a smooth surface; kept."""
     return _tabulated(lambda x: smooth_dolp(np.square(x), eta))
 
 
 class Table:
     """A degree of polarisation of one surface against the cosine of the zenith angle."""
 
-    def __init__(self, values: _Values) -> None:
-        """Hold values that were found or made before."""
-        self._values = values
+    def __init__(self, interpolant: _Interpolant) -> None:
+        """A table, from the cache where it was built before."""
+        self._interpolant = interpolant
 
     @property
     def coefficients(self) -> int:
-        """How many numbers the series of this surface holds; 0 where there is a closed form."""
-        return self._values.coefficients
+        """Number of coefficients in the series of this surface; 0 where there is a closed form."""
+        return self._interpolant.coefficients
 
     @property
-    def grid(self) -> FloatArray | None:
-        """Values at even steps of √cos θ over [0, 1], between which straight lines do.
+    def grid(self) -> Float64Array | None:
+        """Values at even steps of √cos θ over [0, 1], to be joined by straight lines.
 
         None where no grid of up to 2^17 cells is fine enough.
         """
-        return self._values.grid
+        return self._interpolant.grid
 
-    def __call__(self, cos_zenith: ArrayLike) -> NDArray[np.floating]:
+    def __call__(self, cos_zenith: ArrayLike) -> FloatArray:
         """Degree at cosines in [0, 1], same shape; float32 for float32, float64 for all else.
 
-        Rounding beyond [0, 1] reads as the end, and NaN as 0: telling valid pixels is not its job.
+        A cosine outside [0, 1] is read as the nearer end, and NaN as 0: callers mark such pixels.
         """
         cosine = np.asarray(cos_zenith)
         root = np.sqrt(np.minimum(np.fmax(cosine.astype(np.float64).ravel(), 0.0), 1.0))
         dtype = np.float32 if cosine.dtype == np.float32 else np.float64
-        return self._values.at(root).reshape(cosine.shape).astype(dtype)
+        return self._interpolant.evaluate(root).reshape(cosine.shape).astype(dtype)
 
 
 class DolpTable(Table):
@@ -149,27 +156,27 @@ class DolpTable(Table):
     """
 
     def __init__(self, eta: complex, sigma: float, measure: Measure = "eq8") -> None:
-        """Build the table, or find it among those of this process."""
+        """Build the table, or take it from the cache of this process."""
         index, exponent = complex(checked_eta(eta)), float(checked_sigma(sigma))
         super().__init__(_specular(index, exponent, checked_measure(measure)))
 
 
-class BodyTable(Table):
-    """Degree of polarisation ρ_d of body light, `transmission_dolp`, within 1e-6.
+class DiffuseTable(Table):
+    """Degree of polarisation ρ_d of diffuse light, `transmission_dolp`, within 1e-6.
 
     Examples
     --------
-    >>> round(float(BodyTable(1.5)(0.5)), 5)
+    >>> round(float(DiffuseTable(1.5)(0.5)), 5)
     0.09594
     """
 
     def __init__(self, eta: complex) -> None:
-        """Build the table, or find it among those of this process."""
-        super().__init__(_body(complex(checked_eta(eta))))
+        """Build the table, or take it from the cache of this process."""
+        super().__init__(_diffuse(complex(checked_eta(eta))))
 
 
 class SmoothTable(Table):
-    """Degree of polarisation ρ of light mirrored by a smooth surface, `smooth_dolp`, within 1e-6.
+    """Specular degree of polarisation ρ of a smooth surface, `smooth_dolp`, within 1e-6.
 
     Examples
     --------
@@ -178,5 +185,5 @@ class SmoothTable(Table):
     """
 
     def __init__(self, eta: complex) -> None:
-        """Build the table, or find it among those of this process."""
+        """Build the table, or take it from the cache of this process."""
         super().__init__(_smooth(complex(checked_eta(eta))))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from malus.reconstruct import Components, Inapplicable, Observation
 from malus.reconstruct.image import from_lobes
-from malus.reconstruct.lobe_models import body, microfacets
+from malus.reconstruct.lobe_models import diffuse, microfacets
 from malus.reconstruct.photos.masks_and_normals import read_mask, read_normals
 from malus.reconstruct.photos.picture import Image
 from malus.reconstruct.single_image.blind import run_chain
@@ -195,5 +195,5 @@ def _surrounded(observation: Observation, known: Knowledge) -> tuple[Components,
         eta=np.full(observation.image.shape[-1], eta),
         alpha=alpha,
     )
-    found = from_lobes(filled, microfacets("visible"), body)
+    found = from_lobes(filled, microfacets("visible"), diffuse)
     return found, (how, "light comes from all around", f"eta {eta:g}, alpha {alpha:g}")

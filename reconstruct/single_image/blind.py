@@ -1,8 +1,8 @@
 """The whole chain from one ordinary picture: light, separation, shape, parameters, polarisation.
 
 What is not given is estimated. The order is that of the paper's pipeline; the physics at its end is
-the best known for one distant light: mirrored light is polarised by the facets that mirror it, at
-the half vector, and light of the body by the interface that it crossed, if its shading says that it
+the best known for one distant light: specular light is polarised by the facets that mirror it, at
+the half vector, and diffuse light by the interface that it crossed, if its shading shows that it
 crossed one.
 """
 
@@ -11,10 +11,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct import lobe_models as lobes
 from malus.reconstruct.image import from_lobes
@@ -23,33 +22,45 @@ from malus.reconstruct.single_image.convergence import Convergence
 from malus.reconstruct.single_image.illuminant import specular_tint
 from malus.reconstruct.single_image.light_direction import estimate_direction
 from malus.reconstruct.single_image.outline import outline_of
-from malus.reconstruct.single_image.parameters import Parameters, fit_parameters
+from malus.reconstruct.single_image.parameters import SurfaceParameters, fit_parameters
 from malus.reconstruct.single_image.reduced import reduce
 from malus.reconstruct.single_image.separation import separate
 from malus.reconstruct.single_image.shading import BodyKind, diffuse_shading, specular_shading
-from malus.reconstruct.single_image.shape import Known, recover_shape
+from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
+from malus.scenes.core.arrays import Float64Array, NumberArray
 from malus.scenes.lights.lights import Distant
-
-Floats = NDArray[np.float64]
 
 _SAMPLE = 8_000
 """Pixels that parameters are fitted to: five numbers need no more."""
 
 
 @dataclass(frozen=True)
-class Chain:
-    """What the chain found on its way, for those who want to know why.
+class ChainResult:
+    """Everything that `run_chain` estimated from one picture.
 
     Attributes
     ----------
     observation : Observation
-        The picture with everything filled in that was estimated.
+        The picture with lobes, normals, eta, alpha and light filled in as estimated.
     body : 'unpolarised' or 'polarised'
     components : Components
+        The polarisation components, (height, width, bands).
     convergence : Convergence or None
         How the search for a shape ended; None where the normals were given.
     statements : tuple of str
         What was assumed, found, or failed, stage by stage.
+
+    Examples
+    --------
+    >>> from malus.renderers import render
+    >>> from malus.scenes import Camera, Dielectric, Scene, Sphere
+    >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
+    ...               light=Distant(incidence_deg=60), camera=Camera(resolution=16))
+    >>> truth = render(scene, renderer="torrance-sparrow")
+    >>> result = run_chain(Observation(truth.image, truth.mask, normals=truth.normals,
+    ...                                light=scene.light))
+    >>> result.convergence is None, result.statements[-1], result.warnings
+    (True, 'body taken for unpolarised', ())
     """
 
     observation: Observation
@@ -60,18 +71,35 @@ class Chain:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Why not to believe it, in words; empty where nothing speaks against it."""
+        """Reasons to doubt the estimate, in words; empty where there are none."""
         return self.convergence.warnings if self.convergence else ()
 
 
 def blind(observation: Observation) -> Components:
-    """Polarisation components from one picture and its mask; a light and normals if they are known.
+    """Polarisation components from one picture and its mask, and light and normals if given.
+
+    Parameters
+    ----------
+    observation : Observation
+        `image` (height, width, bands) in linear radiance under white light, and `mask`. A distant
+        `light` in the image frame, `normals`, `eta` and `alpha` are used where they are given, and
+        estimated where they are not.
+
+    Returns
+    -------
+    Components
+        (height, width, bands), in the unit of the image.
 
     Raises
     ------
     Inapplicable
         If a stage fails: dark or grey where it must not be, no outline, another light than one
         distant one, a metal, or no shape that explains the picture.
+
+    Notes
+    -----
+    The pipeline of Gu et al., "Reconstructing Polarisation Components from Unpolarised Images",
+    up to Equations 11 and 12; for polarisation see `malus.reconstruct.lobe_models`.
 
     Examples
     --------
@@ -80,33 +108,70 @@ def blind(observation: Observation) -> Components:
     >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
     ...               light=Distant(incidence_deg=60), camera=Camera(resolution=32))
     >>> truth = render(scene, renderer="torrance-sparrow")
-    >>> seen = Observation(image=truth.image, mask=truth.mask, light=scene.light)
-    >>> blind(seen).i_max.shape
+    >>> observation = Observation(image=truth.image, mask=truth.mask, light=scene.light)
+    >>> blind(observation).i_max.shape
     (32, 32, 1)
     """
     return run_chain(observation).components
 
 
-def run_chain(observation: Observation, calibrated: bool = True) -> Chain:
-    """The same as `blind`, with everything that was found on the way; raises the same.
+def run_chain(observation: Observation, calibrated: bool = True) -> ChainResult:
+    """Estimate polarisation, and all that it follows from, from one picture.
 
-    Radiances of an ordinary photograph have no unit: `calibrated` is False where the irradiance
-    of a given light says nothing about them, and then η must be given or is assumed.
+    Lobes, light, normals, index, roughness and kind of body come with the components of `blind`.
+
+    Parameters
+    ----------
+    observation : Observation
+        As for `blind`.
+    calibrated : bool
+        False where the irradiance of a given light (W m⁻² nm⁻¹) says nothing about the radiances of
+        the image, as in an ordinary photograph, whose values have no unit. η must then be given, or
+        is assumed.
+
+    Returns
+    -------
+    ChainResult
+        Images are (height, width, bands), normals (height, width, 3).
+
+    Raises
+    ------
+    Inapplicable
+        As `blind` does.
+
+    Notes
+    -----
+    Stages and sources: `separate`, `estimate_direction` (Brooks and Horn 1985), `recover_shape`
+    (Huynh and Robles-Kelly 2009), `fit_parameters`.
+
+    Examples
+    --------
+    >>> from malus.renderers import render
+    >>> from malus.scenes import Camera, Dielectric, Scene, Sphere
+    >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
+    ...               light=Distant(incidence_deg=60), camera=Camera(resolution=32))
+    >>> truth = render(scene, renderer="torrance-sparrow")
+    >>> result = run_chain(Observation(truth.image, truth.mask, normals=truth.normals,
+    ...                                light=scene.light))
+    >>> round(float(result.observation.eta.mean()), 2), result.body
+    (1.5, 'unpolarised')
     """
     _require_light(observation)
-    specular, statements = _by_colour(observation)
-    direction, irradiance, said = _light(observation)
+    specular, separation_statements = _by_colour(observation)
+    direction, irradiance, shape_statements = _light(observation)
     irradiance = irradiance if calibrated else None
-    known = Known(irradiance, _mean_or_none(observation.eta), _mean_or_none(observation.alpha))
+    given = GivenParameters(
+        irradiance, _mean_or_none(observation.eta), _mean_or_none(observation.alpha)
+    )
     if observation.normals is None:
-        shape = recover_shape(observation.image, observation.mask, direction, known, specular)
+        shape = recover_shape(observation.image, observation.mask, direction, given, specular)
         normals, parameters, convergence = shape.normals, shape.parameters, shape.convergence
-        said = (*said, convergence.statement)
+        shape_statements = (*shape_statements, convergence.statement)
     else:
         normals, convergence = observation.normals, None
-        parameters = _parameters(observation, normals, direction, known)
+        parameters = _parameters(observation, normals, direction, given)
     body = f"body taken for {parameters.body}"
-    statements = (*statements, *said, body, *parameters.notes)
+    statements = (*separation_statements, *shape_statements, body, *parameters.notes)
     if specular is None:
         specular = _by_model(observation, normals, direction, parameters)
     filled = replace(
@@ -121,10 +186,11 @@ def run_chain(observation: Observation, calibrated: bool = True) -> Chain:
     components = _polarised(filled, parameters.body)
     if convergence is not None:
         components = replace(components, converged=convergence.converged)
-    return Chain(filled, parameters.body, components, convergence, statements)
+    return ChainResult(filled, parameters.body, components, convergence, statements)
 
 
 def _require_light(observation: Observation) -> None:
+    """Raise Inapplicable for a given light that is not one distant one."""
     light = observation.light
     if light is not None and not isinstance(light, Distant):
         raise Inapplicable(
@@ -133,7 +199,7 @@ def _require_light(observation: Observation) -> None:
 
 
 def _by_colour(observation: Observation) -> tuple[Image | None, tuple[str, ...]]:
-    """I_s by colour where the picture has any, otherwise None and the reason."""
+    """I_s separated by colour, or None where the picture is grey; how, in words."""
     bands = observation.wavelengths_nm
     tint = specular_tint(bands) if bands is not None and len(bands) > 1 else None
     try:
@@ -143,8 +209,8 @@ def _by_colour(observation: Observation) -> tuple[Image | None, tuple[str, ...]]
     return parts.specular, ("separated by colour, under white light",)
 
 
-def _light(observation: Observation) -> tuple[Floats, float | None, tuple[str, ...]]:
-    """Direction, irradiance if it is known, and what was assumed."""
+def _light(observation: Observation) -> tuple[Float64Array, float | None, tuple[str, ...]]:
+    """Direction (3,) of the light, its irradiance if given, and what was assumed, in words."""
     light = observation.light
     if isinstance(light, Distant):
         return np.array(light.direction), light.irradiance, ()
@@ -160,7 +226,8 @@ def _light(observation: Observation) -> tuple[Floats, float | None, tuple[str, .
     return direction, None, (f"one distant light, estimated {incidence:.0f}° from the viewer",)
 
 
-def _mean_or_none(value: float | NDArray[np.inexact[Any]] | None) -> float | None:
+def _mean_or_none(value: float | NumberArray | None) -> float | None:
+    """Mean of a given value or map; Inapplicable for complex indices."""
     if value is None:
         return None
     if np.iscomplexobj(value):
@@ -168,7 +235,7 @@ def _mean_or_none(value: float | NDArray[np.inexact[Any]] | None) -> float | Non
     return float(np.mean(value))
 
 
-def _sampled(observation: Observation, normals: Image) -> tuple[Floats, Floats]:
+def _sampled(observation: Observation, normals: Image) -> tuple[Float64Array, Float64Array]:
     """Radiances (n, bands) and unit normals (n, 3) of at most `_SAMPLE` of the object's pixels."""
     length = np.linalg.norm(normals, axis=-1)
     chosen = np.flatnonzero(observation.mask & (length > 0.5))
@@ -182,42 +249,46 @@ def _sampled(observation: Observation, normals: Image) -> tuple[Floats, Floats]:
 
 
 def _parameters(
-    observation: Observation, normals: Image, direction: Floats, known: Known
-) -> Parameters:
-    """Parameters for given normals; the kind of body is the one that leaves less unexplained."""
+    observation: Observation, normals: Image, direction: Float64Array, given: GivenParameters
+) -> SurfaceParameters:
+    """Surface parameters for given normals, with the kind of body of smaller error."""
     pixels, unit = _sampled(observation, normals)
     fits = [
-        fit_parameters(pixels, unit, direction, body, known.irradiance, known.eta, known.alpha)
+        fit_parameters(pixels, unit, direction, body, given.irradiance, given.eta, given.alpha)
         for body in get_args(BodyKind)
     ]
     return min(fits, key=lambda fit: fit.error)
 
 
 def _by_model(
-    observation: Observation, normals: Image, direction: Floats, found: Parameters
+    observation: Observation, normals: Image, direction: Float64Array, parameters: SurfaceParameters
 ) -> Image:
-    """I_s as the fitted model's share of mirrored light in what was seen."""
+    """I_s (height, width, bands): the image times the specular share of the fitted model."""
     mask = observation.mask
     unit = normals[mask].astype(np.float64)
-    mirrored = np.outer(specular_shading(unit, direction, found.alpha), found.level)
-    body = np.outer(diffuse_shading(unit, direction, found.body, found.eta), found.albedo)
-    total = mirrored + body
-    share = np.divide(mirrored, total, out=np.zeros_like(total), where=total > 0)
-    specular = np.zeros_like(observation.image)
-    specular[mask] = np.maximum(observation.image[mask], 0) * share
-    return specular
+    specular = np.outer(specular_shading(unit, direction, parameters.alpha), parameters.level)
+    white_diffuse = diffuse_shading(unit, direction, parameters.body, parameters.eta)
+    total = specular + np.outer(white_diffuse, parameters.albedo)
+    share = np.divide(specular, total, out=np.zeros_like(total), where=total > 0)
+    result = np.zeros_like(observation.image)
+    result[mask] = np.maximum(observation.image[mask], 0) * share
+    return result
 
 
 def _polarised(filled: Observation, body: BodyKind) -> Components:
-    """Both lobes polarised on the mask, by the half vector and by the interface; else as seen."""
-    found = from_lobes(filled, lobes.half_vector, lobes.body if body == "polarised" else None)
+    """Components of both lobes on the mask; off it the image is unpolarised."""
+    diffuse_model = lobes.diffuse if body == "polarised" else None
+    polarised = from_lobes(filled, lobes.half_vector, diffuse_model)
     inside = filled.mask[..., None]
     return Components(
-        filled.image, np.where(inside, found.s1, 0), np.where(inside, found.s2, 0), found.valid
+        filled.image,
+        np.where(inside, polarised.s1, 0),
+        np.where(inside, polarised.s2, 0),
+        polarised.valid,
     )
 
 
-BLIND: tuple[tuple[str, frozenset[str], Callable[[Observation], Components], str], ...] = (
+BLIND_METHODS: tuple[tuple[str, frozenset[str], Callable[[Observation], Components], str], ...] = (
     ("blind", frozenset(), blind, "everything from one picture and the object's mask"),
     ("blind-light", frozenset({"light"}), blind, "blind, but the distant light is known"),
     (
@@ -227,4 +298,4 @@ BLIND: tuple[tuple[str, frozenset[str], Callable[[Observation], Components], str
         "blind, but the distant light and the normals are known",
     ),
 )
-"""Name, needs, function and summary of each declaration in `malus.reconstruct.methods`."""
+"""Name, needs, function and summary of each method; `malus.reconstruct.methods` declares them."""

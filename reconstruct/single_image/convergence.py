@@ -1,4 +1,4 @@
-"""How a search for a shape ended: said out loud, because a bad answer looks like a good one."""
+"""How a search for a shape ended, and warnings: a wrong shape can look as good as a right one."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import NamedTuple
 EXPLAINED = 0.008
 """Residual below which a picture counts as explained: 2 of 255 grey levels."""
 UNDECIDED = 1.03
-"""Costs of a picture's two kinds of body that differ by less tell nothing. Grey blobs that do not
-polarise cost 1.003 to 1.016 times a polarised body's, and passed for such; others that do, lit at
-20°, cost 1.004 to 1.036 times an unpolarised one's."""
+"""Ratio of the costs of both kinds of body below which the picture does not decide between them.
+Measured on grey blobs, cost with the true kind over cost with the other: 1.003 to 1.016 for
+unpolarised bodies, which were taken for polarised; 1.004 to 1.036 for polarised ones lit at 20°."""
 
 
 class Convergence(NamedTuple):
-    """The end of a search from several starts.
+    """How a search from several starts ended.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Convergence(NamedTuple):
 
     @property
     def converged(self) -> bool:
-        """A minimum was found, and it explains the picture.
+        """True if a minimum was found and it explains the picture.
 
         Examples
         --------
@@ -49,7 +49,9 @@ class Convergence(NamedTuple):
 
     @property
     def decided(self) -> bool:
-        """The kind of body explains the picture clearly better than the other, not the safer one.
+        """True if the chosen kind of body explains the picture clearly better than the other.
+
+        Where neither does, the unpolarised body is chosen, because it is the safer one.
 
         Examples
         --------
@@ -60,7 +62,7 @@ class Convergence(NamedTuple):
 
     @property
     def statement(self) -> str:
-        """The same in words.
+        """How the search ended, in words.
 
         Examples
         --------
@@ -75,25 +77,25 @@ class Convergence(NamedTuple):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user must know before the answer is believed; empty where all is well.
+        """Reasons to doubt the shape, in words; empty where there are none.
 
         Examples
         --------
         >>> Convergence(True, 0.004, 2, 2).warnings
         ()
         """
-        found = []
+        warnings = []
         if not self.converged:
-            found.append(f"the search for a shape did not converge: {self.statement}")
+            warnings.append(f"the search for a shape did not converge: {self.statement}")
         elif self.agreed < self.starts:
-            found.append(
+            warnings.append(
                 f"the shape is one of several that explain the picture: {self.statement}; "
                 "roughness and normals are uncertain"
             )
         if not self.decided:
-            found.append(
+            warnings.append(
                 "the body is undecided and taken for unpolarised: a polarised one explains the "
                 f"picture as well (at {self.rival:.0%} of the cost); given normals would decide "
                 "it, material and roughness would not"
             )
-        return tuple(found)
+        return tuple(warnings)

@@ -1,41 +1,113 @@
-"""Colour of the light, estimated from the picture itself, with what was assumed in words.
+"""Colour of the light, estimated from the picture itself, and the assumption behind it in words.
 
 A colour is an array (bands,) whose mean is 1. Dividing an image by it makes the light white, so
-that light mirrored by a dielectric has equal values in all bands.
+that specular light of a dielectric has equal values in all bands.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from skimage.util import view_as_blocks
 
 from malus.reconstruct.observation import Image, Inapplicable
+from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
+from malus.scenes.core.errors import InputError
 from malus.scenes.materials.materials import FRAUNHOFER_C_NM, FRAUNHOFER_D_NM, FRAUNHOFER_F_NM
-
-Mask = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 _PATCH = 8
 """Side of a patch in pixels: small beside a highlight, large beside noise."""
 _STRAIGHT = 0.9
 """Least squared correlation of a patch that counts as one highlight over one colour."""
 _FEWEST = 3
-"""Patches that must agree before their median is called an estimate."""
+"""Least number of patches whose median counts as an estimate."""
 
 
 class Illuminant(NamedTuple):
-    """Colour of the light (bands,), mean 1, and the assumption behind it in one sentence."""
+    """Colour of the light, and the assumption behind it.
 
-    colour: Floats
+    Attributes
+    ----------
+    colour : (bands,) float64 array
+        Mean 1; without unit.
+    assumption : str
+        One sentence.
+
+    Examples
+    --------
+    >>> estimate_illuminant(np.ones((4, 4, 3)), method="gray-world").assumption
+    'the mean of the scene is grey'
+    """
+
+    colour: Float64Array
     assumption: str
 
 
-def neutral(image: Image, mask: Mask | None = None) -> Illuminant:
-    """White light: the picture was balanced before.
+def illuminants() -> dict[str, Callable[[Image, BoolArray | None], Illuminant]]:
+    """The methods that estimate the colour of the light, by name.
+
+    Returns
+    -------
+    dict
+        Of name to a function of an image (height, width, bands) and a mask (height, width) or
+        None that returns an `Illuminant`. `estimate_illuminant` takes the name.
+
+    Examples
+    --------
+    >>> list(illuminants())
+    ['neutral', 'gray-world', 'shades-of-grey', 'highlights']
+    """
+    return dict(ILLUMINANTS)
+
+
+def estimate_illuminant(
+    image: Image, mask: BoolArray | None = None, method: str = "highlights"
+) -> Illuminant:
+    """Estimate the colour of the light from one picture.
+
+    Parameters
+    ----------
+    image : (height, width, bands) array
+        Linear radiance in any unit.
+    mask : (height, width) bool array, optional
+        The object's pixels; all by default.
+    method : 'neutral', 'gray-world', 'shades-of-grey' or 'highlights'
+
+    Returns
+    -------
+    Illuminant
+        `colour` (bands,), mean 1, and the `assumption` behind it in words.
+
+    Raises
+    ------
+    Inapplicable
+        If a band is dark, or, for 'highlights', fewer than three patches of 8 × 8 pixels hold a
+        highlight over a coloured body.
+    InputError
+        If there is no such method.
+
+    Notes
+    -----
+    'gray-world': Buchsbaum (1980), the choice of Gu, Huynh and Robles-Kelly (their reference 23);
+    'shades-of-grey': Finlayson and Trezzi (2004); 'highlights': Tan, Nishino and Ikeuchi (2004),
+    Equation 11; 'neutral' takes the light for white.
+
+    Examples
+    --------
+    >>> picture = np.full((8, 8, 2), [3.0, 1.0])
+    >>> estimate_illuminant(picture, method="gray-world").colour.tolist()
+    [1.5, 0.5]
+    """
+    if method not in ILLUMINANTS:
+        names = ", ".join(ILLUMINANTS)
+        raise InputError("illuminant", f"one of {names}", method, "choose one of them")
+    return ILLUMINANTS[method](image, mask)
+
+
+def neutral(image: Image, mask: BoolArray | None = None) -> Illuminant:
+    """White light, for a picture that was balanced before.
 
     Examples
     --------
@@ -45,8 +117,8 @@ def neutral(image: Image, mask: Mask | None = None) -> Illuminant:
     return Illuminant(np.ones(image.shape[-1]), "the light is white: the image is balanced")
 
 
-def shades_of_grey(image: Image, mask: Mask | None = None, order: float = 6.0) -> Illuminant:
-    """Minkowski mean of every band, of which order 1 is Gray World and order ∞ is White Patch.
+def shades_of_grey(image: Image, mask: BoolArray | None = None, order: float = 6.0) -> Illuminant:
+    """Minkowski mean of every band; order 1 is Gray World and order ∞ is White Patch.
 
     Parameters
     ----------
@@ -74,11 +146,11 @@ def shades_of_grey(image: Image, mask: Mask | None = None, order: float = 6.0) -
     return _normalised(mean, f"the Minkowski mean of order {order:g} of the scene is grey")
 
 
-def gray_world(image: Image, mask: Mask | None = None) -> Illuminant:
+def gray_world(image: Image, mask: BoolArray | None = None) -> Illuminant:
     """Mean of every band: the choice of Gu, Huynh and Robles-Kelly (their reference 23).
 
     Arguments and errors as in `shades_of_grey`. On an object of one colour it returns the colour
-    of the object, and nothing is left for a separation by colour.
+    of the object, so that a separation by colour finds nothing to separate.
 
     Notes
     -----
@@ -92,11 +164,11 @@ def gray_world(image: Image, mask: Mask | None = None) -> Illuminant:
     return _normalised(_lit(image, mask).mean(axis=0), "the mean of the scene is grey")
 
 
-def from_highlights(image: Image, mask: Mask | None = None) -> Illuminant:
+def from_highlights(image: Image, mask: BoolArray | None = None) -> Illuminant:
     """Colour of the picture's own highlights, in inverse-intensity chromaticity space.
 
-    Where the body's light hardly changes within a patch and the highlight does, the chromaticity
-    of a band is a straight line over 1 / (sum of the bands), and meets the axis at the light's
+    Where diffuse light hardly changes within a patch and the highlight does, the chromaticity of a
+    band is a straight line over 1 / (sum of the bands), and meets the axis at the light's
     chromaticity. The median over all straight patches is the estimate.
 
     Raises
@@ -111,8 +183,8 @@ def from_highlights(image: Image, mask: Mask | None = None) -> Illuminant:
 
     Examples
     --------
-    >>> glare = np.linspace(0, 3, 64).reshape(8, 8, 1) * [1.2, 0.8]
-    >>> picture = np.tile(glare + [0.3, 0.9], (2, 2, 1))
+    >>> highlight = np.linspace(0, 3, 64).reshape(8, 8, 1) * [1.2, 0.8]
+    >>> picture = np.tile(highlight + [0.3, 0.9], (2, 2, 1))
     >>> from_highlights(picture).colour.round(3).tolist()
     [1.2, 0.8]
     """
@@ -135,12 +207,12 @@ def from_highlights(image: Image, mask: Mask | None = None) -> Illuminant:
 
 def specular_tint(
     wavelengths_nm: tuple[float, ...], eta: float = 1.5, abbe: float = 45.0
-) -> Floats:
-    """Colour (bands,), mean 1, that dispersion gives to light mirrored by a typical dielectric.
+) -> Float64Array:
+    """Colour (bands,), mean 1, that dispersion gives to specular light of a typical dielectric.
 
-    Separations take highlights for exactly as white as the light. A plastic mirrors blue a few
-    percent better than red, and this tint of a substance with Cauchy dispersion takes most of it
-    away without knowing the substance. Only for narrow bands whose wavelengths are known.
+    Separations take highlights to be exactly as white as the light. A plastic reflects blue a few
+    percent better than red, and this tint of a substance with Cauchy dispersion corrects most of it
+    without knowing the substance. Only for narrow bands whose wavelengths are known.
 
     Notes
     -----
@@ -148,7 +220,7 @@ def specular_tint(
 
     Examples
     --------
-    >>> mirrored_tint((450.0, 650.0)).round(3).tolist()
+    >>> specular_tint((450.0, 650.0)).round(3).tolist()
     [1.024, 0.976]
     """
     inverse = 1.0 / np.square(np.asarray(wavelengths_nm, dtype=np.float64))
@@ -158,7 +230,7 @@ def specular_tint(
     return np.asarray(reflectance / reflectance.mean(), dtype=np.float64)
 
 
-ILLUMINANTS: dict[str, Callable[[Image, Mask | None], Illuminant]] = {
+ILLUMINANTS: dict[str, Callable[[Image, BoolArray | None], Illuminant]] = {
     "neutral": neutral,
     "gray-world": gray_world,
     "shades-of-grey": shades_of_grey,
@@ -167,7 +239,8 @@ ILLUMINANTS: dict[str, Callable[[Image, Mask | None], Illuminant]] = {
 """The estimators by name."""
 
 
-def _lit(image: Image, mask: Mask | None) -> Floats:
+def _lit(image: Image, mask: BoolArray | None) -> Float64Array:
+    """Radiances (n, bands) of the object's pixels; Inapplicable if a band is dark everywhere."""
     chosen = image[mask] if mask is not None else image.reshape(-1, image.shape[-1])
     pixels = np.clip(np.asarray(chosen, dtype=np.float64), 0.0, None)
     if pixels.size == 0 or not np.all(pixels.max(axis=0) > 0):
@@ -175,29 +248,30 @@ def _lit(image: Image, mask: Mask | None) -> Floats:
     return pixels
 
 
-def _normalised(colour: NDArray[Any], assumption: str) -> Illuminant:
+def _normalised(colour: FloatArray, assumption: str) -> Illuminant:
+    """The estimate with its colour scaled to mean 1."""
     return Illuminant(np.asarray(colour / colour.mean(), dtype=np.float64), assumption)
 
 
-def _patches(image: Image, mask: Mask | None) -> Floats:
-    """Patches (n, pixels, 1, bands) that lie wholly on the object."""
+def _patches(image: Image, mask: BoolArray | None) -> Float64Array:
+    """Patches (n, pixels, 1, bands) that lie entirely on the object."""
     height, width = (side // _PATCH * _PATCH for side in image.shape[:2])
     if min(height, width) == 0:
         raise Inapplicable(f"the image is smaller than a patch of {_PATCH} pixels")
     bands = image.shape[-1]
-    cut = np.ascontiguousarray(image[:height, :width], dtype=np.float64)
-    blocks = view_as_blocks(cut, (_PATCH, _PATCH, bands)).reshape(-1, _PATCH**2, 1, bands)
+    cropped = np.ascontiguousarray(image[:height, :width], dtype=np.float64)
+    blocks = view_as_blocks(cropped, (_PATCH, _PATCH, bands)).reshape(-1, _PATCH**2, 1, bands)
     if mask is None:
         return np.asarray(blocks)
-    whole = view_as_blocks(np.ascontiguousarray(mask[:height, :width]), (_PATCH, _PATCH))
-    chosen = np.asarray(blocks[whole.all(axis=(2, 3)).ravel()])
+    inside = view_as_blocks(np.ascontiguousarray(mask[:height, :width]), (_PATCH, _PATCH))
+    chosen = np.asarray(blocks[inside.all(axis=(2, 3)).ravel()])
     if not len(chosen):
         raise Inapplicable(f"no patch of {_PATCH} pixels lies on the object")
     return chosen
 
 
-def _lines(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Intercepts (n, bands) of y over x in every patch, and the least squared correlation (n,)."""
+def _lines(x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Intercepts (n, bands) of y over x in n patches, and their best squared correlations (n,)."""
     x, y = x[:, :, 0, :], y[:, :, 0, :]
     dx, dy = x - x.mean(axis=1, keepdims=True), y - y.mean(axis=1, keepdims=True)
     spread = (dx * dx).sum(axis=1)
@@ -205,7 +279,7 @@ def _lines(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     variance = (dy * dy).sum(axis=1)
     slope = cross / np.maximum(spread, np.finfo(np.float64).tiny)
     intercept = y.mean(axis=1) - slope * x.mean(axis=1)
-    moving = variance > 1e-8 * y.shape[1]
-    fit = cross**2 / np.maximum(spread * variance, np.finfo(np.float64).tiny)
-    # A band whose chromaticity does not move says nothing; the most telling band decides.
-    return intercept, np.where(moving, fit, 0.0).max(axis=-1)
+    varies = variance > 1e-8 * y.shape[1]
+    correlation = cross**2 / np.maximum(spread * variance, np.finfo(np.float64).tiny)
+    # A band whose chromaticity does not vary says nothing; the band of best correlation decides.
+    return intercept, np.where(varies, correlation, 0.0).max(axis=-1)

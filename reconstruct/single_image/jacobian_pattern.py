@@ -1,7 +1,7 @@
-"""Where the Jacobian of a shape's residuals is not zero: the same at every step of a search.
+"""Rows and columns of the entries in the sparse Jacobian of a shape's residuals.
 
-Adding, multiplying and stacking sparse matrices takes longer than computing what they hold. Here
-the places are found once, and a step only fills in values.
+They are the same at every step of a search. Adding, multiplying and stacking sparse matrices takes
+longer than computing their values, so the entries are listed once, and a step fills in values.
 """
 
 from __future__ import annotations
@@ -15,64 +15,72 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from malus.reconstruct.single_image.outline import Outline
+from malus.scenes.core.arrays import Float64Array
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.integer[Any]]
 
 SURFACE = 3
 """Unknowns besides the normals: ln albedo, ln level, ln alpha."""
-PULLS = 2
-"""Of them, those that are pulled towards what is usual: ln level and ln alpha."""
+USUAL = 2
+"""Of them, those with a residual of their own, the distance to a usual value: level and alpha."""
 
 
 @dataclass(frozen=True)
-class Entries:
-    """Entries (n,) of a constant sparse matrix on an outline's unknown pixels."""
+class MatrixEntries:
+    """Entries (n,) of a constant sparse matrix whose columns are the object's pixels."""
 
     rows: Indices
     columns: Indices
-    values: Floats
+    values: Float64Array
 
     @classmethod
-    def of(cls, matrix: sparse.sparray) -> Entries:
-        """Those of a matrix, in no particular order; some may be at the same place."""
-        found = sparse.coo_array(matrix)
-        rows, columns = found.coords
-        return cls(rows, columns, found.data)
+    def of(cls, matrix: sparse.sparray) -> MatrixEntries:
+        """The entries of a matrix in any order; several may share a row and column and add up."""
+        entries = sparse.coo_array(matrix)
+        rows, columns = entries.coords
+        return cls(rows, columns, entries.data)
 
 
-class Pattern:
-    """Rows and columns of every entry, in the order in which `filled` takes them.
+class JacobianPattern:
+    """Rows and columns of every entry, in the order in which `filled` takes the values.
 
     Parameters
     ----------
     outline : Outline
-    pictures : number of pictures that are to be explained
+    pictures : int
+        Number of pictures that are to be explained.
 
     Attributes
     ----------
-    bending : Entries
+    bending : MatrixEntries
         Of the Laplacian of one component of the normals.
-    curl : Entries
-        Of ∂_x, ∂_y and the identity, one below the other: what integrability is made of.
+    curl : MatrixEntries
+        Of ∂_x, ∂_y and the identity, one below the other, from which integrability is computed.
     """
 
     def __init__(self, outline: Outline, pictures: int) -> None:
         count = outline.count
-        # The columns that follow are the ring's, whose normals are not unknown.
+        # Columns beyond belong to the ring, whose normals are known.
         laplacian, *slopes = (m[:, :count] for m in (outline.laplacian, outline.dx, outline.dy))
-        self.bending = Entries.of(laplacian)
-        self.curl = Entries.of(sparse.vstack([*slopes, sparse.eye_array(count)]))
-        places = list(self._places(outline, pictures))
-        rows, columns = (np.concatenate(of).astype(np.int32) for of in zip(*places, strict=True))
-        height = pictures * count + 2 * outline.laplacian.shape[0] + count + PULLS
+        self.bending = MatrixEntries.of(laplacian)
+        self.curl = MatrixEntries.of(sparse.vstack([*slopes, sparse.eye_array(count)]))
+        entries = list(self._rows_and_columns(outline, pictures))
+        rows, columns = (
+            np.concatenate(part).astype(np.int32) for part in zip(*entries, strict=True)
+        )
+        height = pictures * count + 2 * outline.laplacian.shape[0] + count + USUAL
         self.shape = (height, 2 * count + SURFACE)
         self.order = np.lexsort((columns, rows))
         self.columns = columns[self.order]
         self.starts = np.searchsorted(rows[self.order], np.arange(height + 1)).astype(np.int32)
 
-    def _places(self, outline: Outline, pictures: int) -> Iterator[tuple[Indices, Indices]]:
-        """Rows and columns of a picture's slopes by f, g and the surface, of bending, of curl."""
+    def _rows_and_columns(
+        self, outline: Outline, pictures: int
+    ) -> Iterator[tuple[Indices, Indices]]:
+        """Rows and columns of the derivatives by f, g and the surface.
+
+        First those of each picture, then of smoothness, of integrability, of usual values.
+        """
         count, bent = outline.count, outline.laplacian.shape[0]
         pixel, first = np.arange(count), pictures * count
         for row in range(0, first, count):
@@ -84,9 +92,9 @@ class Pattern:
         last = first + 2 * bent
         for column in (0, count):
             yield last + self.curl.rows % count, column + self.curl.columns
-        yield last + count + np.arange(PULLS), 2 * count + SURFACE - PULLS + np.arange(PULLS)
+        yield last + count + np.arange(USUAL), 2 * count + SURFACE - USUAL + np.arange(USUAL)
 
-    def filled(self, values: Sequence[Floats]) -> sparse.csr_array:
-        """The matrix with these values, listed as the residuals are, by f, by g, by the surface."""
+    def filled(self, values: Sequence[Float64Array]) -> sparse.csr_array:
+        """The Jacobian with these values, in the order of the residuals; by f, g and surface."""
         data = np.concatenate(values)[self.order]
         return sparse.csr_array((data, self.columns, self.starts), shape=self.shape)

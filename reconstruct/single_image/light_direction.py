@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from malus.reconstruct.observation import Inapplicable
 from malus.reconstruct.single_image.parameters import TYPICAL_ETA, fit_parameters
-
-Floats = NDArray[np.float64]
+from malus.scenes.core.arrays import Float64Array
 
 _INCIDENCES_DEG = np.arange(5.0, 121.0, 11.5)
 _AZIMUTHS_DEG = np.arange(0.0, 360.0, 22.5)
 _ALPHA = 0.3
-"""Roughness while the direction is searched: a highlight of middling width is seen from afar."""
+"""Roughness while the direction is searched: a wide highlight shows in the error of directions that
+are still far off."""
 _UNEXPLAINED = 0.25
-"""Residual over the largest value above which no single light made the shading."""
+"""Residual over the largest value above which the shading is not that of a single light."""
 
 
-def estimate_direction(pixels: Floats, normals: Floats) -> Floats:
+def estimate_direction(pixels: Float64Array, normals: Float64Array) -> Float64Array:
     """Unit vector (3,) towards the one distant light that explains the shading best.
 
     A Lambertian body with a highlight is fitted for directions on a grid; the best of them is
@@ -52,9 +51,9 @@ def estimate_direction(pixels: Floats, normals: Floats) -> Floats:
         raise Inapplicable("the object is dark: no shading to read a light from")
     scaled = pixels[:, None] / pixels.max()
 
-    def cost(angles: Floats) -> float:
+    def cost(angles: Float64Array) -> float:
         light = _unit(angles)
-        # From behind and beside, half vectors turn over: such directions explain nothing.
+        # For light from behind, the half vector is ill defined: such directions are ruled out.
         if light[2] < -0.9:
             return 1.0
         return fit_parameters(
@@ -63,15 +62,16 @@ def estimate_direction(pixels: Floats, normals: Floats) -> Floats:
 
     grid = np.radians([(i, a) for i in _INCIDENCES_DEG for a in _AZIMUTHS_DEG])
     start = min(grid, key=cost)
-    found = minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6})
-    if not found.fun < _UNEXPLAINED:
+    minimum = minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6})
+    if not minimum.fun < _UNEXPLAINED:
         raise Inapplicable(
-            f"no single light explains the shading: residual {found.fun:.0%} of its largest value"
+            f"no single light explains the shading: residual {minimum.fun:.0%} of its largest value"
         )
-    return _unit(found.x)
+    return _unit(minimum.x)
 
 
-def _unit(angles: Floats) -> Floats:
+def _unit(angles: Float64Array) -> Float64Array:
+    """Unit vector (3,) at an angle from the viewer and an azimuth from +x, radians."""
     incidence, azimuth = angles
     sine = np.sin(incidence)
     return np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(incidence)])

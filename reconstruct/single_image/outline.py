@@ -1,4 +1,4 @@
-"""What an object's outline says about its normals, and derivatives on its pixels.
+"""Normals along an object's outline, and differences of neighbouring pixels.
 
 At the occluding boundary the normal is known: it lies in the image plane, across the outline. A
 mask holds the pixels that the object covers entirely, so the outline runs through the ring of
@@ -10,14 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import spsolve
 
 from malus.reconstruct.observation import Inapplicable
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
 
 _CROSS = ndimage.generate_binary_structure(2, 1)
 _SMOOTHING = 0.03
@@ -26,11 +23,12 @@ _SMOOTHING = 0.03
 
 @dataclass(frozen=True)
 class Outline:
-    """The unknown pixels of an object, its ring, and derivatives that see both.
+    """The pixels of an object, the ring of pixels around it, and derivatives over both.
 
     Attributes
     ----------
     mask, ring : (height, width) bool
+        The object's pixels, whose normals are unknown; the ring's are known.
     across : (ring pixels, 2)
         Outward unit normals of the outline, y up.
     dx, dy : sparse (mask pixels, mask + ring pixels)
@@ -43,25 +41,26 @@ class Outline:
         Pixels that touch the ring; pixels with all four neighbours, the rows of `laplacian`.
     """
 
-    mask: Mask
-    ring: Mask
-    across: Floats
+    mask: BoolArray
+    ring: BoolArray
+    across: Float64Array
     dx: sparse.csr_array
     dy: sparse.csr_array
     laplacian: sparse.csr_array
     size: float
-    at_ring: Mask
-    whole: Mask
+    at_ring: BoolArray
+    whole: BoolArray
 
     @property
     def count(self) -> int:
-        """Number of unknown pixels."""
+        """Number of pixels of the object."""
         return int(self.mask.sum())
 
-    def inflated(self) -> Floats:
-        """Components x, y (mask pixels, 2) of normals that are harmonic between the outline.
+    def inflated(self) -> Float64Array:
+        """Components x, y (mask pixels, 2) of the normals of a shape blown up from its outline.
 
-        A sphere's are linear in position, so that a disc becomes an exact sphere.
+        They are harmonic functions with the values of the outline. Those of a sphere are linear in
+        position, so that a disc becomes an exact sphere.
 
         Examples
         --------
@@ -73,15 +72,15 @@ class Outline:
         """
         inner, outer = self.laplacian[:, : self.count], self.laplacian[:, self.count :]
         right = -(outer @ self.across)
-        # Pixels at the picture's edge have no equation; a whiff of flatness keeps them finite.
+        # Pixels at the picture's edge have no equation; a small diagonal keeps them finite.
         normal = inner.T @ inner + 1e-8 * sparse.eye_array(self.count)
-        found = spsolve(sparse.csc_array(normal), inner.T @ right)
-        length = np.linalg.norm(found, axis=1, keepdims=True)
-        return np.asarray(found / np.maximum(length, 1.0))
+        components = spsolve(sparse.csc_array(normal), inner.T @ right)
+        length = np.linalg.norm(components, axis=1, keepdims=True)
+        return np.asarray(components / np.maximum(length, 1.0))
 
 
-def outline_of(mask: Mask) -> Outline:
-    """The outline of a mask (height, width).
+def outline_of(mask: BoolArray) -> Outline:
+    """The outline of a mask (height, width) bool.
 
     Raises
     ------
@@ -116,20 +115,21 @@ def outline_of(mask: Mask) -> Outline:
     )
 
 
-def _shifted(index: NDArray[np.int64], down: int, right: int) -> NDArray[np.int64]:
-    """Index of the neighbour `down` rows below and `right` columns to the right, −1 if none."""
+def _shifted(index: IntArray, down: int, right: int) -> IntArray:
+    """Index of the neighbour `down` rows below and `right` columns to the right; −1 if none."""
     padded = np.pad(index, 1, constant_values=-1)
     height, width = index.shape
     return padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
 
 
 def _difference(
-    ahead: NDArray[np.int64],
-    behind: NDArray[np.int64],
-    here: NDArray[np.int64],
+    ahead: IntArray,
+    behind: IntArray,
+    here: IntArray,
     columns: int,
     size: float,
 ) -> sparse.csr_array:
+    """Central differences (mask pixels, columns), one-sided where one neighbour is missing."""
     first, second = np.where(ahead >= 0, ahead, here), np.where(behind >= 0, behind, here)
     step = (ahead >= 0).astype(float) + (behind >= 0)
     scale = size / np.maximum(step, 1.0)
@@ -141,20 +141,21 @@ def _difference(
 
 
 def _laplacian(
-    neighbours: list[NDArray[np.int64]],
-    here: NDArray[np.int64],
-    whole: Mask,
+    neighbours: list[IntArray],
+    here: IntArray,
+    whole: BoolArray,
     columns: int,
     size: float,
 ) -> sparse.csr_array:
+    """Five-point Laplacian (whole pixels, columns)."""
     count = int(whole.sum())
     rows = np.tile(np.arange(count), 5)
-    where = np.concatenate([*(n[whole] for n in neighbours), here[whole]])
+    indices = np.concatenate([*(n[whole] for n in neighbours), here[whole]])
     values = np.concatenate([np.ones(4 * count), np.full(count, -4.0)]) * size**2
-    return sparse.csr_array((values, (rows, where)), shape=(count, columns))
+    return sparse.csr_array((values, (rows, indices)), shape=(count, columns))
 
 
-def _across(mask: Mask, ring: Mask) -> Floats:
+def _across(mask: BoolArray, ring: BoolArray) -> Float64Array:
     """Outward unit vectors (ring pixels, 2), y up, from the blurred mask's gradient."""
     width = max(1.0, _SMOOTHING * float(np.sqrt(mask.sum())))
     down = ndimage.gaussian_filter1d(mask.astype(float), width, axis=0, order=1)

@@ -1,18 +1,16 @@
 """Albedo, refractive index and roughness of one object from its picture and its normals.
 
-With the normals known, the dichromatic microfacet model is linear in the albedo and in the level
-of mirrored light, and roughness alone is searched for: variable projection. The level is
-irradiance times Fresnel reflectance at the one angle at which a distant light is mirrored, so that
-it gives η if, and only if, the irradiance is known.
+With the normals given, the dichromatic microfacet model is linear in the albedo and in the specular
+level, and roughness alone is searched for: variable projection. The level is irradiance times
+Fresnel reflectance at the one angle at which a distant light is mirrored, so that it gives η if,
+and only if, the irradiance is given.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from malus.reconstruct.single_image.shading import (
@@ -23,8 +21,7 @@ from malus.reconstruct.single_image.shading import (
     index_of,
     specular_shading,
 )
-
-Floats = NDArray[np.float64]
+from malus.scenes.core.arrays import Float64Array, FloatArray
 
 ALPHA_RANGE = (0.03, 0.9)
 """Roughnesses that are searched: smoother is a mirror, rougher shows no lobe."""
@@ -32,69 +29,92 @@ _STARTS = 7
 """Intervals of ln alpha, each searched on its own: the error may have more than one minimum."""
 _STARTING_ALPHAS = (0.1, 0.2, 0.4)
 TYPICAL_ETA = 1.5
-"""Index of most plastics, glass and dry organic matter, for want of an irradiance."""
+"""Index of most plastics, glass and dry organic matter: assumed where no irradiance is given."""
 
 
 @dataclass(frozen=True)
-class Parameters:
-    """What a surface is made of, as far as one picture tells.
+class SurfaceParameters:
+    """Index, roughness and albedo of a surface, as far as one picture tells them.
 
     Attributes
     ----------
     eta : float
-        Refractive index; `eta_known` is False where it was assumed rather than measured.
+        Refractive index.
+    eta_known : bool
+        False where the index was assumed rather than given or measured.
     alpha : float
         Beckmann roughness.
     body : 'unpolarised' or 'polarised'
     albedo, level : (bands,) arrays
-        Weights of `body_shading` and `mirrored_shading`: irradiance times albedo, and irradiance
-        times Fresnel reflectance, in units of the image.
+        Weights of `diffuse_shading` and `specular_shading`: irradiance times albedo, and irradiance
+        times Fresnel reflectance, in units of the image times sr.
     error : float
         Root mean square residual over the largest value of the image.
     notes : tuple of str
         What was assumed, and what failed.
+
+    Examples
+    --------
+    >>> facing = np.array([[0.0, 0.0, 1.0]])
+    >>> fit = fit_parameters(np.ones((1, 1)), facing, facing[0], "unpolarised", alpha=0.3)
+    >>> fit.eta_known, fit.notes[0]
+    (False, 'eta is assumed (1.5): the irradiance is not known')
     """
 
     eta: float
     eta_known: bool
     alpha: float
     body: BodyKind
-    albedo: Floats
-    level: Floats
+    albedo: Float64Array
+    level: Float64Array
     error: float
     notes: tuple[str, ...] = ()
 
 
 def fit_parameters(
-    pixels: Floats,
-    normals: Floats,
-    direction: Floats,
+    pixels: Float64Array,
+    normals: Float64Array,
+    direction: Float64Array,
     body: BodyKind,
     irradiance: float | None = None,
     eta: float | None = None,
     alpha: float | None = None,
-) -> Parameters:
-    """Fit the model to an object's pixels.
+) -> SurfaceParameters:
+    """Fit roughness, index and albedo of a surface to an object's pixels, whose normals are given.
 
     Parameters
     ----------
-    pixels : (n, bands) radiances
-    normals : (n, 3) unit normals in the image frame
-    direction : (3,) unit vector towards the light
+    pixels : (n, bands) radiances under one distant light
+    normals : (n, 3) unit normals in the image frame: x right, y up, z towards the viewer
+    direction : (3,) unit vector towards the light, in the image frame
     body : 'unpolarised' or 'polarised'
+        Lambertian, or diffuse light that crosses the interface twice.
     irradiance : float, optional
-        Of the light, W m⁻² nm⁻¹ for radiances in W m⁻² sr⁻¹ nm⁻¹. Without it η cannot be measured.
+        Of the light, W m⁻² nm⁻¹ for radiances in W m⁻² sr⁻¹ nm⁻¹. Without it η cannot be measured
+        and 1.5 is assumed.
     eta, alpha : float, optional
-        Where they are known they are kept.
+        Index and Beckmann roughness, where they are given: they are kept.
+
+    Raises
+    ------
+    Inapplicable
+        If the light shines from exactly behind the object.
+
+    Notes
+    -----
+    The model is that of `malus.reconstruct.single_image.shading`; the fit is a variable projection
+    (Golub and Pereyra, SIAM J. Numerical Analysis 10, 1973), after Huynh and Robles-Kelly,
+    "Simultaneous photometric invariance and shape recovery", ICCV (2009).
 
     Examples
     --------
     >>> theta = np.linspace(0, 1.4, 400)
     >>> n = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
     >>> light = np.array([0.0, 0.0, 1.0])
-    >>> seen = 0.5 * body_shading(n, light, "unpolarised") + 0.04 * mirrored_shading(n, light, 0.2)
-    >>> found = fit_parameters(seen[:, None], n, light, "unpolarised", irradiance=1.0)
-    >>> round(found.eta, 3), round(found.alpha, 3)
+    >>> diffuse = 0.5 * diffuse_shading(n, light, "unpolarised")
+    >>> pixels = diffuse + 0.04 * specular_shading(n, light, 0.2)
+    >>> fit = fit_parameters(pixels[:, None], n, light, "unpolarised", irradiance=1.0)
+    >>> round(fit.eta, 3), round(fit.alpha, 3)
     (1.5, 0.2)
     """
     index = eta if eta is not None else TYPICAL_ETA
@@ -104,86 +124,97 @@ def fit_parameters(
     shading = diffuse_shading(normals, direction, body, index)
     if roughness is None:
         roughness = _roughness(pixels, normals, direction, shading)
-    weights, error = _weights(pixels, shading, specular_shading(normals, direction, roughness))
+    specular = specular_shading(normals, direction, roughness)
+    (albedo, level), error = _weights(pixels, shading, specular)
     if body == "unpolarised" and eta is None and irradiance is not None:
-        index = index_of(direction, float(weights[1].mean()) / irradiance)
+        index = index_of(direction, float(level.mean()) / irradiance)
     peak = max(float(pixels.max()), np.finfo(np.float64).tiny)
-    known = eta is not None or irradiance is not None
-    notes = _notes(known, index, roughness, weights[1])
-    return Parameters(index, known, roughness, body, weights[0], weights[1], error / peak, notes)
+    eta_known = eta is not None or irradiance is not None
+    notes = _notes(eta_known, index, roughness, level)
+    return SurfaceParameters(index, eta_known, roughness, body, albedo, level, error / peak, notes)
 
 
 def _index(
-    pixels: Floats, normals: Floats, direction: Floats, irradiance: float, alpha: float | None
+    pixels: Float64Array,
+    normals: Float64Array,
+    direction: Float64Array,
+    irradiance: float,
+    alpha: float | None,
 ) -> float:
-    """η of a polarised body, where it shapes the body's light and sets the level of the mirrored.
+    """Index of a polarised body, which shapes the diffuse light and sets the specular level.
 
-    The level is tied to η, so that both say the same; η and ln alpha are searched together.
+    η and ln alpha are searched together; the level follows from η.
     """
 
-    def cost(x: Floats) -> float:
+    def cost(x: Float64Array) -> float:
         eta, roughness = float(x[0]), alpha if alpha is not None else float(np.exp(x[1]))
-        body = diffuse_shading(normals, direction, "polarised", eta)
+        diffuse = diffuse_shading(normals, direction, "polarised", eta)
         level = irradiance * facet_reflectance(direction, eta)
         rest = pixels - level * specular_shading(normals, direction, roughness)[:, None]
-        albedo = np.maximum(body @ rest, 0) / max(float(body @ body), 1e-300)
-        return float(np.sqrt(np.mean((rest - np.outer(body, albedo)) ** 2)))
+        albedo = np.maximum(diffuse @ rest, 0) / max(float(diffuse @ diffuse), 1e-300)
+        return float(np.sqrt(np.mean((rest - np.outer(diffuse, albedo)) ** 2)))
 
     bounds = [ETA_RANGE, tuple(np.log(ALPHA_RANGE))]
     starts = [np.array([TYPICAL_ETA, np.log(a)]) for a in _STARTING_ALPHAS]
-    found = minimize(
+    minimum = minimize(
         cost, min(starts, key=cost), method="Nelder-Mead", bounds=bounds, options={"xatol": 1e-3}
     )
-    return float(found.x[0])
+    return float(minimum.x[0])
 
 
-def _roughness(pixels: Floats, normals: Floats, direction: Floats, shading: Floats) -> float:
-    """The alpha of least residual: a bounded search in each of several intervals of ln alpha."""
+def _roughness(
+    pixels: Float64Array, normals: Float64Array, direction: Float64Array, diffuse: Float64Array
+) -> float:
+    """Roughness of least residual: a bounded search around the best of several values."""
 
     def cost(log_alpha: float) -> float:
-        mirrored = specular_shading(normals, direction, float(np.exp(log_alpha)))
-        return _weights(pixels, shading, mirrored)[1]
+        specular = specular_shading(normals, direction, float(np.exp(log_alpha)))
+        return _weights(pixels, diffuse, specular)[1]
 
     edges = np.log(np.geomspace(ALPHA_RANGE[0], ALPHA_RANGE[1], _STARTS + 1))
     values = [cost(edge) for edge in edges]
     best = int(np.argmin(values))
     low, high = edges[max(best - 1, 0)], edges[min(best + 1, _STARTS)]
-    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-4})
-    winner = found.x if float(found.fun) <= values[best] else edges[best]
-    return float(np.exp(winner))
+    minimum = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-4})
+    log_alpha = minimum.x if float(minimum.fun) <= values[best] else edges[best]
+    return float(np.exp(log_alpha))
 
 
-def _weights(pixels: Floats, body: Floats, mirrored: Floats) -> tuple[Floats, float]:
+def _weights(
+    pixels: Float64Array, diffuse: Float64Array, specular: Float64Array
+) -> tuple[Float64Array, float]:
     """Non-negative weights (2, bands) of both shadings and the root mean square residual.
 
-    Two unknowns: where the free solution is negative, the best one has one weight zero.
+    There are two unknowns: where the unconstrained solution has a negative one, one weight of the
+    best solution is zero.
     """
-    bb, mm, bm = body @ body, mirrored @ mirrored, body @ mirrored
-    right = np.stack([body @ pixels, mirrored @ pixels])
-    determinant = bb * mm - bm * bm
-    if determinant > 1e-12 * bb * mm:
-        free = np.stack([mm * right[0] - bm * right[1], bb * right[1] - bm * right[0]])
+    dd, ss, ds = diffuse @ diffuse, specular @ specular, diffuse @ specular
+    right = np.stack([diffuse @ pixels, specular @ pixels])
+    determinant = dd * ss - ds * ds
+    if determinant > 1e-12 * dd * ss:
+        free = np.stack([ss * right[0] - ds * right[1], dd * right[1] - ds * right[0]])
         free /= determinant
     else:
         free = np.full_like(right, -1.0)
-    alone = [right[0] / max(bb, 1e-300), right[1] / max(mm, 1e-300)]
+    alone = [right[0] / max(dd, 1e-300), right[1] / max(ss, 1e-300)]
     gains = [alone[0] * right[0], alone[1] * right[1]]
-    one = np.where(gains[0] >= gains[1], [alone[0], 0 * alone[1]], [0 * alone[0], alone[1]])
-    weights = np.where(np.all(free >= 0, axis=0), free, one)
-    residual = pixels - np.outer(body, weights[0]) - np.outer(mirrored, weights[1])
+    single = np.where(gains[0] >= gains[1], [alone[0], 0 * alone[1]], [0 * alone[0], alone[1]])
+    weights = np.where(np.all(free >= 0, axis=0), free, single)
+    residual = pixels - np.outer(diffuse, weights[0]) - np.outer(specular, weights[1])
     return weights, float(np.sqrt(np.mean(residual**2)))
 
 
-def _notes(known: bool, eta: float, alpha: float, level: NDArray[Any]) -> tuple[str, ...]:
-    found = []
-    if not known:
-        found.append(f"eta is assumed ({TYPICAL_ETA:g}): the irradiance is not known")
+def _notes(eta_known: bool, eta: float, alpha: float, level: FloatArray) -> tuple[str, ...]:
+    """What was assumed and what failed, in words."""
+    notes = []
+    if not eta_known:
+        notes.append(f"eta is assumed ({TYPICAL_ETA:g}): the irradiance is not known")
     elif eta in ETA_RANGE:
-        found.append(
+        notes.append(
             f"eta ran into its bound {eta:g}: the level of mirrored light is not plausible"
         )
     if min(alpha / ALPHA_RANGE[0], ALPHA_RANGE[1] / alpha) < 1.01:
-        found.append(f"alpha ran into its bound {alpha:.2g}")
+        notes.append(f"alpha ran into its bound {alpha:.2g}")
     if not np.any(level > 0):
-        found.append("no mirrored light was found")
-    return tuple(found)
+        notes.append("no mirrored light was found")
+    return tuple(notes)

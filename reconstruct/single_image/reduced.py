@@ -1,4 +1,4 @@
-"""A small copy of one object's picture for the search of its shape, and the way back."""
+"""A small copy of one object's picture for the search of its shape; its normals enlarged again."""
 
 from __future__ import annotations
 
@@ -6,66 +6,74 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
 from malus.reconstruct.observation import Image, Inapplicable
-from malus.reconstruct.single_image.shape_solver import Picture
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from malus.reconstruct.single_image.shape_solver import MaskedPicture
+from malus.scenes.core.arrays import BoolArray, Float64Array
 
 _COVERED = 0.999
 """Share of a reduced pixel that the object must cover: the outline then runs just outside."""
 
 
 @dataclass(frozen=True)
-class Reduction:
-    """Pictures on the pixels of a small mask.
+class ReducedPicture:
+    """One object's picture, and its lobes if they were separated, on a coarse grid of pixels.
 
     Attributes
     ----------
-    mask : (rows, columns) bool, with a margin of one pixel where the picture has one
-    total : (mask pixels,) mean radiance over the bands
-    pictures : what the solver has to explain
-    box : slices of the whole picture
-    factor : pixels of the picture along one of the small ones; need not be whole
+    mask : (rows, columns) bool
+        Pixels that the object covers, with a margin of one pixel where the picture has one.
+    total : (mask pixels,)
+        Mean radiance over the bands.
+    pictures : list of MaskedPicture
+        The pictures that a shape has to explain: the whole one, or one of each lobe.
+    box : two slices
+        The part of the original picture that was reduced.
+    factor : float
+        Side of a coarse pixel in original ones; need not be whole.
     """
 
-    mask: Mask
-    total: Floats
-    pictures: list[Picture]
+    mask: BoolArray
+    total: Float64Array
+    pictures: list[MaskedPicture]
     box: tuple[slice, slice]
     factor: float
 
-    def enlarged(self, normals: Floats, whole: Mask) -> Floats:
-        """Normals (mask pixels, 3) as an image (height, width, 3) on the whole mask, else zero."""
+    def enlarged(self, normals: Float64Array, original_mask: BoolArray) -> Float64Array:
+        """Normals (mask pixels, 3) as an image (height, width, 3) on the original mask, else 0."""
         small = np.zeros((*self.mask.shape, 3))
         small[self.mask] = normals
         nearest = ndimage.distance_transform_edt(
             ~self.mask, return_distances=False, return_indices=True
         )
         small = small[tuple(nearest)]
-        inside = whole[self.box]
+        inside = original_mask[self.box]
         rows, columns = np.nonzero(inside)
-        at = (np.stack([rows, columns]) + 0.5) / self.factor - 0.5
-        found = np.stack(
-            [ndimage.map_coordinates(small[..., i], at, order=1, mode="nearest") for i in range(3)],
+        positions = (np.stack([rows, columns]) + 0.5) / self.factor - 0.5
+        enlarged = np.stack(
+            [
+                ndimage.map_coordinates(small[..., axis], positions, order=1, mode="nearest")
+                for axis in range(3)
+            ],
             axis=-1,
         )
-        found /= np.linalg.norm(found, axis=1, keepdims=True)
-        result = np.zeros((*whole.shape, 3))
-        result[self.box][inside] = found
+        enlarged /= np.linalg.norm(enlarged, axis=1, keepdims=True)
+        result = np.zeros((*original_mask.shape, 3))
+        result[self.box][inside] = enlarged
         return result
 
 
-def reduce(image: Image, mask: Mask, specular: Image | None, size: int) -> Reduction:
-    """A copy whose longer side has at most `size` pixels.
+def reduce(image: Image, mask: BoolArray, specular: Image | None, size: int) -> ReducedPicture:
+    """Shrink the object's picture so that its longer side has at most `size` pixels.
 
     Parameters
     ----------
-    image, specular : (height, width, bands), the latter optional
+    image : (height, width, bands) radiance
     mask : (height, width) bool
+    specular : (height, width, bands) radiance, optional
+        Specular light, where it was separated before.
+    size : int
 
     Raises
     ------
@@ -81,15 +89,18 @@ def reduce(image: Image, mask: Mask, specular: Image | None, size: int) -> Reduc
     grey = image.mean(axis=-1, dtype=np.float64)
     total = _shrunk(np.where(inside, grey[box], 0.0), factor)[small]
     if specular is None:
-        return Reduction(small, total, [Picture(total)], box, factor)
-    mirrored = specular.mean(axis=-1, dtype=np.float64)[box]
-    mirrored = _shrunk(np.where(inside, mirrored, 0.0), factor)[small]
-    lobes = [Picture(total - mirrored, mirrored=False), Picture(mirrored, body=False)]
-    return Reduction(small, total, lobes, box, factor)
+        return ReducedPicture(small, total, [MaskedPicture(total)], box, factor)
+    grey_specular = specular.mean(axis=-1, dtype=np.float64)[box]
+    reduced_specular = _shrunk(np.where(inside, grey_specular, 0.0), factor)[small]
+    lobes = [
+        MaskedPicture(total - reduced_specular, specular=False),
+        MaskedPicture(reduced_specular, diffuse=False),
+    ]
+    return ReducedPicture(small, total, lobes, box, factor)
 
 
-def _box(mask: Mask, size: int) -> tuple[float, tuple[slice, slice]]:
-    """How many pixels become one, and the object's bounding box.
+def _box(mask: BoolArray, size: int) -> tuple[float, tuple[slice, slice]]:
+    """Side of a coarse pixel in original ones, and the object's bounding box.
 
     The box has a margin for the ring around the object, unless the picture's edge cuts it.
     """
@@ -103,17 +114,17 @@ def _box(mask: Mask, size: int) -> tuple[float, tuple[slice, slice]]:
     return factor, (slices[0], slices[1])
 
 
-def _shrunk(values: Floats, factor: float) -> Floats:
+def _shrunk(values: Float64Array, factor: float) -> Float64Array:
     """Means over squares of `factor` pixels, as a coarser sensor would measure.
 
-    A rest at the far ends that fills no square is left out.
+    What fills no whole square at the far ends is left out.
     """
     down, right = (_shares(length, factor) for length in values.shape)
     return np.asarray((right @ (down @ values).T).T)
 
 
 def _shares(length: int, factor: float) -> sparse.csr_array:
-    """Share that each of `length` pixels (columns) has in each coarser one (rows)."""
+    """Share that each of `length` pixels (columns) has in each coarse one (rows)."""
     count = max(1, math.floor(length / factor + 1e-9))
     pixel = np.arange(length)
     first = np.floor(pixel / factor).astype(int)

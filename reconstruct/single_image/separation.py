@@ -1,12 +1,12 @@
-"""Separate one picture into light from the body and light mirrored by the surface, by colour.
+"""Separate one picture into diffuse and specular light by colour.
 
 The dichromatic model: a pixel is I = m_d c + m_s g, body colour c, light colour g. Divided by g the
-mirrored light is white. With s the mean over the bands and u = I − s the rest, u holds body light
-only (the specular-free part), and |u| / s is the saturation, which mirrored light lowers:
+specular light is white. With s the mean over the bands and u = I − s the rest, u holds diffuse
+light only (the specular-free part), and |u| / s is the saturation, which specular light lowers:
 
     |u| = κ m_d,    s = m_d + m_s,    κ = |c/g − 1| for mean(c/g) = 1.
 
-So every method here comes down to finding κ of each body colour: by maximum chromaticity
+Every method here has to find κ of each body colour: by maximum chromaticity
 (`separation_chromaticity`), by erosion along colours (`separation_suv`) or by the ratio of
 intensity and range (`separation_ratio`). Grey bodies under grey light cannot be separated by
 colour at all; `separate` says so instead of guessing.
@@ -18,32 +18,44 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from malus.reconstruct.observation import Image, Inapplicable
 from malus.reconstruct.single_image.separation_chromaticity import chromaticity_diffuse
 from malus.reconstruct.single_image.separation_ratio import ratio_diffuse
 from malus.reconstruct.single_image.separation_space import SourceSpace, source_space
 from malus.reconstruct.single_image.separation_suv import suv_diffuse
+from malus.scenes.core.arrays import BoolArray
 from malus.scenes.core.errors import InputError
 
-Mask = NDArray[np.bool_]
-
 GREY = 0.06
-"""Saturation |u|/s that may be noise and dispersion: carbon disulfide mirrors with 0.045."""
+"""Saturation |u|/s that noise and dispersion may cause: specular light of carbon disulfide has
+0.045."""
 _COLOURED = 0.05
-"""Share of the lit pixels that must be more saturated than that."""
+"""Share of the lit pixels that must be more saturated than `GREY`."""
 
 
 class Separation(NamedTuple):
-    """I_d and I_s (height, width, bands); they add up to the image on the mask, zero off it."""
+    """I_d and I_s of one picture; they add up to the image on the mask and are zero off it.
+
+    Attributes
+    ----------
+    diffuse, specular : (height, width, bands)
+        In the unit and the dtype of the image.
+
+    Examples
+    --------
+    >>> picture = np.full((4, 4, 2), [3.0, 1.0])
+    >>> separate(picture, np.ones((4, 4), bool)).specular.max().item()
+    0.0
+    """
 
     diffuse: Image
     specular: Image
 
 
 class SeparationMethod(NamedTuple):
-    """How κ is found: a function of the source space that returns m_d (height, width)."""
+    """A way to separate: `diffuse_light` takes the source space, returns m_d (height, width)."""
 
     name: str
     diffuse_light: Callable[[SourceSpace], Image]
@@ -67,26 +79,50 @@ SEPARATIONS = {
 """The separations by name."""
 
 
+def separations() -> dict[str, SeparationMethod]:
+    """The methods that separate diffuse from specular light by colour, by name.
+
+    Returns
+    -------
+    dict
+        Of name to `SeparationMethod`, whose `summary` is one line with the source. `separate`
+        takes the name.
+
+    Examples
+    --------
+    >>> list(separations())
+    ['chromaticity', 'suv', 'ratio']
+    """
+    return dict(SEPARATIONS)
+
+
 def separate(
     image: Image,
-    mask: Mask,
+    mask: BoolArray,
     illuminant: ArrayLike | None = None,
     method: str = "ratio",
     tint: ArrayLike | None = None,
 ) -> Separation:
-    """I_d and I_s of one picture by colour.
+    """Separate one picture into diffuse light I_d and specular light I_s by colour.
 
     Parameters
     ----------
     image : (height, width, bands) array
-        Linear radiance, at least two bands.
+        Linear radiance in any unit, at least two bands.
     mask : (height, width) bool array
+        The object's pixels.
     illuminant : (bands,) array, optional
-        Colour of the light; white by default. See `malus.reconstruct.single_image.illuminant`.
+        Colour of the light; white by default. `estimate_illuminant` tells it from the picture.
     method : 'chromaticity', 'suv' or 'ratio'
     tint : (bands,) array, optional
-        Colour that the surface gives to white light it mirrors: `illuminant.mirrored_tint`. A body
-        must be coloured in the light itself, not only beside this tint.
+        Colour that the surface gives to white light it mirrors:
+        `malus.reconstruct.single_image.illuminant.specular_tint`. A body must be coloured in the
+        light itself, not only beside this tint.
+
+    Returns
+    -------
+    Separation
+        `diffuse` and `specular`, (height, width, bands) each.
 
     Raises
     ------
@@ -94,13 +130,22 @@ def separate(
         For a grey image where colour is needed, one band, or a dark image.
     InputError
         If there is no such method.
+    ValueError
+        If `illuminant` or `tint` is not one positive value a band.
+
+    Notes
+    -----
+    Gu et al., "Reconstructing Polarisation Components from Unpolarised Images", start from I_d and
+    I_s (Equations 9 to 12). The dichromatic model is Shafer's, "Using color to separate reflection
+    components", Color Research and Application 10 (1985). `chromaticity`: Tan, Nishino and Ikeuchi
+    (2004); `suv`: Mallick et al. (2006); `ratio`: after Shen and Zheng (2013).
 
     Examples
     --------
-    >>> body, glare = np.linspace(0.2, 1, 256).reshape(16, 16, 1), np.zeros((16, 16, 1))
-    >>> glare[4:8, 4:8] = 0.5
-    >>> parts = separate(body * [1.5, 0.5] + glare, np.ones((16, 16), bool))
-    >>> bool(np.abs(parts.specular - glare).max() < 1e-6)
+    >>> shading, specular = np.linspace(0.2, 1, 256).reshape(16, 16, 1), np.zeros((16, 16, 1))
+    >>> specular[4:8, 4:8] = 0.5
+    >>> parts = separate(shading * [1.5, 0.5] + specular, np.ones((16, 16), bool))
+    >>> bool(np.abs(parts.specular - specular).max() < 1e-6)
     True
     """
     if method not in SEPARATIONS:
@@ -115,15 +160,16 @@ def separate(
         colour = colour * _light_colour(image, tint)
         space = source_space(image, mask, colour)
     diffuse_light = SEPARATIONS[method].diffuse_light(space)
-    # Neither lobe can be negative, and both add up to what was seen.
-    mirrored = np.clip(space.intensity - diffuse_light, 0, None)[..., None] * colour
-    # Where it is too dark to have a colour, noise would pass for highlights: all is the body's.
-    specular = np.where(space.lit[..., None], np.minimum(mirrored, np.maximum(image, 0)), 0)
+    # Neither lobe can be negative, and both add up to the image.
+    unbounded = np.clip(space.intensity - diffuse_light, 0, None)[..., None] * colour
+    # In pixels too dark to have a colour, noise would pass for highlights: they are all diffuse.
+    specular = np.where(space.lit[..., None], np.minimum(unbounded, np.maximum(image, 0)), 0)
     specular = specular.astype(image.dtype, copy=False)
     return Separation(np.where(mask[..., None], image, 0) - specular, specular)
 
 
 def _light_colour(image: Image, illuminant: ArrayLike | None) -> Image:
+    """Colour of the light (bands,), scaled to mean 1; white if None."""
     if illuminant is None:
         return np.ones(image.shape[-1], dtype=image.dtype)
     colour = np.asarray(illuminant, dtype=image.dtype)
@@ -135,6 +181,7 @@ def _light_colour(image: Image, illuminant: ArrayLike | None) -> Image:
 
 
 def _require_colour(space: SourceSpace) -> None:
+    """Raise Inapplicable for a picture that is dark or grey."""
     lit = space.lit
     if not lit.any():
         raise Inapplicable("the image is dark: nothing to separate")

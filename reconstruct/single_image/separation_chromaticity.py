@@ -1,4 +1,4 @@
-"""Separation in the maximum chromaticity-intensity space."""
+"""Separation in the maximum chromaticity-intensity space (Tan, Nishino and Ikeuchi 2004)."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from malus.reconstruct.single_image.separation_space import SourceSpace, colour_
 _BINS = 200
 """Bins of maximum chromaticity between 1/bands and 1."""
 _POPULATED = 0.01
-"""Share of a cluster's lit pixels that a chromaticity needs at or above it to count as seen."""
+"""Share of a cluster's lit pixels that must have at least the diffuse chromaticity."""
 _BRIGHT = 0.1
-"""Share of the brightest: noise widens the chromaticity of darker pixels upwards."""
+"""Share of the brightest intensity below which noise raises the chromaticity."""
 
 
 def chromaticity_diffuse(space: SourceSpace) -> Image:
-    """m_d (height, width) from the diffuse maximum chromaticity Λ of every body colour.
+    """Diffuse intensity m_d (height, width) from the maximum chromaticity Λ of every body colour.
 
-    With Ĩ = max over bands, σ = Ĩ / ΣI and B bands, the body's share of ΣI is
+    With Ĩ = max over bands, σ = Ĩ / ΣI and B bands, the diffuse share of ΣI is
 
         ΣI_d = Ĩ (B σ − 1) / (σ (B Λ − 1)).
 
     Source: Tan, Nishino and Ikeuchi, "Separating reflection components based on chromaticity and
-    noise analysis", IEEE PAMI 26 (2004), generalised from 3 to B bands. Mirrored light lowers σ
+    noise analysis", IEEE PAMI 26 (2004), generalised from 3 to B bands. Specular light lowers σ
     along a curve, so Λ is the highest chromaticity of the cluster that enough bright pixels show;
     this threshold on intensity and count stands for their analysis of a camera's noise.
 
@@ -38,16 +38,15 @@ def chromaticity_diffuse(space: SourceSpace) -> Image:
     bands = space.balanced.shape[-1]
     largest = space.balanced.max(axis=-1)
     total = bands * space.intensity
-    safe = np.where(total > 0, total, 1)
-    chromaticity = largest / safe
+    chromaticity = largest / np.where(total > 0, total, 1)
     labels = colour_clusters(space)
     bright = space.lit & (space.intensity > _BRIGHT * _peak(space))
     result = np.zeros_like(space.intensity)
     for label in range(int(labels.max()) + 1):
         members = labels == label
-        diffuse = _diffuse_chromaticity(chromaticity[bright & members], bands)
-        share = np.maximum(bands * largest - total, 0) / (bands * diffuse - 1)
-        result = np.where(members, share / bands, result)
+        diffuse_chromaticity = _diffuse_chromaticity(chromaticity[bright & members], bands)
+        diffuse = np.maximum(bands * largest - total, 0) / (bands * diffuse_chromaticity - 1)
+        result = np.where(members, diffuse / bands, result)
     return result
 
 
@@ -63,5 +62,6 @@ def _diffuse_chromaticity(chromaticity: Image, bands: int) -> float:
 
 
 def _peak(space: SourceSpace) -> float:
+    """Intensity of the brightest lit pixels but for 2 %."""
     values = space.intensity[space.lit]
     return float(np.quantile(values, 0.98)) if values.size else 0.0

@@ -1,4 +1,4 @@
-"""Separation by the ratio of intensity and specular-free range, one number a body colour."""
+"""Separation by the ratio of intensity and specular-free range (after Shen and Zheng 2013)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from malus.reconstruct.observation import Image
 from malus.reconstruct.single_image.separation_space import SourceSpace, colour_clusters
 
 _PUREST = 0.99
-"""Quantile of the saturation that stands for the pure body: 1 % of the pixels are left to noise."""
+"""Quantile of the saturation taken for that of diffuse light alone: above it is noise."""
 _SAMPLE = 1 << 15
+"""Pixels of one body colour from which the quantile is taken; up to twice as many."""
 
 
 def ratio_diffuse(space: SourceSpace) -> Image:
-    """m_d (height, width): body light as κ⁻¹ |u| with one κ for every cluster of colours.
+    """Diffuse intensity m_d = |u| / κ (height, width) with one κ for every cluster of colours.
 
     Source: Shen and Zheng, "Real-time highlight removal using intensity ratio", Applied Optics 52
     (2013): pixels are clustered by their specular-free colour, and in every cluster the ratio of
@@ -38,11 +39,11 @@ def ratio_diffuse(space: SourceSpace) -> Image:
 
 
 def _purest(chroma: Image, intensity: Image) -> float:
-    """κ of one body colour: a high quantile of the saturation, bright pixels counting more."""
-    every = max(1, chroma.size // _SAMPLE)
-    chroma, intensity = chroma[::every], intensity[::every]
+    """Saturation κ of one body colour: a high quantile, pixels weighted by their intensity."""
+    step = max(1, chroma.size // _SAMPLE)
+    chroma, intensity = chroma[::step], intensity[::step]
     saturation = chroma / intensity
     order = np.argsort(saturation, kind="stable")
     weight = np.cumsum(intensity[order], dtype=np.float64)
-    at = int(np.searchsorted(weight, _PUREST * weight[-1]))
-    return max(float(saturation[order[min(at, len(order) - 1)]]), 1e-6)
+    rank = int(np.searchsorted(weight, _PUREST * weight[-1]))
+    return max(float(saturation[order[min(rank, len(order) - 1)]]), 1e-6)

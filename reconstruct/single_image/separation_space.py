@@ -1,4 +1,4 @@
-"""The picture split along the light's colour and across it, and clusters of body colours."""
+"""Split a picture along the light's colour and across it, and group pixels by body colour."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct.observation import Image
+from malus.scenes.core.arrays import BoolArray
 
-Mask = NDArray[np.bool_]
 Labels = NDArray[np.integer[Any]]
 
 LIT = 0.02
-"""Share of the bright end below which a pixel's colour is mostly noise."""
+"""Share of the brightest intensity below which a pixel's colour is mostly noise."""
 _SAMPLE = 4096
 """Pixels from which colour clusters are learnt: enough for a handful of directions."""
 _SAME_HUE = 0.97
 """Cosine between specular-free directions of one body colour (14°)."""
 _BLOCK = 1 << 14
-"""Pixels whose likeness to every leader is in cache at once."""
+"""Pixels that are compared with the cluster directions at once, so that they stay in cache."""
 _SMALLEST = 0.02
 """Share of the sample below which a cluster is noise."""
 
 
 class SourceSpace(NamedTuple):
-    """Coordinates along and across the light's colour.
+    """Coordinates of every pixel along and across the light's colour.
 
     Attributes
     ----------
@@ -42,10 +42,10 @@ class SourceSpace(NamedTuple):
     balanced: Image
     intensity: Image
     chroma: Image
-    lit: Mask
+    lit: BoolArray
 
 
-def source_space(image: Image, mask: Mask, colour: Image) -> SourceSpace:
+def source_space(image: Image, mask: BoolArray, colour: Image) -> SourceSpace:
     """Split an image (height, width, bands) by the light's colour (bands,), mean 1.
 
     Examples
@@ -71,6 +71,7 @@ def source_space(image: Image, mask: Mask, colour: Image) -> SourceSpace:
 
 
 def _mean(planes: list[Image]) -> Image:
+    """Mean of several planes (height, width)."""
     total = planes[0].copy()
     for plane in planes[1:]:
         total += plane
@@ -80,8 +81,8 @@ def _mean(planes: list[Image]) -> Image:
 def colour_clusters(space: SourceSpace) -> Labels:
     """Label every pixel (height, width) with the body colour that it is nearest to.
 
-    Mirrored light does not change the direction of the specular-free part u, so that pixels of one
-    body colour share it. Directions are collected from a sample, one leader after another.
+    Specular light does not change the direction of the specular-free part u, so that pixels of one
+    body colour share it. Directions are collected from a sample of the pixels, one after another.
 
     Examples
     --------
@@ -91,37 +92,41 @@ def colour_clusters(space: SourceSpace) -> Labels:
     >>> len(np.unique(colour_clusters(space)))
     2
     """
-    leaders = _leaders(space)
+    directions = _cluster_directions(space)
     shape = space.intensity.shape
-    if len(leaders) == 1:
+    if len(directions) == 1:
         return np.zeros(shape, dtype=np.uint8)
     pixels = space.balanced.reshape(-1, space.balanced.shape[-1])
     labels = np.empty(len(pixels), dtype=np.uint8)
     for start in range(0, len(pixels), _BLOCK):
         block = slice(start, start + _BLOCK)
-        labels[block] = _nearest(pixels[block], leaders)
+        labels[block] = _nearest(pixels[block], directions)
     return labels.reshape(shape)
 
 
-def _nearest(pixels: Image, leaders: Image) -> Labels:
-    """The likeliest leader of every pixel (n, bands), without BLAS, whose threads cost more here.
+def _nearest(pixels: Image, directions: Image) -> Labels:
+    """Label (n,) of the cluster direction at the smallest angle to each pixel (n, bands).
 
-    leader · u = leader · I, because a leader has mean zero; |u| is common to all leaders.
+    direction · u = direction · I, because a direction has mean zero; |u| is common to all. Written
+    without BLAS, whose threads cost more here than they save.
     """
     planes = np.ascontiguousarray(pixels.T)
     labels = np.zeros(len(pixels), dtype=np.uint8)
-    best = np.full(len(pixels), -np.inf, dtype=pixels.dtype)
-    for label, leader in enumerate(leaders):
-        likeness = planes[0] * leader[0]
-        for plane, weight in zip(planes[1:], leader[1:], strict=True):
-            likeness += plane * weight
-        np.copyto(labels, np.uint8(label), where=likeness > best)
-        np.maximum(best, likeness, out=best)
+    largest = np.full(len(pixels), -np.inf, dtype=pixels.dtype)
+    for label, direction in enumerate(directions):
+        projection = planes[0] * direction[0]
+        for plane, weight in zip(planes[1:], direction[1:], strict=True):
+            projection += plane * weight
+        np.copyto(labels, np.uint8(label), where=projection > largest)
+        np.maximum(largest, projection, out=largest)
     return labels
 
 
-def _leaders(space: SourceSpace) -> Image:
-    """Mean directions (clusters, bands) of the body colours in a sample of the lit pixels."""
+def _cluster_directions(space: SourceSpace) -> Image:
+    """Mean directions (clusters, bands) of the body colours in a sample of the lit pixels.
+
+    The most saturated pixel that belongs to no cluster yet starts the next one.
+    """
     chosen = np.flatnonzero(space.lit)
     chosen = chosen[:: max(1, len(chosen) // _SAMPLE)]
     bands = space.balanced.shape[-1]
@@ -130,14 +135,14 @@ def _leaders(space: SourceSpace) -> Image:
     length = np.linalg.norm(u, axis=1, keepdims=True)
     order = np.argsort(-length[:, 0], kind="stable")
     directions = (u / np.maximum(length, np.finfo(u.dtype).tiny))[order]
-    free = np.ones(len(directions), dtype=bool)
-    leaders: list[Any] = []
-    while free.any() and len(leaders) < 32:
-        first = directions[np.argmax(free)]
-        near = free & (directions @ first > _SAME_HUE)
-        near[np.argmax(free)] = True
-        if near.sum() >= _SMALLEST * len(directions) or not leaders:
-            mean = directions[near].mean(axis=0)
-            leaders.append(mean / max(float(np.linalg.norm(mean)), 1e-12))
-        free &= ~near
-    return np.array(leaders, dtype=u.dtype)
+    unassigned = np.ones(len(directions), dtype=bool)
+    means: list[Any] = []
+    while unassigned.any() and len(means) < 32:
+        first = directions[np.argmax(unassigned)]
+        cluster = unassigned & (directions @ first > _SAME_HUE)
+        cluster[np.argmax(unassigned)] = True
+        if cluster.sum() >= _SMALLEST * len(directions) or not means:
+            mean = directions[cluster].mean(axis=0)
+            means.append(mean / max(float(np.linalg.norm(mean)), 1e-12))
+        unassigned &= ~cluster
+    return np.array(means, dtype=u.dtype)

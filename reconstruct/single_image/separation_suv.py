@@ -1,19 +1,18 @@
-"""Separation in SUV colour space by erosion along surfaces of one body colour."""
+"""Separation in SUV colour space by erosion on regions of one hue (Mallick et al. 2006)."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct.observation import Image
 from malus.reconstruct.single_image.separation_space import SourceSpace
-
-Mask = NDArray[np.bool_]
+from malus.scenes.core.arrays import BoolArray
 
 _TIME_STEP = 0.5
 """Largest step at which the upwind scheme of a unit-speed erosion is stable in two dimensions."""
 _MAX_STEPS = 2000
 _SETTLED = 1e-5
+"""Largest change in one step, over the smallest value, at which the erosion has ended."""
 _HUE_EDGE = 0.05
 """Squared hue difference of neighbours at which erosion has slowed to 1/e: about 13°."""
 _NEIGHBOURS = ((0, 1), (0, -1), (1, 1), (1, -1))
@@ -21,12 +20,12 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 1), (1, -1))
 
 
 def suv_diffuse(space: SourceSpace, steps: int | None = None) -> Image:
-    """m_d (height, width): the body's tan ϑ = S/|UV| found by erosion, times |UV|.
+    """Diffuse intensity m_d (height, width): the diffuse S/|UV|, found by erosion, times |UV|.
 
-    S is the coordinate along the light's colour and U, V span the rest, which mirrored light does
-    not touch. S/|UV| is constant on a body of one colour and only ever raised by mirrored light, so
-    the partial differential equation τ_t = −g |∇τ|, with g stopping at edges of hue, sinks it to
-    the body's value. Where a pixel has no colour, all of it is taken for body light.
+    S is the coordinate along the light's colour and U, V span the rest, which specular light does
+    not change. τ = S/|UV| is constant on a body of one colour and raised by specular light, so the
+    partial differential equation τ_t = −g |∇τ|, with g near 0 at edges of hue, lowers it to the
+    diffuse value. A pixel without colour is taken for diffuse light alone.
 
     Source: Mallick, Zickler, Belhumeur and Kriegman, "Specularity removal in images and videos: a
     PDE approach", ECCV (2006), textureless case with hue-dependent stopping, Rouy and Tourin's
@@ -42,46 +41,46 @@ def suv_diffuse(space: SourceSpace, steps: int | None = None) -> Image:
     2.0
     """
     floor = 1e-3 * float(np.quantile(space.chroma[space.lit], 0.98)) + np.finfo(np.float32).tiny
-    steady = space.lit & (space.chroma > floor)
-    slope = np.where(steady, space.intensity, 0) / np.maximum(space.chroma, floor)
-    gates = _gates(space, steady)
+    coloured = space.lit & (space.chroma > floor)
+    slope = np.where(coloured, space.intensity, 0) / np.maximum(space.chroma, floor)
+    stops = _stopping_functions(space, coloured)
     limit = steps if steps is not None else min(2 * sum(slope.shape), _MAX_STEPS)
-    smallest = float(slope[steady].min())
+    smallest = float(slope[coloured].min())
     for _ in range(limit):
-        change = _erosion(slope, gates)
-        slope -= change
-        if float(change.max()) < _SETTLED * smallest:
+        decrease = _erosion(slope, stops)
+        slope -= decrease
+        if float(decrease.max()) < _SETTLED * smallest:
             break
-    return np.where(steady, slope * space.chroma, space.intensity)
+    return np.where(coloured, slope * space.chroma, space.intensity)
 
 
-def _erosion(slope: Image, gates: list[Image]) -> Image:
-    """What one step of τ_t = −g |∇τ| takes away: neighbours that are lower pull a pixel down."""
+def _erosion(slope: Image, stops: list[Image]) -> Image:
+    """Decrease of τ in one step of τ_t = −g |∇τ|: lower neighbours pull a pixel down."""
     up, down, left, right = (
-        gate * np.maximum(slope - _neighbour(slope, *where), 0)
-        for gate, where in zip(gates, _NEIGHBOURS, strict=True)
+        stop * np.maximum(slope - _neighbour(slope, *shift), 0)
+        for stop, shift in zip(stops, _NEIGHBOURS, strict=True)
     )
     return np.asarray(_TIME_STEP * np.hypot(np.maximum(up, down), np.maximum(left, right)))
 
 
 def _neighbour(values: Image, axis: int, shift: int) -> Image:
-    """The array shifted by one pixel, its own values where there is no neighbour."""
+    """The array shifted by one pixel along an axis; edge pixels keep their own values."""
     result = values.copy()
-    to, source = [slice(None)] * values.ndim, [slice(None)] * values.ndim
-    to[axis] = slice(1, None) if shift == 1 else slice(None, -1)
+    target, source = [slice(None)] * values.ndim, [slice(None)] * values.ndim
+    target[axis] = slice(1, None) if shift == 1 else slice(None, -1)
     source[axis] = slice(None, -1) if shift == 1 else slice(1, None)
-    result[tuple(to)] = values[tuple(source)]
+    result[tuple(target)] = values[tuple(source)]
     return result
 
 
-def _gates(space: SourceSpace, steady: Mask) -> list[Image]:
-    """exp(−|Δhue|² / edge²) towards the four neighbours, zero towards pixels without colour."""
+def _stopping_functions(space: SourceSpace, coloured: BoolArray) -> list[Image]:
+    """g = exp(−|Δhue|² / edge²) towards the four neighbours, zero towards pixels without colour."""
     u = space.balanced - space.intensity[..., None]
     norm = np.linalg.norm(u, axis=-1, keepdims=True)
-    hue = np.where(steady[..., None], u / np.where(norm > 0, norm, 1), 0)
-    found = []
-    for where in _NEIGHBOURS:
-        difference = np.sum((hue - _neighbour(hue, *where)) ** 2, axis=-1)
-        both = steady & _neighbour(steady.astype(np.uint8), *where).astype(bool)
-        found.append(np.where(both, np.exp(-difference / _HUE_EDGE), 0).astype(hue.dtype))
-    return found
+    hue = np.where(coloured[..., None], u / np.where(norm > 0, norm, 1), 0)
+    stops = []
+    for shift in _NEIGHBOURS:
+        difference = np.sum((hue - _neighbour(hue, *shift)) ** 2, axis=-1)
+        both = coloured & _neighbour(coloured.astype(np.uint8), *shift).astype(bool)
+        stops.append(np.where(both, np.exp(-difference / _HUE_EDGE), 0).astype(hue.dtype))
+    return stops

@@ -1,12 +1,12 @@
-"""Image irradiance of a rough dielectric under one distant light: the dichromatic microfacet model.
+"""Radiance of a rough dielectric under one distant light: the dichromatic microfacet model.
 
 Per unit irradiance of the light,
 
-    I = a · body(N) + F(γ, η) · mirrored(N),    mirrored = D(N·H) G1(N·L) G1(N·V) / (4 N·V),
+    I = a · diffuse(N) + F(γ, η) · specular(N),    specular = D(N·H) G1(N·L) G1(N·V) / (4 N·V),
 
-with Beckmann's D and the rational G1 of Walter et al., "Microfacet models for refraction through
-rough surfaces", EGSR (2007). H, and with it Fresnel's F, is the same at every pixel. The body is
-Lambertian ('unpolarised'), or its light crosses the interface twice ('polarised').
+with albedo a, Beckmann's D and the rational G1 of Walter et al., "Microfacet models for refraction
+through rough surfaces", EGSR (2007). H, and with it Fresnel's F, is the same at every pixel. The
+body is Lambertian ('unpolarised'), or its light crosses the interface twice ('polarised').
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from malus.reconstruct.fresnel import reflectances
 from malus.reconstruct.observation import Inapplicable
+from malus.scenes.core.arrays import Float64Array
 
-Floats = NDArray[np.float64]
 BodyKind = Literal["unpolarised", "polarised"]
+"""Whether light that scatters inside the body leaves it unpolarised or as Fresnel transmits it."""
 
 ETA_RANGE = (1.05, 3.0)
-"""Indices of dielectrics that a level of mirrored light may be explained with."""
+"""Range of dielectrics' indices that a specular level may be explained with."""
 
 
-def half_vector(direction: Floats) -> Floats:
+def half_vector(direction: Float64Array) -> Float64Array:
     """Unit vector halfway between the light (3,) and the viewer (0, 0, 1).
 
     Raises
@@ -48,8 +48,10 @@ def half_vector(direction: Floats) -> Floats:
     return np.asarray(half / length)
 
 
-def diffuse_shading(normals: Floats, direction: Floats, kind: BodyKind, eta: float = 1.5) -> Floats:
-    """Body light of a white body per unit irradiance, 1/sr.
+def diffuse_shading(
+    normals: Float64Array, direction: Float64Array, kind: BodyKind, eta: float = 1.5
+) -> Float64Array:
+    """Diffuse radiance (...) of a white body per unit irradiance, 1/sr.
 
     Parameters
     ----------
@@ -57,12 +59,12 @@ def diffuse_shading(normals: Floats, direction: Floats, kind: BodyKind, eta: flo
     direction : (3,) unit vector towards the light
     kind : 'unpolarised' (Lambertian) or 'polarised' (transmitted twice by the interface)
     eta : float
-        Index of the interface; only a polarised body asks for it.
+        Index of the interface; only used for a polarised body.
 
     Examples
     --------
     >>> facing = np.array([0.0, 0.0, 1.0])
-    >>> round(float(body_shading(facing, facing, "unpolarised")) * math.pi, 6)
+    >>> round(float(diffuse_shading(facing, facing, "unpolarised")) * math.pi, 6)
     1.0
     """
     n_l = np.clip(normals @ direction, 0.0, 1.0)
@@ -72,13 +74,20 @@ def diffuse_shading(normals: Floats, direction: Floats, kind: BodyKind, eta: flo
     return np.asarray(n_l / math.pi * _transmitted(n_l, eta) * _transmitted(n_v, eta))
 
 
-def specular_shading(normals: Floats, direction: Floats, alpha: float) -> Floats:
-    """Light mirrored by facets of reflectance 1 per unit irradiance, 1/sr; shapes as above.
+def specular_shading(normals: Float64Array, direction: Float64Array, alpha: float) -> Float64Array:
+    """Specular radiance (...) of facets with reflectance 1 per unit irradiance, 1/sr.
+
+    Parameters
+    ----------
+    normals : (..., 3) unit normals in the image frame
+    direction : (3,) unit vector towards the light
+    alpha : float
+        Beckmann roughness.
 
     Examples
     --------
     >>> facing = np.array([0.0, 0.0, 1.0])
-    >>> round(float(mirrored_shading(facing, facing, 0.5)) * math.pi, 6)
+    >>> round(float(specular_shading(facing, facing, 0.5)) * math.pi, 6)
     1.0
     """
     half = half_vector(direction)
@@ -90,8 +99,8 @@ def specular_shading(normals: Floats, direction: Floats, alpha: float) -> Floats
     return np.asarray(facets * _unmasked(n_l, alpha) * _unmasked_over_cosine(n_v, alpha) / 4.0)
 
 
-def facet_reflectance(direction: Floats, eta: float) -> float:
-    """F = (F_⊥ + F_∥)/2 of the facets that mirror the light to the viewer.
+def facet_reflectance(direction: Float64Array, eta: float) -> float:
+    """Fresnel reflectance (F_⊥ + F_∥)/2 of the facets that mirror the light to the viewer.
 
     Examples
     --------
@@ -102,8 +111,10 @@ def facet_reflectance(direction: Floats, eta: float) -> float:
     return float(0.5 * (perpendicular + parallel))
 
 
-def index_of(direction: Floats, reflectance: float) -> float:
-    """η whose facets reflect that much, clipped to `ETA_RANGE`; inverse of `facet_reflectance`.
+def index_of(direction: Float64Array, reflectance: float) -> float:
+    """Index η from the reflectance of the facets, clipped to `ETA_RANGE`.
+
+    The inverse of `facet_reflectance`.
 
     Examples
     --------
@@ -119,20 +130,21 @@ def index_of(direction: Floats, reflectance: float) -> float:
     return float(root)
 
 
-def _transmitted(cosine: Floats, eta: float) -> Floats:
+def _transmitted(cosine: Float64Array, eta: float) -> Float64Array:
+    """Fresnel transmittance of unpolarised light at the cosine of its angle outside."""
     perpendicular, parallel = reflectances(cosine, eta)
     return np.asarray(1.0 - 0.5 * (perpendicular + parallel))
 
 
-def _unmasked(cosine: Floats, alpha: float) -> Floats:
-    """Smith's G1 of a direction: 3.535 a + …, a = 1/(alpha tan θ), 1 from a = 1.6 on."""
+def _unmasked(cosine: Float64Array, alpha: float) -> Float64Array:
+    """Smith's G1 of a direction, from a = 1/(alpha tan θ): rational up to a = 1.6, then 1."""
     sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 1e-300))
     a = np.minimum(cosine / (alpha * sine), 1.6)
     rational = (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a)
     return np.asarray(np.where(a < 1.6, rational, 1.0))
 
 
-def _unmasked_over_cosine(cosine: Floats, alpha: float) -> Floats:
+def _unmasked_over_cosine(cosine: Float64Array, alpha: float) -> Float64Array:
     """G1(cos θ) / cos θ, finite at the rim, where it tends to 3.535 / alpha."""
     floor = np.maximum(cosine, 1e-6)
     return _unmasked(floor, alpha) / floor

@@ -12,30 +12,36 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct.observation import Image, Inapplicable
 from malus.reconstruct.single_image.convergence import UNDECIDED, Convergence
 from malus.reconstruct.single_image.outline import Outline, outline_of
-from malus.reconstruct.single_image.parameters import TYPICAL_ETA, Parameters, fit_parameters
-from malus.reconstruct.single_image.reduced import Reduction, reduce
+from malus.reconstruct.single_image.parameters import (
+    TYPICAL_ETA,
+    SurfaceParameters,
+    fit_parameters,
+)
+from malus.reconstruct.single_image.reduced import ReducedPicture, reduce
 from malus.reconstruct.single_image.shading import BodyKind, facet_reflectance, index_of
-from malus.reconstruct.single_image.shape_solver import Guess, Picture, ShapeProblem, Weights
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from malus.reconstruct.single_image.shape_solver import (
+    MaskedPicture,
+    ResidualWeights,
+    ShapeEstimate,
+    ShapeProblem,
+)
+from malus.scenes.core.arrays import BoolArray, Float64Array
 
 SMOOTHNESS = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
-"""Stages of the search, from the outline's shape to the picture's."""
+"""Weight of smoothness at each stage of the search, from the outline's shape to the picture's."""
 STOP = 0.0012
-"""Error of the irradiance at which bending further would explain noise."""
+"""Error of the irradiance at which the search ends: below it, the shape would explain noise."""
 INTEGRABILITY = 0.1
 PLAUSIBLE_LEVEL, PLAUSIBLE_ALPHA = 1e-5, 3e-6
 USUAL_ALPHA = 0.3
 JUDGED = 3e-4
-"""Stage at which a picture must be explained roughly: bent further, a shape explains even noise."""
+"""Smoothness at which the error must be below `FAILED`: a less smooth shape explains even noise."""
 FAILED = 0.1
-"""Error above which a shape is no shape then: blobs leave 0.04, noise leaves 0.28."""
+"""Error above which the picture is not explained: blobs leave 0.04 at that stage, noise 0.28."""
 SAME_COST, SAME_ALPHA = 1.02, 0.1
 """Two starts ended at one minimum where costs differ by 2 % and alphas by a tenth at most."""
 _STARTING_ALPHAS = (0.12, 0.4)
@@ -46,27 +52,51 @@ _TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
-class Recovered:
-    """What one picture told about an object.
+class RecoveredShape:
+    """Normals and surface parameters of an object, recovered from one picture.
 
     Attributes
     ----------
     normals : (height, width, 3)
-        Unit normals on the mask, zero off it.
-    parameters : Parameters
+        Unit normals on the mask, zero off it, in the image frame.
+    parameters : SurfaceParameters
         Fitted to the whole picture with these normals.
     convergence : Convergence
         How the search ended.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[1:-1:16j, -1:1:16j]
+    >>> mask = x**2 + y**2 < 0.8
+    >>> facing = np.sqrt(np.clip(1 - (x**2 + y**2) / 0.8, 0, None))
+    >>> given = GivenParameters(alpha=0.3, body="unpolarised")
+    >>> shape = recover_shape(facing[..., None], mask, np.array([0.0, 0.0, 1.0]), given)
+    >>> shape.parameters.alpha, shape.convergence.converged
+    (0.3, True)
     """
 
     normals: Image
-    parameters: Parameters
+    parameters: SurfaceParameters
     convergence: Convergence
 
 
 @dataclass(frozen=True)
-class Known:
-    """What is known besides the picture; None is unknown."""
+class GivenParameters:
+    """Parameters of light and surface that are given and need not be found; None is unknown.
+
+    Attributes
+    ----------
+    irradiance : float or None
+        Of the distant light, W m⁻² nm⁻¹ for radiances in W m⁻² sr⁻¹ nm⁻¹.
+    eta, alpha : float or None
+        Relative refractive index and Beckmann roughness.
+    body : 'unpolarised', 'polarised' or None
+
+    Examples
+    --------
+    >>> GivenParameters(eta=1.5).alpha is None
+    True
+    """
 
     irradiance: float | None = None
     eta: float | None = None
@@ -76,7 +106,9 @@ class Known:
 
 @dataclass(frozen=True)
 class _Candidate:
-    guess: Guess
+    """One of several searches: its estimate so far, cost, and number of starts that ended there."""
+
+    estimate: ShapeEstimate
     body: BodyKind
     eta: float
     cost: float = np.inf
@@ -85,45 +117,69 @@ class _Candidate:
     starts: int = 1
 
     def agrees(self, other: _Candidate) -> bool:
-        """Whether both are at one minimum: as cheap, and as rough."""
-        same_alpha = abs(np.log(self.guess.alpha / other.guess.alpha)) < SAME_ALPHA
+        """True if both are at the same minimum: their costs and roughnesses are about equal."""
+        same_alpha = abs(np.log(self.estimate.alpha / other.estimate.alpha)) < SAME_ALPHA
         return self.body == other.body and same_alpha and self.cost < SAME_COST * other.cost
 
 
 def recover_shape(
     image: Image,
-    mask: Mask,
-    direction: Floats,
-    known: Known | None = None,
+    mask: BoolArray,
+    direction: Float64Array,
+    given: GivenParameters | None = None,
     specular: Image | None = None,
     size: int = 48,
-) -> Recovered:
-    """Normals, roughness, index and albedo of one object.
+) -> RecoveredShape:
+    """Recover normals, roughness, index and albedo of one object from its picture.
 
     Parameters
     ----------
     image : (height, width, bands) linear radiance under white light
     mask : (height, width) bool, the object
-    direction : (3,) unit vector towards a distant light
-    known : Known, optional
+    direction : (3,) unit vector towards a distant light, in the image frame
+    given : GivenParameters, optional
         Irradiance of the light, and parameters that need not be found.
     specular : (height, width, bands), optional
-        Mirrored light, where a separation by colour found it.
+        Specular light, where it was separated by colour.
     size : int
         Pixels along the longer side of the copy on which normals are searched.
+
+    Returns
+    -------
+    RecoveredShape
+        Its `normals` are (height, width, 3), in the image frame and the dtype of the image.
 
     Raises
     ------
     Inapplicable
-        If the object is too small, dark or without outline, or the search explains nothing.
+        If the object is too small, dark or without outline, or no shape explains the picture.
+
+    Notes
+    -----
+    After Huynh and Robles-Kelly, "Simultaneous photometric invariance and shape recovery", ICCV
+    (2009), and Ikeuchi and Horn, "Numerical shape from shading and occluding boundaries",
+    Artificial Intelligence 17 (1981). See `malus.reconstruct.single_image.shape_solver`.
+
+    Examples
+    --------
+    A Lambertian sphere, lit from the viewer:
+
+    >>> y, x = np.mgrid[1:-1:16j, -1:1:16j]
+    >>> mask = x**2 + y**2 < 0.8
+    >>> facing = np.sqrt(np.clip(1 - (x**2 + y**2) / 0.8, 0, None))
+    >>> given = GivenParameters(body="unpolarised")
+    >>> shape = recover_shape(facing[..., None], mask, np.array([0.0, 0.0, 1.0]), given)
+    >>> shape.normals.shape
+    (16, 16, 3)
     """
-    known = known or Known()
+    given = given or GivenParameters()
     reduced = reduce(image, mask, specular, size)
     outline = outline_of(reduced.mask)
-    candidates = _starts(reduced, outline, direction, known)
+    candidates = _starts(reduced, outline, direction, given)
     for smoothness in SMOOTHNESS:
         candidates = [
-            _refined(c, reduced.pictures, outline, direction, known, smoothness) for c in candidates
+            _refined(candidate, reduced.pictures, outline, direction, given, smoothness)
+            for candidate in candidates
         ]
         candidates = _distinct(candidates)
         error = candidates[0].error
@@ -136,93 +192,99 @@ def recover_shape(
     best, rival = _chosen(candidates)
     starts = sum(c.starts for c in candidates if c.body == best.body)
     convergence = Convergence(best.at_minimum, best.error, best.starts, starts, rival)
-    normals = reduced.enlarged(best.guess.normals, mask)
-    if known.irradiance is not None:
-        # From the search, where what is usual counts: on a bent shape the level alone says little.
-        known = replace(known, eta=best.eta)
-    parameters = _finished(image, mask, direction, known, normals, best.body)
-    return Recovered(normals.astype(image.dtype), parameters, convergence)
+    normals = reduced.enlarged(best.estimate.normals, mask)
+    if given.irradiance is not None:
+        # The index of the search, which a usual level kept plausible; with slightly wrong normals
+        # the level alone would give another.
+        given = replace(given, eta=best.eta)
+    parameters = _fitted(image, mask, direction, given, normals, best.body)
+    return RecoveredShape(normals.astype(image.dtype), parameters, convergence)
 
 
 def _starts(
-    reduced: Reduction, outline: Outline, direction: Floats, known: Known
+    reduced: ReducedPicture, outline: Outline, direction: Float64Array, given: GivenParameters
 ) -> list[_Candidate]:
-    """The outline's shape with every kind of body and several roughnesses."""
+    """Starts of the search: the outline's shape with every kind of body and several roughnesses."""
     components = outline.inflated()
     n_z = np.sqrt(np.clip(1.0 - (components**2).sum(axis=1), 0.0, None))
     normals = np.column_stack([components, n_z])
     total = reduced.total[:, None]
     if not total.max() > 0:
         raise Inapplicable("the object is dark: no shading to recover a shape from")
-    bodies = get_args(BodyKind) if known.body is None else (known.body,)
-    alphas = _STARTING_ALPHAS if known.alpha is None else (known.alpha,)
-    found = []
+    bodies = get_args(BodyKind) if given.body is None else (given.body,)
+    alphas = _STARTING_ALPHAS if given.alpha is None else (given.alpha,)
+    candidates = []
     for body in bodies:
         for alpha in alphas:
-            eta = known.eta or TYPICAL_ETA
+            eta = given.eta or TYPICAL_ETA
             start = fit_parameters(total, normals, direction, body, None, eta, alpha)
             albedo = max(float(start.albedo[0]), 0.1 * float(total.max()))
-            usual = _usual_level(direction, known) or 0.1 * albedo
-            found.append(_Candidate(Guess(normals, albedo, usual, alpha), body, eta))
-    return found
+            level = _usual_level(direction, given) or 0.1 * albedo
+            estimate = ShapeEstimate(normals, albedo, level, alpha)
+            candidates.append(_Candidate(estimate, body, eta))
+    return candidates
 
 
 def _refined(
     candidate: _Candidate,
-    pictures: list[Picture],
+    pictures: list[MaskedPicture],
     outline: Outline,
-    direction: Floats,
-    known: Known,
+    direction: Float64Array,
+    given: GivenParameters,
     smoothness: float,
 ) -> _Candidate:
-    """One stage: minimise at this smoothness, then read the index off the level found."""
-    usual = _usual_level(direction, known)
-    weights = Weights(
+    """The candidate after one stage: the minimum at this smoothness, and the index of its level."""
+    usual_level = _usual_level(direction, given)
+    weights = ResidualWeights(
         smoothness,
         INTEGRABILITY,
-        PLAUSIBLE_LEVEL if usual else 0.0,
-        usual if usual else 1.0,
+        PLAUSIBLE_LEVEL if usual_level else 0.0,
+        usual_level if usual_level else 1.0,
         PLAUSIBLE_ALPHA,
         USUAL_ALPHA,
     )
     problem = ShapeProblem(
-        pictures, outline, direction, candidate.body, candidate.eta, weights, known.alpha
+        pictures, outline, direction, candidate.body, candidate.eta, weights, given.alpha
     )
-    guess, found = problem.solve(candidate.guess, _STEPS, _TOLERANCE)
+    estimate, minimum = problem.solve(candidate.estimate, _STEPS, _TOLERANCE)
     eta = candidate.eta
-    if known.eta is None and known.irradiance is not None:
-        eta = index_of(direction, guess.level / known.irradiance)
+    if given.eta is None and given.irradiance is not None:
+        eta = index_of(direction, estimate.level / given.irradiance)
     return replace(
         candidate,
-        guess=guess,
+        estimate=estimate,
         eta=eta,
-        cost=float(found.cost),
-        error=problem.error(guess),
-        at_minimum=bool(found.success),
+        cost=float(minimum.cost),
+        error=problem.error(estimate),
+        at_minimum=bool(minimum.success),
     )
 
 
-def _usual_level(direction: Floats, known: Known) -> float | None:
-    """Level of mirrored light of a typical dielectric, or of the known one."""
-    if known.irradiance is None:
+def _usual_level(direction: Float64Array, given: GivenParameters) -> float | None:
+    """Specular level of the given index or a typical one; None if no irradiance is given."""
+    if given.irradiance is None:
         return None
-    return known.irradiance * facet_reflectance(direction, known.eta or TYPICAL_ETA)
+    return given.irradiance * facet_reflectance(direction, given.eta or TYPICAL_ETA)
 
 
 def _distinct(candidates: list[_Candidate]) -> list[_Candidate]:
-    """The cheapest of those that agree, with the number of their starts; cheapest first."""
-    found: list[_Candidate] = []
+    """One candidate for each minimum, that of least cost, in order of cost; starts are added up."""
+    distinct: list[_Candidate] = []
     for candidate in sorted(candidates, key=lambda c: c.cost):
-        same = next((i for i, c in enumerate(found) if candidate.agrees(c)), None)
+        same = next((i for i, c in enumerate(distinct) if candidate.agrees(c)), None)
         if same is None:
-            found.append(candidate)
+            distinct.append(candidate)
         else:
-            found[same] = replace(found[same], starts=found[same].starts + candidate.starts)
-    return found
+            starts = distinct[same].starts + candidate.starts
+            distinct[same] = replace(distinct[same], starts=starts)
+    return distinct
 
 
 def _chosen(candidates: list[_Candidate]) -> tuple[_Candidate, float]:
-    """The cheapest, or the safer body beside it, and the other body's cost over its cost."""
+    """The candidate of least cost, and the cost of the other kind of body over its own.
+
+    An unpolarised body is preferred where both kinds cost about the same.
+    """
     best = candidates[0]
     other = next((c for c in candidates if c.body != best.body), None)
     if other is None:
@@ -232,12 +294,17 @@ def _chosen(candidates: list[_Candidate]) -> tuple[_Candidate, float]:
     return best, other.cost / best.cost
 
 
-def _finished(
-    image: Image, mask: Mask, direction: Floats, known: Known, normals: Floats, body: BodyKind
-) -> Parameters:
-    """The parameters fitted to the whole picture, all its bands, with these normals."""
-    every = max(1, int(mask.sum()) // _SAMPLE)
-    pixels, normals = image[mask][::every].astype(np.float64), normals[mask][::every]
+def _fitted(
+    image: Image,
+    mask: BoolArray,
+    direction: Float64Array,
+    given: GivenParameters,
+    normals: Float64Array,
+    body: BodyKind,
+) -> SurfaceParameters:
+    """Surface parameters fitted to all bands of the whole picture with these normals."""
+    step = max(1, int(mask.sum()) // _SAMPLE)
+    pixels, normals = image[mask][::step].astype(np.float64), normals[mask][::step]
     return fit_parameters(
-        pixels, normals, direction, body, known.irradiance, known.eta, known.alpha
+        pixels, normals, direction, body, given.irradiance, given.eta, given.alpha
     )

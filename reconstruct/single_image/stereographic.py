@@ -1,20 +1,19 @@
-"""Normals in stereographic coordinates: the viewer's direction is the origin, the rim a circle."""
+"""Normals in stereographic coordinates: the viewer is at the origin, the rim is the unit circle."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-
-
-def to_rim(f: Floats, g: Floats) -> tuple[Floats, Floats]:
-    """Points beyond the unit circle, whose normals face away, moved onto it."""
-    beyond = np.maximum(np.hypot(f, g), 1.0)
-    return f / beyond, g / beyond
+from malus.scenes.core.arrays import Float64Array
 
 
-def normals_of(f: Floats, g: Floats) -> Floats:
+def to_rim(f: Float64Array, g: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Move points beyond the unit circle, whose normals face away, onto it."""
+    radius = np.maximum(np.hypot(f, g), 1.0)
+    return f / radius, g / radius
+
+
+def normals_of(f: Float64Array, g: Float64Array) -> Float64Array:
     """Unit normals (n, 3) from stereographic coordinates (n,): the rim is the unit circle.
 
     Examples
@@ -23,12 +22,12 @@ def normals_of(f: Floats, g: Floats) -> Floats:
     [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
     """
     square = f * f + g * g
-    over = 1.0 / (1.0 + square)
-    return np.stack([2 * f * over, 2 * g * over, (1 - square) * over], axis=-1)
+    scale = 1.0 / (1.0 + square)
+    return np.stack([2 * f * scale, 2 * g * scale, (1 - square) * scale], axis=-1)
 
 
-def plane_slopes(f: Floats, g: Floats) -> list[list[Floats]]:
-    """Derivatives of n_x and n_y (rows) by f and g (columns)."""
-    over = 1.0 / (1.0 + f * f + g * g)
-    cross = -4 * f * g * over**2
-    return [[2 * over - 4 * f * f * over**2, cross], [cross, 2 * over - 4 * g * g * over**2]]
+def plane_slopes(f: Float64Array, g: Float64Array) -> list[list[Float64Array]]:
+    """Derivatives (n,) of n_x and n_y (rows) by f and g (columns)."""
+    scale = 1.0 / (1.0 + f * f + g * g)
+    cross = -4 * f * g * scale**2
+    return [[2 * scale - 4 * f * f * scale**2, cross], [cross, 2 * scale - 4 * g * g * scale**2]]

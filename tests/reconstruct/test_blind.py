@@ -11,12 +11,12 @@ from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method, Observation
 from malus.reconstruct.single_image import shape
-from malus.reconstruct.single_image.blind import BLIND, blind, run_chain
+from malus.reconstruct.single_image.blind import BLIND_METHODS, blind, run_chain
 from malus.renderers import render
 from malus.renderers.truth import Truth
 from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere, Uniform
 
-METHODS = {entry[0]: Method(*entry) for entry in BLIND}
+METHODS = {entry[0]: Method(*entry) for entry in BLIND_METHODS}
 COLOUR = np.array([0.3, 0.6, 1.0])[:, None]
 
 
@@ -90,16 +90,16 @@ def test_the_kind_of_body_is_read_off_its_shading(body: str) -> None:
 
 def test_a_turned_picture_turns_the_answer() -> None:
     truth = sphere()
-    seen = observe(truth, frozenset({"light", "normals"}))
-    light = seen.light
-    x, y, z = np.moveaxis(np.rot90(seen.normals), -1, 0)
+    observation = observe(truth, frozenset({"light", "normals"}))
+    light = observation.light
+    x, y, z = np.moveaxis(np.rot90(observation.normals), -1, 0)
     turned = Observation(
-        np.rot90(seen.image),
-        np.rot90(seen.mask),
+        np.rot90(observation.image),
+        np.rot90(observation.mask),
         normals=np.stack([-y, x, z], axis=-1),
         light=light.model_copy(update={"azimuth_deg": light.azimuth_deg + 90}),
     )
-    plain, after = blind(seen), blind(turned)
+    plain, after = blind(observation), blind(turned)
     # A quarter turn changes the sign of s1 and s2.
     np.testing.assert_allclose(after.s1, -np.rot90(plain.s1), atol=1e-4)
     np.testing.assert_allclose(after.s2, -np.rot90(plain.s2), atol=1e-4)
@@ -107,26 +107,26 @@ def test_a_turned_picture_turns_the_answer() -> None:
 
 def test_exposure_scales_the_answer_where_the_light_is_not_given() -> None:
     truth = sphere()
-    seen = observe(truth, frozenset())
-    bright = blind(replace(seen, image=64.0 * seen.image))
-    np.testing.assert_allclose(bright.s1, 64.0 * blind(seen).s1, rtol=1e-3, atol=1e-3)
+    observation = observe(truth, frozenset())
+    bright = blind(replace(observation, image=64.0 * observation.image))
+    np.testing.assert_allclose(bright.s1, 64.0 * blind(observation).s1, rtol=1e-3, atol=1e-3)
 
 
 def test_nothing_off_the_object_is_polarised() -> None:
     truth = sphere()
-    seen = observe(truth, frozenset({"light"}))
-    wall = replace(seen, image=np.where(seen.mask[..., None], seen.image, 0.3))
-    found = blind(wall)
-    assert not found.s1[~seen.mask].any()
-    np.testing.assert_array_equal(found.image, wall.image)
+    observation = observe(truth, frozenset({"light"}))
+    wall = replace(observation, image=np.where(observation.mask[..., None], observation.image, 0.3))
+    components = blind(wall)
+    assert not components.s1[~observation.mask].any()
+    np.testing.assert_array_equal(components.image, wall.image)
 
 
 def test_other_lights_metals_and_dark_pictures_say_so() -> None:
     truth = sphere()
-    seen = observe(truth, frozenset())
+    observation = observe(truth, frozenset())
     with pytest.raises(Inapplicable, match="distant light"):
-        blind(replace(seen, light=Uniform()))
+        blind(replace(observation, light=Uniform()))
     with pytest.raises(Inapplicable, match="dark"):
-        blind(replace(seen, image=0 * seen.image))
+        blind(replace(observation, image=0 * observation.image))
     with pytest.raises(Inapplicable, match="dielectric"):  # its real part alone is no index
-        blind(replace(seen, eta=np.full(3, 0.4 + 2.4j)))
+        blind(replace(observation, eta=np.full(3, 0.4 + 2.4j)))

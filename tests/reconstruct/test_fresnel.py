@@ -38,11 +38,11 @@ def test_the_shared_vectors(shared: Path) -> None:
 def test_many_digits(eta: complex, cosine: float) -> None:
     angle = mp.acos(mpf(cosine))
     perpendicular, parallel = literal.reflectances(angle, eta)
-    found = reflectances(cosine, eta)
+    computed = reflectances(cosine, eta)
     # Relative, because at η = 1 ± 1e-12 both are 1e-25. Near the critical angle and near η = 1 at
     # grazing incidence one rounding of c² + δ is amplified to 1e-10 of q; elsewhere nothing is.
-    assert found[0] == pytest.approx(float(perpendicular), rel=1e-9)
-    assert found[1] == pytest.approx(float(parallel), rel=1e-9, abs=1e-30)
+    assert computed[0] == pytest.approx(float(perpendicular), rel=1e-9)
+    assert computed[1] == pytest.approx(float(parallel), rel=1e-9, abs=1e-30)
     dolp = (perpendicular - parallel) / (perpendicular + parallel)
     assert smooth_dolp(cosine, eta) == pytest.approx(float(dolp), rel=1e-9, abs=1e-15)
     if perpendicular + parallel < 2 and abs(eta - 1) > 1e-6:

@@ -34,7 +34,7 @@ def test_a_folder_that_cannot_be_written_costs_the_cache_only(
         return plain(*arguments, **options)
 
     monkeypatch.setattr(numba, "njit", refusing)
-    add = kernels.compiled(kernels.add_ratio.py_func)  # type: ignore[attr-defined]
+    add = kernels.compiled(kernels.add_polarised.py_func)  # type: ignore[attr-defined]
     s1, s2 = np.zeros((2, 1, 1))
     add(np.full((1, 1), 2.0), np.array([[[0.25, 0.5]]]), s1, s2)
     assert (s1.item(), s2.item()) == (0.5, 1.0)

@@ -24,7 +24,7 @@ GLASS = np.array([1.52, 1.5])
 TABLE = 2e-6
 
 
-def seen(height: int = 6, width: int = 8, seed: int = 0) -> Observation:
+def random_observation(height: int = 6, width: int = 8, seed: int = 0) -> Observation:
     """Random intensities and normals in float64 and two bands."""
     random = np.random.default_rng(seed)
     cosine = random.uniform(0.05, 1.0, (height, width))
@@ -51,27 +51,27 @@ def filled(values: np.ndarray, height: int = 6, width: int = 8) -> np.ndarray:
     return np.tile(values, (height, width, 1))
 
 
-def assert_same(found: Components, expected: Components, method: str) -> None:
+def assert_same(components: Components, expected: Components, method: str) -> None:
     bound = TABLE  # also of the weights of `lights`, float32 where the surface is uniform
     for name in ("image", "s1", "s2"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=bound)
-    np.testing.assert_array_equal(found.valid, expected.valid)
+        np.testing.assert_allclose(getattr(components, name), getattr(expected, name), atol=bound)
+    np.testing.assert_array_equal(components.valid, expected.valid)
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("eta", [GLASS, METAL])
 def test_a_constant_map_is_a_uniform_surface(method: str, eta: np.ndarray) -> None:
-    picture = replace(seen(), eta=eta)
+    picture = replace(random_observation(), eta=eta)
     mapped = replace(picture, eta=filled(eta), alpha=np.full((6, 8), 0.3))
-    found, expected = reconstruct(mapped, method), reconstruct(picture, method)
-    assert_same(found, expected, method)
-    assert np.max(np.abs(found.s1)) > 0.01
+    components, expected = reconstruct(mapped, method), reconstruct(picture, method)
+    assert_same(components, expected, method)
+    assert np.max(np.abs(components.s1)) > 0.01
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_two_halves_are_two_surfaces(method: str) -> None:
     """Glass on the left, a metal on the right, as where two objects stand in one picture."""
-    picture = seen(20, 20)
+    picture = random_observation(20, 20)
     eta, alpha = filled(GLASS, 20, 20).astype(complex), np.full((20, 20), 0.3)
     eta[:, 4:], alpha[:, 4:] = METAL, 0.2
     both = reconstruct(replace(picture, eta=eta, alpha=alpha), method)
@@ -86,14 +86,14 @@ def test_two_halves_are_two_surfaces(method: str) -> None:
 @pytest.mark.parametrize("metal", [False, True])
 def test_a_texture_of_many_surfaces_is_the_integral_everywhere(measure: str, metal: bool) -> None:
     """2500 pixels, each with a roughness and an index of its own, and the integral of some."""
-    picture, random = seen(50, 50), np.random.default_rng(1)
+    picture, random = random_observation(50, 50), np.random.default_rng(1)
     eta = random.uniform(1.4, 1.6, (50, 50, 2)) + (3.0j if metal else 0.0)
     alpha = random.uniform(0.2, 0.4, (50, 50))
-    found = reconstruct(replace(picture, eta=eta, alpha=alpha), measure)
+    components = reconstruct(replace(picture, eta=eta, alpha=alpha), measure)
     some = (slice(None, None, 13), slice(None, None, 11))
     zenith = np.arccos(picture.normals[..., 2][some])[..., None]  # type: ignore[index]
     exact = specular_dolp(zenith, eta[some], alpha[some][..., None] ** -2.0, measure)  # type: ignore[arg-type]
-    degree = np.hypot(found.s1, found.s2)[some] / picture.specular[some]  # type: ignore[index]
+    degree = np.hypot(components.s1, components.s2)[some] / picture.specular[some]  # type: ignore[index]
     np.testing.assert_allclose(degree, np.abs(exact), atol=TABLE)
 
 
@@ -110,35 +110,35 @@ def test_few_surfaces_have_tables_and_many_an_interpolant(monkeypatch: pytest.Mo
 @pytest.mark.parametrize("method", ["eq8", "smooth+body", "half_vector", "lights"])
 @pytest.mark.parametrize(("name", "value"), [("eta", -1.5), ("eta", np.nan), ("alpha", 0.0)])
 def test_pixels_of_no_material_are_flagged(method: str, name: str, value: float) -> None:
-    picture = replace(seen(), eta=filled(GLASS), alpha=np.full((6, 8), 0.3))
+    picture = replace(random_observation(), eta=filled(GLASS), alpha=np.full((6, 8), 0.3))
     spoilt = getattr(picture, name).copy()
     spoilt[2, 3] = value
-    found = reconstruct(replace(picture, **{name: spoilt}), method)
+    components = reconstruct(replace(picture, **{name: spoilt}), method)
     expected = np.ones((6, 8), dtype=bool)
     expected[2, 3] = False
-    np.testing.assert_array_equal(found.valid, expected)
-    assert not found.stokes[2, 3].any()
+    np.testing.assert_array_equal(components.valid, expected)
+    assert not components.stokes[2, 3].any()
     before = reconstruct(picture, method)
-    np.testing.assert_allclose(found.s1[expected], before.s1[expected], atol=TABLE)
+    np.testing.assert_allclose(components.s1[expected], before.s1[expected], atol=TABLE)
 
 
 @pytest.mark.parametrize("method", ["smooth", "half_vector", "smooth+body"])
 def test_metals_against_fresnel(method: str) -> None:
     """Complex indices, evaluated pixel by pixel with the reflectances themselves."""
-    picture = replace(seen(), eta=METAL, diffuse=np.zeros((6, 8, 2)))
-    found = reconstruct(picture, method)
+    picture = replace(random_observation(), eta=METAL, diffuse=np.zeros((6, 8, 2)))
+    components = reconstruct(picture, method)
     half = np.array(picture.light.direction) + [0.0, 0.0, 1.0]  # type: ignore[union-attr]
     mirror = picture.normals if "smooth" in method else half / np.linalg.norm(half)
     perpendicular, parallel = reflectances(mirror[..., 2:], METAL)  # type: ignore[index]
     rho = (perpendicular - parallel) / (perpendicular + parallel)
     twice = 2.0 * np.arctan2(mirror[..., 1], mirror[..., 0])[..., None]  # type: ignore[index]
-    np.testing.assert_allclose(found.s1, -picture.specular * rho * np.cos(twice), atol=TABLE)  # type: ignore[operator]
-    np.testing.assert_allclose(found.s2, -picture.specular * rho * np.sin(twice), atol=TABLE)  # type: ignore[operator]
+    np.testing.assert_allclose(components.s1, -picture.specular * rho * np.cos(twice), atol=TABLE)  # type: ignore[operator]
+    np.testing.assert_allclose(components.s2, -picture.specular * rho * np.sin(twice), atol=TABLE)  # type: ignore[operator]
 
 
 @pytest.mark.parametrize("method", ["eq8", "shadowed", "smooth", "half_vector", "lights"])
 def test_the_body_of_a_metal_without_body_light_changes_nothing(method: str) -> None:
-    picture = replace(seen(), eta=METAL, diffuse=np.zeros((6, 8, 2)))
+    picture = replace(random_observation(), eta=METAL, diffuse=np.zeros((6, 8, 2)))
     plain, mended = reconstruct(picture, method), reconstruct(picture, f"{method}+body")
     np.testing.assert_array_equal(plain.s1, mended.s1)
     np.testing.assert_array_equal(plain.s2, mended.s2)
@@ -149,12 +149,12 @@ def test_the_body_of_a_metal_without_body_light_changes_nothing(method: str) -> 
 @pytest.mark.parametrize("name", [*MEASURES, "smooth"])
 def test_the_loop_over_pixels_is_the_formula(name: str, eta: np.ndarray, dtype: str) -> None:
     """Every pixel and band alone: integral, Fresnel and trigonometry in float64."""
-    picture = replace(seen(seed=4), eta=eta)
+    picture = replace(random_observation(seed=4), eta=eta)
     arrays = {
         n: getattr(picture, n).astype(dtype) for n in ("image", "specular", "diffuse", "normals")
     }
     picture = replace(picture, **arrays)
-    found = reconstruct(picture, f"{name}+body")
+    components = reconstruct(picture, f"{name}+body")
     for y, x, band in np.ndindex(6, 8, 2):
         normal = picture.normals[y, x].astype(np.float64)  # type: ignore[index]
         cosine = min(normal[2], 1.0)
@@ -166,13 +166,13 @@ def test_the_loop_over_pixels_is_the_formula(name: str, eta: np.ndarray, dtype: 
         polarised -= float(picture.specular[y, x, band]) * rho  # type: ignore[index]
         twice = 2.0 * np.arctan2(normal[1], normal[0])
         # Two tables within 1e-6 each, times intensities below 1.
-        assert found.s1[y, x, band] == pytest.approx(polarised * np.cos(twice), abs=TABLE)
-        assert found.s2[y, x, band] == pytest.approx(polarised * np.sin(twice), abs=TABLE)
+        assert components.s1[y, x, band] == pytest.approx(polarised * np.cos(twice), abs=TABLE)
+        assert components.s2[y, x, band] == pytest.approx(polarised * np.sin(twice), abs=TABLE)
 
 
 def test_the_lights_method_is_one_integral_in_either_order() -> None:
     """A lamp over surfaces of one roughness: one product of matrices against pixel by pixel."""
-    picture = replace(seen(), light=Area(incidence_deg=50, half_angle_deg=30))
+    picture = replace(random_observation(), light=Area(incidence_deg=50, half_angle_deg=30))
     towards = np.broadcast_to([0.0, 0.0, 1.0], (6, 8, 3))
     product = reconstruct(picture, "lights")
     for other in (replace(picture, view_direction=towards), replace(picture, eta=filled(GLASS))):

@@ -31,9 +31,9 @@ def test_the_shared_values(shared: Path) -> None:
     path = shared / "data" / "polarisation_ratio_reference.json"
     for row in json.loads(path.read_text("utf-8"))["rows"]:
         zenith = np.radians(row["zenith_deg"])
-        found = polarisation_ratio(zenith, row["eta"], row["sigma"], row["measure"])
+        computed = polarisation_ratio(zenith, row["eta"], row["sigma"], row["measure"])
         # dR = 2 dρ/(1 + ρ)², and ρ > 0 in these rows
-        assert found == pytest.approx(row["R"], abs=2 * PROMISED)
+        assert computed == pytest.approx(row["R"], abs=2 * PROMISED)
 
 
 def stress_values() -> list[dict[str, object]]:
@@ -49,8 +49,8 @@ def test_stress_against_stored_reference(measure: str) -> None:
     zenith = np.array([row["zenith"] for row in rows])
     eta = np.array([complex(*row["eta"]) for row in rows])  # type: ignore[misc]
     sigma = np.array([row["sigma"] for row in rows])
-    found = specular_dolp(zenith, eta, sigma, measure)  # type: ignore[arg-type]
-    error = np.abs(found - np.array([row["rho"] for row in rows]))
+    computed = specular_dolp(zenith, eta, sigma, measure)  # type: ignore[arg-type]
+    error = np.abs(computed - np.array([row["rho"] for row in rows]))
     worst = int(np.argmax(error))
     assert error[worst] <= PROMISED, rows[worst]
 
@@ -68,18 +68,18 @@ def test_against_reference_computed_now(
     measure: str, zenith: float, eta: complex, sigma: float
 ) -> None:
     reference = reference_dolp(zenith, eta, sigma, measure).value
-    found = specular_dolp(zenith, eta, sigma, measure)  # type: ignore[arg-type]
-    assert found == pytest.approx(reference, abs=PROMISED)
+    computed = specular_dolp(zenith, eta, sigma, measure)  # type: ignore[arg-type]
+    assert computed == pytest.approx(reference, abs=PROMISED)
 
 
 @settings(deadline=None, derandomize=True, max_examples=40)
 @given(ZENITHS, INDICES, SIGMAS, st.sampled_from(MEASURES))
 def test_two_accuracies_agree(zenith: float, eta: complex, sigma: float, measure: str) -> None:
     """What a thousandth of the tolerance changes is the error that the estimate let through."""
-    found = specular_dolp(zenith, eta, sigma, measure)  # type: ignore[arg-type]
+    computed = specular_dolp(zenith, eta, sigma, measure)  # type: ignore[arg-type]
     finer = specular_dolp(zenith, eta, sigma, measure, tolerance=1e-11)  # type: ignore[arg-type]
-    assert -1.0 <= found <= 1.0
-    assert found == pytest.approx(float(finer), abs=PROMISED)
+    assert -1.0 <= computed <= 1.0
+    assert computed == pytest.approx(float(finer), abs=PROMISED)
 
 
 @settings(deadline=None, derandomize=True, max_examples=20)
@@ -162,10 +162,10 @@ def test_many_points_are_interpolated_to_the_tolerance(measure: str) -> None:
     count = 30_000
     zenith = rng.uniform(0.0, np.pi / 2, count)
     eta, sigma = rng.uniform(1.4, 1.6, count), np.exp(rng.uniform(np.log(20), np.log(200), count))
-    found = specular_dolp(zenith, eta, sigma, measure, tolerance=1e-6)  # type: ignore[arg-type]
+    computed = specular_dolp(zenith, eta, sigma, measure, tolerance=1e-6)  # type: ignore[arg-type]
     some = slice(None, 400)
     exact = specular_dolp(zenith[some], eta[some], sigma[some], measure)  # type: ignore[arg-type]
-    np.testing.assert_allclose(found[some], exact, atol=1e-6)
+    np.testing.assert_allclose(computed[some], exact, atol=1e-6)
 
 
 @pytest.mark.parametrize(

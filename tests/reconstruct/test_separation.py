@@ -134,7 +134,7 @@ def test_noise_in_the_dark_is_no_highlight() -> None:
     rng = np.random.default_rng(0)
     body = np.linspace(0.2, 1, 32 * 32).reshape(32, 32, 1) * [1.5, 1.0, 0.5]
     body[:, :8] = 0.01 * rng.random((32, 8, 3))
-    found = separate(body, np.ones((32, 32), bool))
-    assert not found.specular[:, :8].any()
+    parts = separate(body, np.ones((32, 32), bool))
+    assert not parts.specular[:, :8].any()
     # Equal but for the rounding of one subtraction and one sum.
-    np.testing.assert_allclose(found.diffuse + found.specular, body, rtol=1e-14)
+    np.testing.assert_allclose(parts.diffuse + parts.specular, body, rtol=1e-14)

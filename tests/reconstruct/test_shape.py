@@ -20,8 +20,13 @@ from malus.reconstruct.single_image.shading import (
     index_of,
     specular_shading,
 )
-from malus.reconstruct.single_image.shape import Known, recover_shape
-from malus.reconstruct.single_image.shape_solver import Guess, Picture, ShapeProblem, Weights
+from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
+from malus.reconstruct.single_image.shape_solver import (
+    MaskedPicture,
+    ResidualWeights,
+    ShapeEstimate,
+    ShapeProblem,
+)
 from malus.renderers import render
 from malus.renderers.truth import Truth
 from malus.scenes import Blob, Camera, Dielectric, Distant, Sampling, Scene, Sphere
@@ -48,23 +53,28 @@ def light_of(truth: Truth) -> np.ndarray:
     return np.array(truth.scene.light.direction)
 
 
-def problem(truth: Truth, separated: bool = False, cut: int = 0) -> tuple[ShapeProblem, Guess]:
+def problem(
+    truth: Truth, separated: bool = False, cut: int = 0
+) -> tuple[ShapeProblem, ShapeEstimate]:
     """The object's left `cut` columns may lie beyond the picture's edge."""
     mask = truth.mask[:, cut:]
     radiance = truth.image[:, cut:][mask][:, 0]
-    pictures = [Picture(radiance)]
+    pictures = [MaskedPicture(radiance)]
     if separated:
-        pictures = [Picture(0.7 * radiance, mirrored=False), Picture(0.3 * radiance, body=False)]
-    weights = Weights(1e-3, 0.1, 1e-4, 0.1)
+        pictures = [
+            MaskedPicture(0.7 * radiance, specular=False),
+            MaskedPicture(0.3 * radiance, diffuse=False),
+        ]
+    weights = ResidualWeights(1e-3, 0.1, 1e-4, 0.1)
     solver = ShapeProblem(pictures, outline_of(mask), light_of(truth), "polarised", 1.5, weights)
-    return solver, Guess(truth.normals[:, cut:][mask], 0.9, 0.2, 0.3)
+    return solver, ShapeEstimate(truth.normals[:, cut:][mask], 0.9, 0.2, 0.3)
 
 
 @pytest.mark.parametrize("separated", [False, True])
 @pytest.mark.parametrize("cut", [0, 6])
 def test_jacobian_is_the_derivative_of_the_residuals(separated: bool, cut: int) -> None:
-    solver, guess = problem(sphere(side=20), separated, cut)
-    x = solver._packed(guess)
+    solver, estimate = problem(sphere(side=20), separated, cut)
+    x = solver._packed(estimate)
     x[:-3] *= 0.9
     direction = np.random.default_rng(0).normal(size=x.size)
     step = 1e-6
@@ -129,7 +139,7 @@ def test_reflectance_is_fresnels_and_index_of_inverts_it(eta: float, incidence_d
     assert index_of(light, reflectance) == pytest.approx(eta, rel=1e-8)
 
 
-def test_mirrored_light_is_a_literal_microfacet_formula() -> None:
+def test_specular_light_is_a_literal_microfacet_formula() -> None:
     alpha, light = 0.3, np.array([0.6, 0.0, 0.8])
     normal = np.array([0.28, 0.0, 0.96])
     half = np.array([0.6, 0.0, 1.8]) / math.hypot(0.6, 1.8)
@@ -147,49 +157,56 @@ def test_parameters_come_back_from_the_models_own_picture(body: str, alpha: floa
     truth = sphere()
     normals, light = truth.normals[truth.mask], light_of(truth)
     level = 3.0 * facet_reflectance(light, 1.6)
-    seen = 0.5 * diffuse_shading(normals, light, body, 1.6) + level * specular_shading(
+    pixels = 0.5 * diffuse_shading(normals, light, body, 1.6) + level * specular_shading(
         normals, light, alpha
     )
-    found = fit_parameters(seen[:, None], normals, light, body, irradiance=3.0)
-    assert found.eta == pytest.approx(1.6, abs=0.01)
-    assert found.alpha == pytest.approx(alpha, rel=0.01)
-    assert found.error < 1e-3
+    fit = fit_parameters(pixels[:, None], normals, light, body, irradiance=3.0)
+    assert fit.eta == pytest.approx(1.6, abs=0.01)
+    assert fit.alpha == pytest.approx(alpha, rel=0.01)
+    assert fit.error < 1e-3
 
 
 def test_weights_are_never_negative() -> None:
     truth = sphere()
     normals, light = truth.normals[truth.mask], light_of(truth)
     dimple = 1.0 - 0.9 * specular_shading(normals, light, 0.3)[:, None]
-    found = fit_parameters(dimple, normals, light, "unpolarised", irradiance=1.0)
-    assert found.albedo.min() >= 0
-    assert found.level.min() >= 0
+    fit = fit_parameters(dimple, normals, light, "unpolarised", irradiance=1.0)
+    assert fit.albedo.min() >= 0
+    assert fit.level.min() >= 0
 
 
 def test_without_an_irradiance_eta_is_assumed_and_says_so() -> None:
     truth = sphere()
-    found = fit_parameters(
+    fit = fit_parameters(
         truth.image[truth.mask], truth.normals[truth.mask], light_of(truth), "unpolarised"
     )
-    assert not found.eta_known
-    assert any("eta is assumed" in note for note in found.notes)
+    assert not fit.eta_known
+    assert any("eta is assumed" in note for note in fit.notes)
 
 
 @pytest.mark.parametrize(("alpha", "incidence_deg"), [(0.15, 30), (0.3, 60)])
 def test_a_sphere_its_index_and_roughness(alpha: float, incidence_deg: float) -> None:
     truth = sphere(alpha, 1.5, incidence_deg)
     light = truth.scene.light
-    found = recover_shape(truth.image, truth.mask, light_of(truth), Known(light.irradiance))
-    assert found.convergence.converged
+    recovered = recover_shape(
+        truth.image, truth.mask, light_of(truth), GivenParameters(light.irradiance)
+    )
+    assert recovered.convergence.converged
     # Measured 0.7°; the truth's masking is another than the model's, on purpose.
-    assert mean_angle_deg(found.normals[truth.mask], truth.normals[truth.mask]) < 2.5
-    assert found.parameters.eta == pytest.approx(1.5, abs=0.08)
-    assert found.parameters.alpha == pytest.approx(alpha, rel=0.25)
-    assert found.parameters.body == "unpolarised"
+    assert mean_angle_deg(recovered.normals[truth.mask], truth.normals[truth.mask]) < 2.5
+    assert recovered.parameters.eta == pytest.approx(1.5, abs=0.08)
+    assert recovered.parameters.alpha == pytest.approx(alpha, rel=0.25)
+    assert recovered.parameters.body == "unpolarised"
 
 
 def test_a_search_cut_short_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     truth = sphere(side=24)
-    arguments = truth.image, truth.mask, light_of(truth), Known(truth.scene.light.irradiance)
+    arguments = (
+        truth.image,
+        truth.mask,
+        light_of(truth),
+        GivenParameters(truth.scene.light.irradiance),
+    )
     whole = recover_shape(*arguments).convergence
     assert whole.converged
     assert whole.residual < 0.008
@@ -203,19 +220,19 @@ def test_a_search_cut_short_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_picture_that_is_not_explained_is_no_convergence() -> None:
-    found = Convergence(at_minimum=True, residual=0.02, agreed=2, starts=2)
-    assert not found.converged
-    assert "2.0% of the largest value unexplained" in found.warnings[0]
+    convergence = Convergence(at_minimum=True, residual=0.02, agreed=2, starts=2)
+    assert not convergence.converged
+    assert "2.0% of the largest value unexplained" in convergence.warnings[0]
 
 
 def test_starts_that_disagree_are_a_warning() -> None:
-    found = Convergence(at_minimum=True, residual=0.001, agreed=1, starts=2)
-    assert found.converged
-    assert "1 of 2 starts" in found.warnings[0]
+    convergence = Convergence(at_minimum=True, residual=0.001, agreed=1, starts=2)
+    assert convergence.converged
+    assert "1 of 2 starts" in convergence.warnings[0]
 
 
 def candidate(body: BodyKind, cost: float) -> shape._Candidate:
-    return shape._Candidate(Guess(np.zeros((1, 3)), 1.0, 0.1, 0.3), body, 1.5, cost)
+    return shape._Candidate(ShapeEstimate(np.zeros((1, 3)), 1.0, 0.1, 0.3), body, 1.5, cost)
 
 
 @pytest.mark.parametrize(
@@ -232,33 +249,35 @@ def test_a_body_that_hardly_explains_more_is_not_taken_for_polarised(
 ) -> None:
     both = [candidate("polarised", polarised), candidate("unpolarised", unpolarised)]
     best, rival = shape._chosen(sorted(both, key=lambda c: c.cost))
-    found = Convergence(True, 0.001, 2, 2, rival)
-    assert (best.body, found.decided) == (answer, decided)
-    assert len(found.warnings) == (not decided)
+    convergence = Convergence(True, 0.001, 2, 2, rival)
+    assert (best.body, convergence.decided) == (answer, decided)
+    assert len(convergence.warnings) == (not decided)
     # Of one kind alone there is nothing to decide.
     assert shape._chosen(both[:1]) == (both[0], math.inf)
 
 
-def test_known_parameters_are_kept() -> None:
+def test_given_parameters_are_kept() -> None:
     truth = sphere()
-    known = Known(irradiance=None, eta=1.7, alpha=0.25, body="unpolarised")
-    found = recover_shape(truth.image, truth.mask, light_of(truth), known).parameters
-    assert (found.eta, found.alpha, found.body) == (1.7, 0.25, "unpolarised")
+    given = GivenParameters(irradiance=None, eta=1.7, alpha=0.25, body="unpolarised")
+    parameters = recover_shape(truth.image, truth.mask, light_of(truth), given).parameters
+    assert (parameters.eta, parameters.alpha, parameters.body) == (1.7, 0.25, "unpolarised")
 
 
 def test_a_smaller_copy_is_searched_and_the_whole_is_answered() -> None:
     truth = sphere(side=100)
-    found = recover_shape(truth.image, truth.mask, light_of(truth), Known(math.pi), size=30)
-    np.testing.assert_allclose(np.linalg.norm(found.normals[truth.mask], axis=-1), 1, rtol=1e-6)
-    assert not found.normals[~truth.mask].any()
-    assert mean_angle_deg(found.normals[truth.mask], truth.normals[truth.mask]) < 3
+    recovered = recover_shape(
+        truth.image, truth.mask, light_of(truth), GivenParameters(math.pi), size=30
+    )
+    np.testing.assert_allclose(np.linalg.norm(recovered.normals[truth.mask], axis=-1), 1, rtol=1e-6)
+    assert not recovered.normals[~truth.mask].any()
+    assert mean_angle_deg(recovered.normals[truth.mask], truth.normals[truth.mask]) < 3
 
 
 def test_noise_is_not_a_shape() -> None:
     truth = sphere(side=32)
     noise = np.random.default_rng(0).random(truth.image.shape)
     with pytest.raises(Inapplicable, match="no shape explains the picture"):
-        recover_shape(noise, truth.mask, light_of(truth), Known(math.pi))
+        recover_shape(noise, truth.mask, light_of(truth), GivenParameters(math.pi))
 
 
 @pytest.mark.parametrize(
@@ -283,5 +302,5 @@ def test_a_dark_object_has_no_shape() -> None:
 @pytest.mark.parametrize("incidence_deg", [10, 45, 80])
 def test_the_light_is_found_from_shading(incidence_deg: float) -> None:
     truth = sphere(incidence_deg=incidence_deg)
-    found = estimate_direction(truth.image[truth.mask].mean(axis=1), truth.normals[truth.mask])
-    assert math.degrees(math.acos(min(1.0, float(found @ light_of(truth))))) < 2
+    direction = estimate_direction(truth.image[truth.mask].mean(axis=1), truth.normals[truth.mask])
+    assert math.degrees(math.acos(min(1.0, float(direction @ light_of(truth))))) < 2

@@ -8,7 +8,7 @@ import pytest
 from malus.reconstruct.facets import table
 from malus.reconstruct.facets.chebyshev import chebyshev_series, needed
 from malus.reconstruct.facets.ratio import specular_dolp
-from malus.reconstruct.facets.table import BodyTable, DolpTable, SmoothTable
+from malus.reconstruct.facets.table import DiffuseTable, DolpTable, SmoothTable
 from malus.reconstruct.fresnel import smooth_dolp, transmission_dolp
 
 MEASURES = ("eq8", "visible", "shadowed")
@@ -74,7 +74,7 @@ def test_a_table_is_small_and_built_once(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_body_table() -> None:
     for eta in (1.33, 1.5, 4.0, 0.6):
         exact = transmission_dolp(COSINES, eta)
-        np.testing.assert_allclose(BodyTable(eta)(COSINES), exact, atol=PROMISED)
+        np.testing.assert_allclose(DiffuseTable(eta)(COSINES), exact, atol=PROMISED)
 
 
 def test_smooth_table() -> None:
@@ -85,7 +85,7 @@ def test_smooth_table() -> None:
 
 def test_the_body_table_of_a_metal_is_finite() -> None:
     """Nothing is multiplied by it, as a metal has no body light."""
-    assert np.all(np.abs(BodyTable(0.2 + 3.4j)(COSINES)) <= 1.0)
+    assert np.all(np.abs(DiffuseTable(0.2 + 3.4j)(COSINES)) <= 1.0)
 
 
 @pytest.mark.parametrize("arguments", [(-1.0, 1.0), (1.5, 0.0), (1.5, 1.0, "other")])
