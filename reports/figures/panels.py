@@ -8,13 +8,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from malus.reports.figures.style import BAND, SOFT, Look, drawable, power_of_ten
 from malus.reports.tables.tables import PAPER_NMSE, PAPER_RANGE
 from malus.reports.tables.text import scientific
-
-Floats = NDArray[np.float64]
+from malus.scenes.core.arrays import Float64Array
 
 LOWEST = 1e-8
 """Errors below are rounding of 32-bit images; they are named at the foot of a panel, because an
@@ -61,7 +60,7 @@ def share_height(axes: Sequence[Axes], methods: Mapping[str, Look]) -> None:
         _name_those_below(ax, methods, low)
 
 
-def _heights(values: object) -> Floats:
+def _heights(values: object) -> Float64Array:
     return np.asarray(values, dtype=np.float64)
 
 
@@ -99,36 +98,30 @@ def name_paper(ax: Axes) -> None:
     )  # fmt: skip
 
 
-def label_above(ax: Axes, x: Floats, labels: Sequence[str]) -> None:
-    """Small upright names along the top edge, pushed apart where the places lie close."""
+def label_above(ax: Axes, x: Float64Array, labels: Sequence[str]) -> None:
+    """Write small upright labels along the top edge, pushed apart where their x lie close."""
     if not len(x):
         return
     low, high = ax.get_xlim()
-    for label, at, place in zip(labels, x, spread(x, (high - low) * 0.0185), strict=True):
+    label_x = spread(x, (high - low) * 0.0185)
+    for label, value, text_value in zip(labels, x, label_x, strict=True):
         ax.annotate(
-            label, (at, 1.0), (place, 1.045), xycoords=("data", "axes fraction"),
+            label, (value, 1.0), (text_value, 1.045), xycoords=("data", "axes fraction"),
             textcoords=("data", "axes fraction"), rotation=90, ha="center", va="bottom",
             fontsize=6.2, color=SOFT, annotation_clip=False,
             arrowprops={"arrowstyle": "-", "lw": 0.4, "color": SOFT, "shrinkA": 0, "shrinkB": 0},
         )  # fmt: skip
 
 
-def spread(places: Floats, gap: float) -> Floats:
-    """Increasing places moved as little as possible until they are at least `gap` apart.
+def spread(positions: Float64Array, gap: float) -> Float64Array:
+    """Increasing positions moved as little as possible until they are at least `gap` apart.
 
     Examples
     --------
     >>> spread(np.array([0.0, 0.0, 5.0]), 1.0).tolist()
     [-0.5, 0.5, 5.0]
     """
-    # Without its steps the sequence only has to be increasing, which is isotonic regression:
-    # the largest over starts k of the smallest over ends j of mean(k..j), k <= i <= j.
-    steps = gap * np.arange(len(places))
-    free = places - steps
-    ends = range(1, len(free) + 1)
-    means = np.array(
-        [[free[k:j].mean() if j > k else np.inf for j in ends] for k in range(len(free))]
-    )
-    best = [max(means[k, i:].min() for k in range(i + 1)) for i in range(len(free))]
-    result: Floats = np.array(best) + steps
+    # Less their number times the gap, the positions only have to be in order.
+    steps = gap * np.arange(len(positions))
+    result: Float64Array = isotonic_regression(positions - steps).x + steps
     return result
