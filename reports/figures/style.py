@@ -146,11 +146,15 @@ def power_of_ten(value: float, _place: int | None = None) -> str:
 
 
 def svg(figure: Figure) -> str:
-    """A figure as SVG text: letters stay letters, equal figures give equal bytes."""
+    """A figure as SVG text: letters stay letters, equal figures give equal bytes.
+
+    The figure keeps this layout: a PNG of it made afterwards is not laid out again.
+    """
     buffer = io.StringIO()
     with style():
         metadata = {"Date": None, "Creator": "malus"}
         figure.savefig(buffer, format="svg", metadata=metadata, transparent=True)
+        figure.set_layout_engine(None)  # with "none" Matplotlib would still draw once more
     return re.sub(r"[ \t]+\n", "\n", buffer.getvalue())
 
 
