@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from malus.reports.tables.listing import Listing
-from malus.reports.tables.text import markup
+from malus.reports.tables.formats import markup
+from malus.reports.tables.text_tables import TextTable
 
 _VOID = frozenset({"br", "img", "input", "link", "meta"})
 
@@ -51,7 +51,7 @@ def scrolling(content: Markup, label: str) -> Markup:
     return tag("div", content, class_="scroll", tabindex="0", role="region", aria_label=label)
 
 
-def table(found: Listing, caption: str) -> Markup:
+def table(found: TextTable, caption: str) -> Markup:
     """A table whose first column heads its lines."""
     heads = tag("tr", *(tag("th", head, scope="col") for head in found.heads))
     lines = [

@@ -15,27 +15,27 @@ from malus.reports.section import Section, figure
 from malus.reports.skill_map import maps as skill_maps
 from malus.reports.source import Source
 from malus.reports.studies import read_study
-from malus.reports.tables import facts, listing
-from malus.reports.tables.colour_errors import table1_listing
-from malus.reports.tables.listing import range_of_means
-from malus.reports.tables.tables import (
+from malus.reports.tables import sentences, text_tables
+from malus.reports.tables.colour_errors import table1_text
+from malus.reports.tables.formats import counted, duration, scientific, skill_text
+from malus.reports.tables.rows import (
     PAPER_BODY,
     PAPER_METHOD,
     PAPER_RANGE,
     TRIVIAL,
-    in_order,
-    only_body,
-    whole,
+    distinct,
+    overall_rows,
+    rows_of_body,
 )
-from malus.reports.tables.text import counted, duration, scientific, worth
+from malus.reports.tables.text_tables import range_of_means
 from malus.reports.viewer.error_maps import WHITE, gallery
 from malus.reports.viewer.viewer import place_of_scenes, viewer
 
 
 def headline(source: Source) -> Section:
     """The numbers of the paper's method beside the paper's own."""
-    body = PAPER_BODY if PAPER_BODY in in_order(source.table["body"]) else ""
-    rows = only_body(source.table, body) if body else source.table
+    body = PAPER_BODY if PAPER_BODY in distinct(source.table["body"]) else ""
+    rows = rows_of_body(source.table, body) if body else source.table
     tiles = [tag("li", tag("b", number), label) for number, label in _tiles(rows)]
     paper = f"the paper’s method, {PAPER_METHOD}" + (f"; {body} body" if body else "")
     return Section(
@@ -44,15 +44,15 @@ def headline(source: Source) -> Section:
         join(
             tag("p", f"Everything known to the method: {paper}.", class_="note"),
             tag("ul", *tiles, class_="tiles"),
-            tag("p", facts.SKILL),
-            *(tag("p", fact, class_="warning") for fact in facts.doubts(source.table)),
+            tag("p", sentences.SKILL),
+            *(tag("p", fact, class_="warning") for fact in sentences.doubts(source.table)),
         ),
     )
 
 
 def _tiles(rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
-    error, skill = (_of(whole(rows, metric), PAPER_METHOD) for metric in ("nmse", "skill"))
-    trivial = _of(whole(rows, "nmse"), TRIVIAL)
+    error, skill = (_of(overall_rows(rows, metric), PAPER_METHOD) for metric in ("nmse", "skill"))
+    trivial = _of(overall_rows(rows, "nmse"), TRIVIAL)
     if len(error):
         for by in ("material", "surface"):
             yield range_of_means(error, by), f"mean NMSE by {by}. The paper: {PAPER_RANGE}"
@@ -60,7 +60,7 @@ def _tiles(rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
         yield range_of_means(trivial, "material"), "the same of the trivial guess I(ϑ) = I/2"
     if len(skill):
         values = skill["value"]
-        yield worth(float(values.median())), "median skill; the paper reports none"
+        yield skill_text(float(values.median())), "median skill; the paper reports none"
         share = f"{int((values < 0).sum())} of {len(values)}"
         yield share, "scenes with negative skill: worse than no model"
         without = int(values.isna().sum())
@@ -90,7 +90,7 @@ def maps(source: Source) -> Section | None:
         "div", "ΔE76: 0", tag("span", class_="grey-bar", role="img", aria_label="black to white"),
         f"{WHITE:g} (10 JND) and more", class_="legend",
     )  # fmt: skip
-    return Section("maps", "Error maps", join(tag("p", facts.ERROR_MAPS), legend, shown))
+    return Section("maps", "Error maps", join(tag("p", sentences.ERROR_MAPS), legend, shown))
 
 
 def figures(source: Source) -> Section | None:
@@ -104,16 +104,16 @@ def ladder(source: Source) -> Section | None:
     """The error budget, where methods were told less than everything."""
     if not source.ladders:
         return None
-    content = join(tag("p", facts.LADDER), *map(figure, source.ladders))
+    content = join(tag("p", sentences.LADDER), *map(figure, source.ladders))
     return Section("ladder", "Where the error comes from", content)
 
 
 def colour(source: Source) -> Section | None:
     """Table I, where the run scored colours."""
-    found = table1_listing(source.table)
+    found = table1_text(source.table)
     if not found:
         return None
-    content = join(tag("p", facts.TABLE1), table(found, "Table I: colour differences"))
+    content = join(tag("p", sentences.TABLE1), table(found, "Table I: colour differences"))
     return Section("colour", "Table I", content)
 
 
@@ -125,16 +125,16 @@ def skill(source: Source) -> Section:
     )
     places = place_of_scenes(source.examples, source.table)
     more = " A framed number opens an example in the viewer." if places else ""
-    negative = listing.negatives(source.table, PAPER_METHOD)
-    without = listing.without_skill(source.table)
+    negative = text_tables.negatives(source.table, PAPER_METHOD)
+    without = text_tables.without_skill(source.table)
     title = f"Where the skill of {PAPER_METHOD} is negative"
     content = join(
         tag("p", note + more, class_="note"),
         tag("div", *skill_maps(source.table, places), class_="maps"),
         folded(f"{title}: {counted(len(negative.lines), 'place')}", table(negative, title))
         if negative
-        else tag("p", facts.NEVER_NEGATIVE),
-        table(without, facts.NO_SKILL) if without else tag("p", facts.ALL_SKILLS),
+        else tag("p", sentences.NEVER_NEGATIVE),
+        table(without, sentences.NO_SKILL) if without else tag("p", sentences.ALL_SKILLS),
     )
     return Section("skill", "Skill", content)
 
@@ -144,12 +144,12 @@ def noise(source: Source) -> Section:
     title = "NMSE, Monte Carlo noise and skill of every method per light and body"
     rms = scientific(source.run["interpolation_rms"])
     content = join(
-        tag("p", facts.NOISE),
+        tag("p", sentences.NOISE),
         tag("p", f"Interpolation in η adds at most {rms} of the peak (rms, measured)."),
-        table(listing.errors(source.table), title),
+        table(text_tables.errors(source.table), title),
         *(
             tag("p", f"{method} left out {counted(int(scenes), 'scene')}: {reason}.")
-            for method, reason, scenes in listing.left_out(source.table).lines
+            for method, reason, scenes in text_tables.left_out(source.table).lines
         ),
     )
     return Section("noise", "All errors, and the noise in them", content)
@@ -166,9 +166,9 @@ def savings(source: Source) -> Section | None:
         (duration(plan["seconds_without"]), "the same without a plan, estimated"),
     )
     content = join(
-        tag("p", facts.PLAN),
+        tag("p", sentences.PLAN),
         tag("ul", *(tag("li", tag("b", value), label) for value, label in tiles), class_="tiles"),
-        table(listing.savings(plan), "What was left out"),
+        table(text_tables.savings(plan), "What was left out"),
     )
     return Section("plan", "What the plan saved", content)
 
@@ -177,10 +177,10 @@ def provenance(source: Source) -> Section:
     """What was run, where, and how long it took."""
     machine = source.run["machine"]
     about = f"Machine: {', '.join(str(value) for value in machine.values())}."
-    lines = [*facts.what_was_run(source.table, source.run), about]
+    lines = [*sentences.what_was_run(source.table, source.run), about]
     content = join(
         tag("ul", *(tag("li", line) for line in lines)),
-        table(listing.stages(source.run), "Seconds of every stage"),
+        table(text_tables.stages(source.run), "Seconds of every stage"),
     )
     return Section("provenance", "How this came about", content)
 

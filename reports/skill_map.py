@@ -7,9 +7,9 @@ import math
 import pandas as pd
 
 from malus.reports.html import Markup, scrolling, tag
+from malus.reports.tables.formats import NO_NUMBER, skill_text
+from malus.reports.tables.rows import TRIVIAL, distinct, scored_methods
 from malus.reports.tables.skills import skill_map
-from malus.reports.tables.tables import TRIVIAL, in_order, methods_of
-from malus.reports.tables.text import NOTHING, worth
 
 Places = dict[tuple[str, str, str], str]
 
@@ -25,8 +25,8 @@ def maps(table: pd.DataFrame, scenes: Places) -> list[Markup]:
     """
     return [
         _map(skill_map(table, method, body), method, body, scenes)
-        for body in in_order(table["body"])
-        for method in methods_of(table)
+        for body in distinct(table["body"])
+        for method in scored_methods(table)
         if method != TRIVIAL
     ]
 
@@ -51,11 +51,11 @@ def _map(values: pd.DataFrame, method: str, body: str, scenes: Places) -> Markup
 
 
 def _cell(value: float, scene: str | None, method: str) -> Markup:
-    text = worth(value)
-    style = "" if text == NOTHING else f"--share:{strength(value):.2f}"
-    side = "none" if text == NOTHING else "good" if value >= 0 else "bad"
+    text = skill_text(value)
+    style = "" if text == NO_NUMBER else f"--share:{strength(value):.2f}"
+    side = "none" if text == NO_NUMBER else "good" if value >= 0 else "bad"
     content: str = text
-    if scene and text != NOTHING:
+    if scene and text != NO_NUMBER:
         label = f"skill {text}, show an example"
         content = tag(
             "button", text, type="button", data_scene=scene, data_method=method, aria_label=label

@@ -12,9 +12,9 @@ import pandas as pd
 from malus.reports.figures.drawings import Drawing, precision_drawing
 from malus.reports.html import Markup, folded, join, table, tag
 from malus.reports.section import Section, figure
-from malus.reports.tables import facts
-from malus.reports.tables.listing import Listing, stress_cells
-from malus.reports.tables.text import counted, listed, scientific
+from malus.reports.tables import sentences
+from malus.reports.tables.formats import counted, listed, scientific
+from malus.reports.tables.text_tables import TextTable, stress_cells
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.result_files import RUN
 
@@ -91,7 +91,7 @@ def _read(path: Path) -> pd.DataFrame:
 
 def precision(drawing: Drawing, run: dict[str, Any]) -> Section:
     """Work-precision diagrams with their Pareto fronts."""
-    content = join(tag("p", facts.PRECISION), figure(drawing), _origin(run))
+    content = join(tag("p", sentences.PRECISION), figure(drawing), _origin(run))
     return Section("precision", "Error against run time", content)
 
 
@@ -100,7 +100,7 @@ def stress(found: pd.DataFrame, run: dict[str, Any]) -> Section:
     failed = found[~found["passed"]]
     verdict = f"{counted(len(found), 'case')}, {len(failed)} failed."
     content = join(
-        tag("p", facts.STRESS),
+        tag("p", sentences.STRESS),
         tag("p", tag("b", verdict), class_="warning" if len(failed) else "note"),
         table(_groups(found), "Groups of cases"),
         table(_cases(failed), "What failed") if len(failed) else Markup(""),
@@ -116,7 +116,7 @@ def _origin(run: dict[str, Any]) -> Markup:
     return tag("p", f"Finished {run['finished']} on {machine}; {versions}.", class_="note")
 
 
-def _groups(found: pd.DataFrame) -> Listing:
+def _groups(found: pd.DataFrame) -> TextTable:
     lines = [
         [
             str(name), str(len(rows)), str(int((~rows["passed"]).sum())),
@@ -124,10 +124,10 @@ def _groups(found: pd.DataFrame) -> Listing:
         ]
         for name, rows in found.groupby("group", sort=False)
     ]  # fmt: skip
-    return Listing(("group", "cases", "failed", "largest error", "longest, seconds"), lines)
+    return TextTable(("group", "cases", "failed", "largest error", "longest, seconds"), lines)
 
 
-def _cases(found: pd.DataFrame) -> Listing:
-    return Listing(
+def _cases(found: pd.DataFrame) -> TextTable:
+    return TextTable(
         tuple(map(str, found.columns)), [stress_cells(row) for _, row in found.iterrows()]
     )

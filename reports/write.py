@@ -13,8 +13,8 @@ from malus.reports.source import Source
 from malus.reports.studies import read_study
 from malus.reports.summary import summary
 from malus.reports.tables.colour_errors import table1
+from malus.reports.tables.rows import ResultsLike
 from malus.reports.tables.skills import by_light_and_body
-from malus.reports.tables.tables import ResultsLike
 from malus.scenes.core.files import write_whole
 
 
@@ -39,7 +39,7 @@ def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -
     --------
     >>> import tempfile
     >>> from types import SimpleNamespace
-    >>> from malus.reports import sample
+    >>> from malus.reports.tables import sample
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     results = SimpleNamespace(table=sample.table(), run=sample.run())
     ...     names = [path.name for path in write_report(results, Path(folder))]

@@ -37,7 +37,7 @@ ROOMS = {
         "known_light_kernels", "known_lights", "image", "single_image", "methods", "photos",
     ),
     "reports": (
-        "tables", "sample html", "figures", "viewer", "source", "section", "studies",
+        "tables", "html", "figures", "viewer", "source", "section", "studies",
         "skill_map", "sections summary page", "write",
     ),
     "bench": ("scoring", "running", "datasets", "gates", "studies documents", "commands", "cli"),

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from malus.reports.figures.figure5 import Content, legend
 from malus.reports.figures.panels import bars, name_paper, shade_paper, share_height
 from malus.reports.figures.style import drawable, style
-from malus.reports.tables.tables import by_angle, in_order, methods_of
+from malus.reports.tables.rows import distinct, rows_by_angle, scored_methods
 
 _SHIFT_DEG = 1.2
 """Distance between the methods' error bars at one angle."""
@@ -25,11 +25,11 @@ def angle_numbers(table: pd.DataFrame) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from malus.reports.sample import table
+    >>> from malus.reports.tables.sample import table
     >>> angle_numbers(table())[["method", "x", "scenes"]].values.tolist()[0]
     ['unpolarised', 0.0, 6]
     """
-    groups = by_angle(table, "nmse").groupby(["light", "method", "angle_deg"], sort=False)
+    groups = rows_by_angle(table, "nmse").groupby(["light", "method", "angle_deg"], sort=False)
     result = groups.agg(
         mean=("value", "mean"),
         std=("value", lambda values: float(np.std(values))),
@@ -43,7 +43,7 @@ def figure_angles(table: pd.DataFrame, body: str) -> Figure:
     """One panel a light: NMSE over the polariser angle, every method one line."""
     content = Content.of(table, body)
     values = angle_numbers(content.rows)
-    lights = in_order(content.rows["light"])
+    lights = distinct(content.rows["light"])
     with style():
         size = (max(1.4 + 1.9 * len(lights), 6.5), 3.4)
         figure = Figure(figsize=size, layout="constrained")
@@ -61,6 +61,6 @@ def figure_angles(table: pd.DataFrame, body: str) -> Figure:
         axes[0].set_ylabel("normalised mean squared error")
         share_height(list(axes), content.methods)
         name_paper(axes[0])
-        labels = methods_of(content.rows)
+        labels = scored_methods(content.rows)
         legend(figure, axes[0], content, labels)
     return figure

@@ -9,8 +9,14 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from malus.reports.tables.listing import Listing, budget, by_method, points
-from malus.reports.tables.tables import PAPER_BODY, by_angle, in_order, only_body, whole
+from malus.reports.tables.rows import (
+    PAPER_BODY,
+    distinct,
+    overall_rows,
+    rows_by_angle,
+    rows_of_body,
+)
+from malus.reports.tables.text_tables import TextTable, budget, by_method, points
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +35,7 @@ class Drawing:
     figure: Figure
     svg: str
     numbers: pd.DataFrame
-    cells: Listing
+    cells: TextTable
 
     @cached_property
     def png(self) -> bytes:
@@ -46,12 +52,12 @@ def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
 
     Examples
     --------
-    >>> from malus.reports.sample import table
+    >>> from malus.reports.tables.sample import table
     >>> [drawing.name for drawing in drawings(table())]
     ['figure5', 'figure5_by_light', 'angles']
     """
-    for body in in_order(whole(table, "nmse")["body"]):
-        rows = only_body(table, body)
+    for body in distinct(overall_rows(table, "nmse")["body"]):
+        rows = rows_of_body(table, body)
         if rows[["eta", "alpha"]].nunique().max() > 1:  # else a figure of one point
             yield from _figure5(rows, body)
         yield from _over_the_angle(rows, body)
@@ -96,7 +102,7 @@ def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
         numbers,
         by_method(numbers),
     )
-    if len(by_angle(rows, "delta_e76")):
+    if len(rows_by_angle(rows, "delta_e76")):
         numbers = figure9_numbers(rows)
         yield _drawing(
             f"figure9{_suffix(body)}",
@@ -114,7 +120,7 @@ def ladders(table: pd.DataFrame) -> Iterator[Drawing]:
 
     Examples
     --------
-    >>> from malus.reports.sample import laddered, table
+    >>> from malus.reports.tables.sample import laddered, table
     >>> [drawing.name for drawing in ladders(laddered())], list(ladders(table()))
     (['ladder'], [])
     """
@@ -151,7 +157,7 @@ def precision_drawing(table: pd.DataFrame) -> Drawing:
 
 
 def _drawing(
-    name: str, title: str, caption: str, figure: Figure, numbers: pd.DataFrame, cells: Listing
+    name: str, title: str, caption: str, figure: Figure, numbers: pd.DataFrame, cells: TextTable
 ) -> Drawing:
     from malus.reports.figures.style import svg
 

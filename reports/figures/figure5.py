@@ -13,14 +13,14 @@ from matplotlib.figure import Figure
 
 from malus.reports.figures.panels import bars, label_above, name_paper, shade_paper, share_height
 from malus.reports.figures.style import INK, Look, drawable, looks, style
-from malus.reports.tables.tables import (
+from malus.reports.tables.rows import (
     TRIVIAL,
     coverage,
-    in_order,
-    methods_of,
-    only_body,
-    unverified,
-    whole,
+    distinct,
+    overall_rows,
+    rows_of_body,
+    scored_methods,
+    unverified_surfaces,
 )
 
 X_ETA, X_ALPHA = "eta", "alpha"
@@ -51,8 +51,8 @@ class Content:
     @classmethod
     def of(cls, table: pd.DataFrame, body: str) -> Content:
         """The rows with that body."""
-        rows = only_body(table, body)
-        return cls(rows, looks(methods_of(rows)))
+        rows = rows_of_body(table, body)
+        return cls(rows, looks(scored_methods(rows)))
 
 
 def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame:
@@ -74,11 +74,11 @@ def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame
 
     Examples
     --------
-    >>> from malus.reports.sample import table
+    >>> from malus.reports.tables.sample import table
     >>> numbers(table(), "alpha")[["method", "name", "scenes"]].values.tolist()[0]
     ['unpolarised', 'obsidian', 6]
     """
-    rows = whole(table, "nmse")
+    rows = overall_rows(table, "nmse")
     if not by_light:
         rows = rows.assign(light="all")
     groups = rows.groupby(["light", "method", _NAMES[x], x], sort=False)
@@ -88,7 +88,7 @@ def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame
         noise=("noise", "mean"),
         scenes=("value", "size"),
     ).reset_index()
-    order = {name: place for place, name in enumerate(methods_of(table))}
+    order = {name: place for place, name in enumerate(scored_methods(table))}
     result = result.rename(columns={_NAMES[x]: "name", x: "x"})
     result = result.assign(panel=x, order=result["method"].map(order))
     columns = ["panel", "light", "method", "name", "x", "mean", "std", "noise", "scenes"]
@@ -126,7 +126,7 @@ def figure5(table: pd.DataFrame, body: str) -> Figure:
 def figure5_by_light(table: pd.DataFrame, body: str) -> Figure:
     """The same for every light apart: small multiples, lights as columns, one common scale."""
     content = Content.of(table, body)
-    lights = in_order(content.rows["light"])
+    lights = distinct(content.rows["light"])
     with style():
         size = (max(1.4 + 1.9 * len(lights), 6.5), 5.6)
         figure = Figure(figsize=size, layout="constrained")
@@ -146,7 +146,7 @@ def figure5_by_light(table: pd.DataFrame, body: str) -> Figure:
 
 
 def _doubt(rows: pd.DataFrame, x: str) -> str:
-    return "; values are unverified stand-ins" if x == X_ALPHA and unverified(rows) else ""
+    return "; values are unverified stand-ins" if x == X_ALPHA and unverified_surfaces(rows) else ""
 
 
 def _draw(ax: Axes, values: pd.DataFrame, content: Content) -> None:
@@ -201,12 +201,12 @@ def _legend_label(rows: pd.DataFrame, method: str) -> str:
 
 
 def _few(column: pd.Series[str]) -> str:
-    names = in_order(column)
+    names = distinct(column)
     return ", ".join(names) if len(names) <= 6 else f"{len(names)} of them"
 
 
 def _caption(rows: pd.DataFrame) -> str:
-    bodies = ", ".join(in_order(rows["body"]))
+    bodies = ", ".join(distinct(rows["body"]))
     return drawable(
         f"Mean ± standard deviation over {rows['scene'].nunique()} scenes:"
         f" {_few(rows['shape'])}; light {_few(rows['light'])}; body {bodies}."

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from malus.reports.figures.figure5 import Content, legend
 from malus.reports.figures.style import SOFT, drawable, style
 from malus.reports.tables.colour_errors import figure9_numbers
-from malus.reports.tables.tables import in_order, methods_of
+from malus.reports.tables.rows import distinct, scored_methods
 from malus.scenes.colour import JUST_NOTICEABLE
 
 _SHIFT_DEG = 1.2
@@ -19,7 +19,7 @@ def figure9(table: pd.DataFrame, body: str) -> Figure:
     """One panel a light: ΔE76 over the polariser angle, every method one line."""
     content = Content.of(table, body)
     values = figure9_numbers(content.rows)
-    lights = in_order(values["light"])
+    lights = distinct(values["light"])
     with style():
         size = (max(1.4 + 1.9 * len(lights), 6.5), 3.4)
         figure = Figure(figsize=size, layout="constrained")
@@ -42,5 +42,5 @@ def figure9(table: pd.DataFrame, body: str) -> Figure:
             "1 JND", (0.5, JUST_NOTICEABLE), (0, 1.5), xycoords=("axes fraction", "data"),
             textcoords="offset points", ha="center", fontsize=6.5, color=SOFT,
         )  # fmt: skip
-        legend(figure, axes[0], content, methods_of(content.rows), note="")
+        legend(figure, axes[0], content, scored_methods(content.rows), note="")
     return figure

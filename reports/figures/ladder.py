@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from malus.reports.figures.style import INK, PALETTE, SOFT, drawable, style
-from malus.reports.tables.tables import KNOWLEDGE, in_order, only_body, over_all
-from malus.reports.tables.text import scientific
+from malus.reports.tables.formats import scientific
+from malus.reports.tables.rows import KNOWLEDGE, distinct, overall_rows_at_every_rung, rows_of_body
 
 NOISE, MODEL = "Monte Carlo noise", "model form"
 
@@ -33,17 +33,17 @@ def ladder_numbers(table: pd.DataFrame) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from malus.reports.sample import laddered
+    >>> from malus.reports.tables.sample import laddered
     >>> found = ladder_numbers(laddered())
     >>> found[["source", "increment"]].round(4).values.tolist()[:3]
     [['Monte Carlo noise', 0.0], ['model form', 0.001], ['lobes estimated', 0.002]]
     """
-    rows = over_all(table, "nmse")
-    rungs = sorted(in_order(rows["knowledge"]), key=lambda name: name != KNOWLEDGE)
+    rows = overall_rows_at_every_rung(table, "nmse")
+    rungs = sorted(distinct(rows["knowledge"]), key=lambda name: name != KNOWLEDGE)
     parts: list[dict[str, Any]] = []
-    for body in in_order(rows["body"]):
-        for method in in_order(rows["method"]):
-            found = only_body(rows, body)
+    for body in distinct(rows["body"]):
+        for method in distinct(rows["method"]):
+            found = rows_of_body(rows, body)
             parts += _parts(found[found["method"] == method], rungs, body, method)
     columns = ["body", "method", "source", "increment", "nmse", "scenes"]
     return pd.DataFrame(parts, columns=columns)
@@ -76,8 +76,8 @@ def figure_ladder(numbers: pd.DataFrame) -> Figure:
     numbers : DataFrame
         As `ladder_numbers` returns it, with at least one row.
     """
-    bodies = [only_body(numbers, body) for body in in_order(numbers["body"])]
-    sources = in_order(numbers["source"])
+    bodies = [rows_of_body(numbers, body) for body in distinct(numbers["body"])]
+    sources = distinct(numbers["source"])
     colours = dict(zip(sources, (SOFT, *_cycled(len(sources) - 1)), strict=True))
     heights = [0.8 + 0.42 * rows["method"].nunique() for rows in bodies]
     with style():
@@ -93,7 +93,7 @@ def figure_ladder(numbers: pd.DataFrame) -> Figure:
 
 
 def _panel(ax: Axes, rows: pd.DataFrame, colours: dict[str, str]) -> None:
-    methods = in_order(rows["method"])
+    methods = distinct(rows["method"])
     for place, method in enumerate(methods):
         _bar(ax, place, rows[rows["method"] == method], colours)
     ax.set_title(f"{rows['body'].iloc[0]} body", loc="left")

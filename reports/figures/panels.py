@@ -11,8 +11,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from scipy.optimize import isotonic_regression
 
 from malus.reports.figures.style import BAND, SOFT, Look, drawable, power_of_ten
-from malus.reports.tables.tables import PAPER_NMSE, PAPER_RANGE
-from malus.reports.tables.text import scientific
+from malus.reports.tables.formats import scientific
+from malus.reports.tables.rows import PAPER_NMSE, PAPER_RANGE
 from malus.scenes.core.arrays import Float64Array
 
 LOWEST = 1e-8

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from malus.reports.tables.tables import in_order, whole
+from malus.reports.tables.rows import distinct, overall_rows
 
 _PLACE = ["body", "light", "method"]
 
@@ -22,14 +22,16 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from malus.reports.sample import table
+    >>> from malus.reports.tables.sample import table
     >>> by_light_and_body(table()).query("method == 'eq8'")[["light", "skill_min"]].values.tolist()
     [['uniform', 0.95], ['distant 60°', 0.95]]
     """
     every = table.drop_duplicates(["scene", "method"]).groupby(_PLACE, sort=False)
-    nmse = whole(table, "nmse").groupby(_PLACE, sort=False)
-    skill = whole(table, "skill").groupby(_PLACE, sort=False)["value"]
-    inapplicable = whole(table, "inapplicable").groupby(_PLACE, sort=False)["scene"].nunique()
+    nmse = overall_rows(table, "nmse").groupby(_PLACE, sort=False)
+    skill = overall_rows(table, "skill").groupby(_PLACE, sort=False)["value"]
+    inapplicable = (
+        overall_rows(table, "inapplicable").groupby(_PLACE, sort=False)["scene"].nunique()
+    )
     result = pd.DataFrame({"scenes": every["scene"].nunique()})
     result["inapplicable"] = inapplicable.reindex(result.index, fill_value=0)
     result["nmse_mean"] = nmse["value"].mean()
@@ -44,7 +46,7 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     return result.reset_index()
 
 
-def negative(table: pd.DataFrame, method: str) -> pd.DataFrame:
+def negative_skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
     """Light × surface × body where a method's skill is below zero.
 
     Returns
@@ -55,8 +57,8 @@ def negative(table: pd.DataFrame, method: str) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from malus.reports.sample import table
-    >>> len(negative(table(), "eq8"))
+    >>> from malus.reports.tables.sample import table
+    >>> len(negative_skills(table(), "eq8"))
     0
     """
     rows = _skills(table, method).dropna(subset="value")
@@ -75,7 +77,7 @@ def negative(table: pd.DataFrame, method: str) -> pd.DataFrame:
     return result[result["negative"] > 0].sort_values("worst", kind="stable").reset_index()
 
 
-def unreported(table: pd.DataFrame, method: str) -> pd.DataFrame:
+def unreported_skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
     """Light × surface × body where the trivial guess is inside the noise: no skill to report.
 
     Returns
@@ -102,7 +104,7 @@ def skill_map(table: pd.DataFrame, method: str, body: str) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from malus.reports.sample import table
+    >>> from malus.reports.tables.sample import table
     >>> skill_map(table(), "half_vector", "unpolarised")["carbon"].tolist()
     [nan, 0.999]
     """
@@ -111,9 +113,9 @@ def skill_map(table: pd.DataFrame, method: str, body: str) -> pd.DataFrame:
     medians = rows.groupby(["light", "surface"], sort=False)["value"].median().unstack()
     every = table[table["body"] == body]
     surfaces = every.sort_values("alpha", kind="stable")["surface"]
-    return medians.reindex(index=in_order(every["light"]), columns=in_order(surfaces))
+    return medians.reindex(index=distinct(every["light"]), columns=distinct(surfaces))
 
 
 def _skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
-    rows = whole(table, "skill")
+    rows = overall_rows(table, "skill")
     return rows[rows["method"] == method]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from malus.reports.html import Markup, folded, join, scrolling, tag
-from malus.reports.tables.text import counted
+from malus.reports.tables.formats import counted
 from malus.reports.viewer.examples import Example
 from malus.scenes.colour import JUST_NOTICEABLE, delta_e_maps
 from malus.scenes.core.errors import InputError

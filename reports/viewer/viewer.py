@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from malus.reports.html import Markup, join, tag
-from malus.reports.tables.tables import whole
-from malus.reports.tables.text import counted, scientific, script_json, worth
+from malus.reports.tables.formats import counted, scientific, script_json, skill_text
+from malus.reports.tables.rows import overall_rows
 from malus.reports.viewer.examples import Example
 from malus.reports.viewer.pack import Packer, fitted
 
@@ -54,10 +54,10 @@ def viewer(examples: tuple[Example, ...], table: pd.DataFrame) -> Markup:
 
 def _scores(table: pd.DataFrame, example: Example) -> dict[str, dict[str, str]]:
     rows = table[table["scene"] == example.scene]
-    skills = whole(rows, "skill").set_index("method")["value"].to_dict()
-    errors = whole(rows, "nmse").set_index("method")["value"].to_dict()
+    skills = overall_rows(rows, "skill").set_index("method")["value"].to_dict()
+    errors = overall_rows(rows, "nmse").set_index("method")["value"].to_dict()
     return {
-        str(method): {"nmse": scientific(error), "skill": worth(skills.get(method, np.nan))}
+        str(method): {"nmse": scientific(error), "skill": skill_text(skills.get(method, np.nan))}
         for method, error in errors.items()
     }
 

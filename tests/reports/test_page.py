@@ -17,7 +17,8 @@ import pytest
 from numpy.typing import NDArray
 
 from malus.bench.scoring.colour_error import delta_e
-from malus.reports import sample, write_report
+from malus.reports import write_report
+from malus.reports.tables import sample
 from malus.reports.viewer.error_maps import gallery
 from malus.reports.viewer.examples import Example, read_example
 from malus.reports.viewer.pack import NOT_FINITE, fitted, quantised

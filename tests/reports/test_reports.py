@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from malus.reports import sample, write_report
+from malus.reports import write_report
 from malus.reports.figures.drawings import drawings, ladders
 from malus.reports.figures.figure5 import figure5, figure5_by_light, numbers
 from malus.reports.figures.figure9 import figure9
@@ -25,11 +25,17 @@ from malus.reports.sections import of_run
 from malus.reports.source import Source
 from malus.reports.studies import read_study
 from malus.reports.summary import summary
-from malus.reports.tables.colour_errors import figure9_numbers, table1, table1_listing
-from malus.reports.tables.listing import savings
-from malus.reports.tables.skills import by_light_and_body, negative, skill_map, unreported
-from malus.reports.tables.tables import coverage
-from malus.reports.tables.text import markdown, markup, script_json
+from malus.reports.tables import sample
+from malus.reports.tables.colour_errors import figure9_numbers, table1, table1_text
+from malus.reports.tables.formats import markdown, markup, script_json
+from malus.reports.tables.rows import coverage
+from malus.reports.tables.skills import (
+    by_light_and_body,
+    negative_skills,
+    skill_map,
+    unreported_skills,
+)
+from malus.reports.tables.text_tables import savings
 from malus.reports.write import write_study
 from malus.scenes.core.errors import InputError
 
@@ -179,14 +185,16 @@ def test_nan_skills_are_counted_and_never_dropped_in_silence(table: pd.DataFrame
     table = with_skill(table, math.nan, method="eq8", light="uniform", surface="carbon")
     row = by_light_and_body(table).query("method == 'eq8' and light == 'uniform'").iloc[0]
     assert (row["scenes"], row["unreported"], row["negative"]) == (6, 3, 0)
-    assert unreported(table, "eq8").values.tolist() == [["uniform", "carbon", "unpolarised", 3, 3]]
+    assert unreported_skills(table, "eq8").values.tolist() == [
+        ["uniform", "carbon", "unpolarised", 3, 3]
+    ]
     assert "| eq8 | uniform | carbon | unpolarised | 3 of 3 |" in summary(table, sample.run())
 
 
 def test_negative_skills_are_listed_with_their_place_and_number(table: pd.DataFrame) -> None:
     table = with_skill(table, -0.5, method="eq8", light="uniform", surface="carbon")
     table = with_skill(table, -7.0, method="eq8", light="distant 60°", material="pmma")
-    places = negative(table, "eq8")
+    places = negative_skills(table, "eq8")
     found = [
         (row["light"], row["surface"], row["negative"], row["scenes"], row["worst"])
         for row in places.to_dict("records")
@@ -236,7 +244,7 @@ def test_table_1_pools_pixels_and_stands_beside_the_paper() -> None:
     assert error["mean"] == pytest.approx(np.mean(list(errors.values())), rel=1e-12)
     assert error["scene_std"] == pytest.approx(np.std(list(errors.values())), rel=1e-12)
     assert math.isnan(error["std"])
-    found_listing = table1_listing(table)
+    found_listing = table1_text(table)
     assert found_listing.heads[3:] == ("ΔE76 of I_min", "NMSE of I_max", "NMSE of I(ϑ)")
     text = f"{every.mean():.2f} ± {every.std():.2f} ({np.std(means):.2f})"
     assert found_listing.lines[0][:5] == ["unpolarised", "eq8", "3", text, "2.7e-3 (1.7e-3)"]
@@ -277,7 +285,7 @@ def test_captions_stay_inside_their_figure() -> None:
 
 
 def test_without_colour_metrics_there_is_neither(table: pd.DataFrame) -> None:
-    assert not table1_listing(table)
+    assert not table1_text(table)
     assert "Table I" not in summary(table, sample.run())
     names = [drawing.name for drawing in drawings(table)]
     assert "figure9" not in names

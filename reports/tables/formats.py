@@ -13,7 +13,7 @@ _MARKDOWN = r"\`*[]|~$"
 _MARKDOWN_FIRST = _MARKDOWN + "#+-=_"
 _REFERENCES = {"<": "&lt;", ">": "&gt;", "&": "&amp;"}
 
-NOTHING = "–"
+NO_NUMBER = "–"
 """Stands where a table has no number."""
 
 
@@ -68,23 +68,23 @@ def scientific(value: float) -> str:
     ('4.1e-4', '0', '–')
     """
     if not math.isfinite(value):
-        return NOTHING
+        return NO_NUMBER
     if value == 0.0:
         return "0"
     mantissa, exponent = f"{value:.1e}".split("e")
     return f"{mantissa}e{int(exponent)}"
 
 
-def worth(value: float) -> str:
+def skill_text(value: float) -> str:
     """A skill: more digits the closer it is to 1; a dash where there is none to report.
 
     Examples
     --------
-    >>> worth(0.99974), worth(0.5), worth(-63.8), worth(float("nan"))
+    >>> skill_text(0.99974), skill_text(0.5), skill_text(-63.8), skill_text(float("nan"))
     ('0.9997', '0.50', '−64', '–')
     """
     if not math.isfinite(value):
-        return NOTHING
+        return NO_NUMBER
     digits = 4 if value > 0.99 else 2 if value > -10 else 0
     return f"{value:.{digits}f}".replace("-", "−")
 
