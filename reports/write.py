@@ -8,9 +8,8 @@ from pathlib import Path
 
 from malus.reports.figures.drawings import Drawing, drawings, ladders
 from malus.reports.page import PAGE, page
-from malus.reports.sections import of_run
-from malus.reports.source import Source
-from malus.reports.studies import read_study
+from malus.reports.sections import of_run, of_study
+from malus.reports.source import Source, read_study
 from malus.reports.summary import summary
 from malus.reports.tables.colour_errors import table1
 from malus.reports.tables.rows import ResultsLike
@@ -79,7 +78,7 @@ def write_study(out: Path) -> list[Path]:
     study = read_study(out)
     for drawing in study.drawings:
         files.keep_drawing(drawing)
-    files.keep(PAGE, page(study.run["study"], study.run["description"], study.sections))
+    files.keep(PAGE, page(study.run["study"], study.run["description"], of_study(study)))
     return files.written
 
 

@@ -37,8 +37,7 @@ ROOMS = {
         "known_light_kernels", "known_lights", "image", "single_image", "methods", "photos",
     ),
     "reports": (
-        "tables", "html", "figures", "viewer", "source", "section", "studies",
-        "skill_map", "sections summary page", "write",
+        "tables templates", "figures viewer", "source page", "sections summary", "write",
     ),
     "bench": ("scoring", "running", "datasets", "gates", "studies documents", "commands", "cli"),
 }  # fmt: skip

@@ -8,7 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import pandas as pd
+from markupsafe import Markup
 
+from malus.reports.figures.inline import inlined
 from malus.reports.tables.rows import (
     PAPER_BODY,
     distinct,
@@ -43,6 +45,11 @@ class Drawing:
         from malus.reports.figures.style import png
 
         return png(self.figure)
+
+    @property
+    def element(self) -> Markup:
+        """The figure as an element of a page."""
+        return inlined(self.svg, self.name, f"{self.title}: {self.caption}")
 
 
 def drawings(table: pd.DataFrame) -> Iterator[Drawing]:

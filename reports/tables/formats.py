@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import html
-import json
 import math
-from typing import Any
 
 from malus.scenes.core.errors import printable
 
@@ -32,31 +29,6 @@ def markdown(name: str) -> str:
 
 def _marked(text: str, special: str) -> str:
     return "".join("\\" + c if c in special else _REFERENCES.get(c, c) for c in text)
-
-
-def markup(name: object) -> str:
-    """A name or number as HTML text or as a quoted attribute.
-
-    Examples
-    --------
-    >>> markup("<script>")
-    '&lt;script&gt;'
-    """
-    return html.escape(printable(str(name)), quote=True)
-
-
-def script_json(value: Any) -> str:
-    """JSON that can stand inside an HTML script element, whatever its strings contain.
-
-    Examples
-    --------
-    >>> script_json(["</script>"])
-    '["\\\\u003c/script\\\\u003e"]'
-    """
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
-    for c in "<>&\u2028\u2029":
-        text = text.replace(c, f"\\u{ord(c):04x}")
-    return text
 
 
 def scientific(value: float) -> str:

@@ -169,8 +169,26 @@ def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
 
 
+def stress_groups(cases: pd.DataFrame) -> TextTable:
+    """Counts and extremes of every group of cases of the study `stress`."""
+    lines = [
+        [
+            str(name), str(len(rows)), str(int((~rows["passed"]).sum())),
+            scientific(float(rows["error"].max())), scientific(float(rows["seconds"].max())),
+        ]
+        for name, rows in cases.groupby("group", sort=False)
+    ]  # fmt: skip
+    return TextTable(("group", "cases", "failed", "largest error", "longest, seconds"), lines)
+
+
+def stress_cases(cases: pd.DataFrame) -> TextTable:
+    """Cases of the study `stress`, one a line."""
+    lines = [stress_cells(row) for _, row in cases.iterrows()]
+    return TextTable(tuple(map(str, cases.columns)), lines)
+
+
 def stress_cells(row: Any) -> list[str]:
-    """One row as text."""
+    """A row of the table of the study `stress` as text."""
     number = {"seconds": "{:.4f}", "value": "{:.10g}", "error": "{:.1e}"}
     texts = []
     for name, value in row.items():

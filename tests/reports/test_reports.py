@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from markupsafe import escape
 
 from malus.reports import write_report
 from malus.reports.figures.drawings import drawings, ladders
@@ -21,23 +22,22 @@ from malus.reports.figures.figure9 import figure9
 from malus.reports.figures.ladder import figure_ladder, ladder_numbers
 from malus.reports.figures.panels import spread
 from malus.reports.figures.style import png, svg
-from malus.reports.sections import of_run
-from malus.reports.source import Source
-from malus.reports.studies import read_study
+from malus.reports.sections import of_run, of_study
+from malus.reports.source import Source, read_study
 from malus.reports.summary import summary
 from malus.reports.tables import sample
 from malus.reports.tables.colour_errors import figure9_numbers, table1, table1_text
-from malus.reports.tables.formats import markdown, markup, script_json
+from malus.reports.tables.formats import markdown
 from malus.reports.tables.rows import coverage
 from malus.reports.tables.skills import (
     by_light_and_body,
+    median_skills,
     negative_skills,
-    skill_map,
     unreported_skills,
 )
 from malus.reports.tables.text_tables import savings
 from malus.reports.write import write_study
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, printable
 
 SVG = "{http://www.w3.org/2000/svg}"
 HOSTILE = "<script>alert(1)</script> $x^2$ & \"'|`*_ \U00013000"
@@ -177,8 +177,6 @@ def test_names_are_text_whatever_they_contain(table: pd.DataFrame, column: str) 
 def test_names_are_escaped_everywhere() -> None:
     assert markdown("a|b") == "a\\|b"
     assert markdown("# a_b\n") == "\\# a_b\\\\n"
-    assert markup("<a href='x'>") == "&lt;a href=&#x27;x&#x27;&gt;"
-    assert "<" not in script_json({"<!--": "</script>"})
 
 
 def test_nan_skills_are_counted_and_never_dropped_in_silence(table: pd.DataFrame) -> None:
@@ -211,7 +209,7 @@ def test_negative_skills_are_listed_with_their_place_and_number(table: pd.DataFr
 
 def test_skill_map_is_in_order_of_roughness_and_keeps_its_holes(table: pd.DataFrame) -> None:
     table = with_skill(table, math.nan, method="eq8", light="uniform", surface="carbon")
-    found = skill_map(table, "eq8", "unpolarised")
+    found = median_skills(table, "eq8", "unpolarised")
     assert list(found.columns) == ["obsidian", "carbon"]
     assert found.loc["uniform", "obsidian"] == pytest.approx(0.95)
     assert math.isnan(found.loc["uniform", "carbon"])
@@ -437,9 +435,9 @@ def test_a_study_has_a_page_and_its_figure(tmp_path: Path) -> None:
 
 def test_stress_names_what_failed_and_counts_every_group(tmp_path: Path) -> None:
     a_study(tmp_path / "stress", stress=stress_table())
-    (section,) = read_study(tmp_path / "stress").sections
+    (section,) = of_study(read_study(tmp_path / "stress"))
     assert "3 cases, 1 failed." in section.content
-    assert markup(HOSTILE) in section.content
+    assert escape(printable(HOSTILE)) in section.content
     row = '<th scope="row">rho</th><td>2</td><td>1</td><td>3.0e-4</td>'
     assert row in section.content
 
