@@ -1,4 +1,4 @@
-"""The sections of a page. Each of a run's is a function of the source, None without its data.
+"""The sections of a page. Those of a run are functions of its source; None without their data.
 
 To add one, write such a function (over the table, or over a file in `source.folder`), its
 template in `templates/`, and name the function in `SECTIONS`.
@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from malus.reports.page import Section
-from malus.reports.source import Source, Study, read_study
+from malus.reports.source import Source, StudyTables, read_study
 from malus.reports.tables import sentences, text_tables
 from malus.reports.tables.colour_errors import table1_text
 from malus.reports.tables.formats import counted, duration, listed, scientific, skill_text
@@ -71,7 +71,7 @@ def _of_method(rows: pd.DataFrame, method: str) -> pd.DataFrame:
     return rows[rows["method"] == method]
 
 
-def look(source: Source) -> Section | None:
+def image_viewer(source: Source) -> Section | None:
     """The viewer, where the run kept images."""
     if not any(example.methods for example in source.examples):
         return None
@@ -112,7 +112,7 @@ def colour(source: Source) -> Section | None:
 
 
 def skill(source: Source) -> Section:
-    """The skill map and where the paper's method is worse than no model."""
+    """Maps of the skill, and where that of the paper's method is negative."""
     examples = example_scenes(source.examples, source.table)
     negative = text_tables.negatives(source.table, PAPER_METHOD)
     content = render(
@@ -131,7 +131,7 @@ def skill(source: Source) -> Section:
 
 
 def noise(source: Source) -> Section:
-    """Errors of every method with the noise in them, and the interpolation error."""
+    """Errors of every method, the Monte Carlo noise in them, and the interpolation error."""
     content = render(
         "noise.html",
         explanation=sentences.NOISE,
@@ -182,7 +182,7 @@ def of_run(source: Source) -> list[Section]:
     return [*sections[:-1], *studies, sections[-1]]
 
 
-def of_study(study: Study) -> list[Section]:
+def of_study(study: StudyTables) -> list[Section]:
     """The sections of a study: one for each table that it wrote."""
     sections = []
     if study.precision is not None:
@@ -192,7 +192,7 @@ def of_study(study: Study) -> list[Section]:
     return sections
 
 
-def _precision(study: Study) -> Section:
+def _precision(study: StudyTables) -> Section:
     content = render(
         "figures.html",
         explanation=sentences.PRECISION,
@@ -226,6 +226,6 @@ def _machine(run: dict[str, Any]) -> str:
 
 
 SECTIONS: tuple[Callable[[Source], Section | None], ...] = (
-    headline, look, maps, figures, colour, ladder, skill, noise, savings, provenance,
+    headline, image_viewer, maps, figures, colour, ladder, skill, noise, savings, provenance,
 )  # fmt: skip
 """Functions of the sections of a run, in the order of the page; the last one comes last of all."""

@@ -50,7 +50,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Study:
+class StudyTables:
     """What a study wrote: `run.json` and its table or tables, None for one that it has not."""
 
     run: dict[str, Any]
@@ -68,7 +68,7 @@ def is_study(folder: Path) -> bool:
     return any((folder / name).exists() for name in _STUDY_COLUMNS)
 
 
-def read_study(folder: Path) -> Study:
+def read_study(folder: Path) -> StudyTables:
     """The study in a folder.
 
     Raises
@@ -77,7 +77,8 @@ def read_study(folder: Path) -> Study:
         If there is none, or it cannot be read.
     """
     run = _read_run(folder / RUN)
-    return Study(run, _read_table(folder / "precision.csv"), _read_table(folder / "stress.csv"))
+    precision, stress = (_read_table(folder / name) for name in _STUDY_COLUMNS)
+    return StudyTables(run, precision, stress)
 
 
 def _read_run(path: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The summary in Markdown: what was run, what came out, and what it does not say."""
+"""The summary of a run in Markdown: errors and skill beside the paper's, and what was run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from malus.reports.tables.text_tables import TextTable
 
 
 def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = ()) -> str:
-    """The whole summary.
+    """The summary of a run as Markdown text.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
 
 
 def _colours(table: pd.DataFrame) -> Iterator[str]:
-    found = table1_text(table)
-    if found:
+    colours = table1_text(table)
+    if colours:
         yield "## Table I: colour differences"
         yield sentences.TABLE1
-        yield _table(found)
+        yield _table(colours)
 
 
 def _left_out(table: pd.DataFrame) -> Iterator[str]:
@@ -72,25 +72,25 @@ def _negative(table: pd.DataFrame) -> Iterator[str]:
     if PAPER_METHOD not in distinct(table["method"]):
         yield f"{PAPER_METHOD} was not run."
         return
-    places = negative_skills(table, PAPER_METHOD)
-    if places.empty:
+    groups = negative_skills(table, PAPER_METHOD)
+    if groups.empty:
         yield sentences.NEVER_NEGATIVE
         return
-    scenes = counted(int(places["negative"].sum()), "scene")
-    yield f"{scenes} in {counted(len(places), 'place')}: there the model is worse than no model."
+    scenes = counted(int(groups["negative"].sum()), "scene")
+    yield f"{scenes} in {counted(len(groups), 'place')}: there the model is worse than no model."
     yield _table(text_tables.negatives(table, PAPER_METHOD))
 
 
 def _without_skill(table: pd.DataFrame) -> Iterator[str]:
-    places = text_tables.without_skill(table)
-    if places:
+    without = text_tables.without_skill(table)
+    if without:
         yield sentences.NO_SKILL
-        yield _table(places)
+        yield _table(without)
     else:
         yield sentences.ALL_SKILLS
 
 
-def _table(found: TextTable) -> str:
-    lines = [[markdown(cell) for cell in line] for line in (found.heads, *found.lines)]
-    rows = [lines[0], ["---"] * len(found.heads), *lines[1:]]
+def _table(table: TextTable) -> str:
+    lines = [[markdown(cell) for cell in line] for line in (table.heads, *table.lines)]
+    rows = [lines[0], ["---"] * len(table.heads), *lines[1:]]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)

@@ -1,4 +1,4 @@
-"""Everything that is made from a run, as files."""
+"""Write the report of a run or of a study: page, summary, figures and tables as files."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from malus.scenes.core.files import write_whole
 def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -> list[Path]:
     """Write the report of a run into its folder: page, summary, figures, the CSV behind each.
 
-    Every file is written whole or not at all. What else lies in the folder (`examples/`) is shown
-    on the page.
+    Every file is written whole or not at all. The images in its `examples/` are shown on
+    the page.
 
     Parameters
     ----------

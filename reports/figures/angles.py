@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from malus.reports.figures.figure5 import Content, legend
+from malus.reports.figures.figure5 import FigureContent, legend
 from malus.reports.figures.panels import bars, name_paper, shade_paper, share_height
 from malus.reports.figures.style import drawable, style
 from malus.reports.tables.rows import distinct, rows_by_angle, scored_methods
@@ -40,8 +40,8 @@ def angle_numbers(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def figure_angles(table: pd.DataFrame, body: str) -> Figure:
-    """One panel a light: NMSE over the polariser angle, every method one line."""
-    content = Content.of(table, body)
+    """NMSE over the polariser angle, a panel a light, a line a method."""
+    content = FigureContent.of(table, body)
     values = angle_numbers(content.rows)
     lights = distinct(content.rows["light"])
     with style():
@@ -51,10 +51,10 @@ def figure_angles(table: pd.DataFrame, body: str) -> Figure:
         for ax, light in zip(axes, lights, strict=True):
             ax.set_yscale("log")
             shade_paper(ax)
-            for place, (method, look) in enumerate(content.methods.items()):
+            for number, (method, method_style) in enumerate(content.methods.items()):
                 rows = values[(values["light"] == light) & (values["method"] == method)]
-                shift = (place - (len(content.methods) - 1) / 2) * _SHIFT_DEG
-                bars(ax, rows.assign(x=rows["x"] + shift), look)
+                shift = (number - (len(content.methods) - 1) / 2) * _SHIFT_DEG
+                bars(ax, rows.assign(x=rows["x"] + shift), method_style)
             ax.set_title(drawable(light))
             ax.set_xlabel("polariser angle ϑ (°)")
             ax.set_xticks(sorted(values["x"].unique()))

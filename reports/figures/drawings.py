@@ -41,7 +41,7 @@ class Drawing:
 
     @cached_property
     def png(self) -> bytes:
-        """The same in pixels, with the layout of the SVG."""
+        """The figure as PNG, with the layout of the SVG."""
         from malus.reports.figures.style import png
 
         return png(self.figure)

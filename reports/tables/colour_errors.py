@@ -1,4 +1,4 @@
-"""The paper's Table I and Figure 9: colour and squared differences of I_max, I_min and I(ϑ)."""
+"""Table I and Figure 9 of the paper: colour differences and NMSE of I_max, I_min and I(ϑ)."""
 
 from __future__ import annotations
 
@@ -44,23 +44,23 @@ def table1(table: pd.DataFrame) -> pd.DataFrame:
     Examples
     --------
     >>> from malus.reports.tables.sample import coloured
-    >>> found = table1(coloured())
-    >>> found[["method", "formula", "image", "mean", "std", "scene_std"]].values.tolist()[0]
+    >>> errors = table1(coloured())
+    >>> errors[["method", "formula", "image", "mean", "std", "scene_std"]].values.tolist()[0]
     ['unpolarised', 'ΔE76', 'I_max', 3.0, 1.0, 0.0]
     """
-    found = pd.concat(
+    errors = pd.concat(
         _pooled(table, overall_rows, name + ending, ["body", "method"]).assign(
             formula=formula, image=image
         )
         for name, formula in (*_COLOURS.items(), ("nmse", _ERROR))
         for ending, image in _IMAGES.items()
     )
-    if not found["formula"].isin(_COLOURS.values()).any():
+    if not errors["formula"].isin(_COLOURS.values()).any():
         return pd.DataFrame(columns=_COLUMNS)
-    order = {name: place for place, name in enumerate(scored_methods(table))}
-    found = found.assign(order=found["method"].map(order))
-    found = found.sort_values(["body", "order"], kind="stable", ignore_index=True)
-    return found[_COLUMNS]
+    order = {name: number for number, name in enumerate(scored_methods(table))}
+    errors = errors.assign(order=errors["method"].map(order))
+    errors = errors.sort_values(["body", "order"], kind="stable", ignore_index=True)
+    return errors[_COLUMNS]
 
 
 def figure9_numbers(table: pd.DataFrame) -> pd.DataFrame:
@@ -72,8 +72,8 @@ def figure9_numbers(table: pd.DataFrame) -> pd.DataFrame:
         Columns light, method, x (degrees from the vertical), mean, std, scene_std, noise and
         scenes.
     """
-    found = _pooled(table, rows_by_angle, "delta_e76", ["light", "method", "angle_deg"])
-    return found.rename(columns={"angle_deg": "x"})
+    errors = _pooled(table, rows_by_angle, "delta_e76", ["light", "method", "angle_deg"])
+    return errors.rename(columns={"angle_deg": "x"})
 
 
 def _pooled(
@@ -104,19 +104,19 @@ def _pooled(
 
 
 def table1_text(table: pd.DataFrame) -> TextTable:
-    """Table I as cells, the paper's own lines last; no line without the metrics."""
-    found = table1(table)
-    pairs = list(dict.fromkeys(zip(found["formula"], found["image"], strict=True)))
+    """Table I as text, the paper's own numbers last; without a line where no colour was scored."""
+    errors = table1(table)
+    pairs = list(dict.fromkeys(zip(errors["formula"], errors["image"], strict=True)))
     heads = ("body", "method", "scenes", *(f"{formula} of {image}" for formula, image in pairs))
     lines = []
-    for (body, method), rows in found.groupby(["body", "method"], sort=False):
+    for (body, method), rows in errors.groupby(["body", "method"], sort=False):
         cells = {(row.formula, row.image): _cell(row) for row in rows.itertuples()}
         texts = [cells.get(pair, NO_NUMBER) for pair in pairs]
         lines.append([str(body), str(method), str(rows["scenes"].max()), *texts])
     if lines:
-        for who, printed in PAPER_TABLE1.items():
+        for source, printed in PAPER_TABLE1.items():
             texts = [printed.get(pair, NO_NUMBER) for pair in pairs]
-            lines.append([NO_NUMBER, who, NO_NUMBER, *texts])
+            lines.append([NO_NUMBER, source, NO_NUMBER, *texts])
     return TextTable(heads, lines)
 
 

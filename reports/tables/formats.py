@@ -1,4 +1,4 @@
-"""Names and numbers as text that is safe where it is printed: Markdown, HTML, figures."""
+"""Names and numbers as text: escaped for Markdown, rounded for a reader."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NO_NUMBER = "–"
 
 
 def markdown(name: str) -> str:
-    r"""A name as it is, in Markdown: nothing in it becomes markup.
+    r"""A name escaped for Markdown: nothing in it becomes markup.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200.0 else f"{seconds / 3600:.1f} h"
 
 
-def counted(number: int, one: str, many: str = "") -> str:
+def counted(number: int, noun: str, plural: str = "") -> str:
     """A number with its noun.
 
     Examples
@@ -84,7 +84,7 @@ def counted(number: int, one: str, many: str = "") -> str:
     >>> counted(1, "scene"), counted(2, "body", "bodies")
     ('1 scene', '2 bodies')
     """
-    return f"{number} {one if number == 1 else many or one + 's'}"
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
 def listed(words: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""What the figures and pages take from a results table."""
+"""Rows of a results table, chosen by metric, body and angle, and what they cover."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PAPER_BODY = "unpolarised"
 
 
 class ResultsLike(Protocol):
-    """A table and how it came about, as `malus.bench.Results` holds them."""
+    """The results of a run: a table, and a record of how it came about."""
 
     @property
     def table(self) -> pd.DataFrame:
@@ -87,9 +87,9 @@ def unverified_surfaces(table: pd.DataFrame) -> list[str]:
     >>> unverified_surfaces(pd.DataFrame({"surface": ["carbon", "alpha 0.3"]}))
     ['carbon']
     """
-    known = surfaces()
+    catalogue = surfaces()
     names = distinct(table["surface"])
-    return [name for name in names if name in known and known[name].status != "verified"]
+    return [name for name in names if name in catalogue and catalogue[name].status != "verified"]
 
 
 def rows_of_body(table: pd.DataFrame, body: str) -> pd.DataFrame:
@@ -99,22 +99,22 @@ def rows_of_body(table: pd.DataFrame, body: str) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Coverage:
-    """Lights on all, on some and on none of whose scenes a method could work."""
+    """Names of the lights on all, on some and on none of whose scenes a method could work."""
 
-    whole: tuple[str, ...]
-    part: tuple[str, ...]
-    missing: tuple[str, ...]
+    complete_lights: tuple[str, ...]
+    partial_lights: tuple[str, ...]
+    missing_lights: tuple[str, ...]
 
     @property
     def complete(self) -> bool:
         """Whether the method worked on every scene."""
-        return not self.part and not self.missing
+        return not self.partial_lights and not self.missing_lights
 
     def __str__(self) -> str:
         """In words, for a legend; empty where the coverage is complete."""
         if self.complete:
             return ""
-        covered = [*self.whole, *(f"part of {light}" for light in self.part)]
+        covered = [*self.complete_lights, *(f"part of {light}" for light in self.partial_lights)]
         return f"only {', '.join(covered)}" if covered else "no scene"
 
 
@@ -129,12 +129,12 @@ def coverage(table: pd.DataFrame, method: str) -> Coverage:
     >>> str(coverage(table, "half_vector"))
     'only distant'
     """
-    worked = overall_rows(table, "nmse")
-    worked = worked[worked["method"] == method]
-    wanted = table.groupby("light", sort=False)["scene"].nunique()
-    done = worked.groupby("light")["scene"].nunique().reindex(wanted.index, fill_value=0)
+    errors = overall_rows(table, "nmse")
+    errors = errors[errors["method"] == method]
+    scenes = table.groupby("light", sort=False)["scene"].nunique()
+    scored = errors.groupby("light")["scene"].nunique().reindex(scenes.index, fill_value=0)
     return Coverage(
-        whole=tuple(map(str, wanted.index[done == wanted])),
-        part=tuple(map(str, wanted.index[(done > 0) & (done < wanted)])),
-        missing=tuple(map(str, wanted.index[done == 0])),
+        complete_lights=tuple(map(str, scenes.index[scored == scenes])),
+        partial_lights=tuple(map(str, scenes.index[(scored > 0) & (scored < scenes)])),
+        missing_lights=tuple(map(str, scenes.index[scored == 0])),
     )

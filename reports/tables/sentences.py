@@ -54,7 +54,7 @@ NEVER_NEGATIVE = f"The skill of {PAPER_METHOD} is negative nowhere in this suite
 
 
 def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
-    """Scenes, sampling, interpolation error, doubts and versions, one sentence each."""
+    """Sentences on scenes, sampling, interpolation error, roughness values and versions."""
     suite, sampling = run["suite"], run["suite"]["sampling"]
     axes = ("shape", "material", "surface", "light")
     counts = ", ".join(
@@ -87,7 +87,7 @@ def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
 
 
 def doubts(table: pd.DataFrame) -> Iterator[str]:
-    """What the reader must know about the roughness values, if any is in doubt."""
+    """A sentence on the roughness values that nobody has verified, if there are any."""
     names = unverified_surfaces(table)
     if names:
         yield (

@@ -31,13 +31,13 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     >>> by_light_and_body(table()).query("method == 'eq8'")[["light", "skill_min"]].values.tolist()
     [['uniform', 0.95], ['distant 60°', 0.95]]
     """
-    every = table.drop_duplicates(["scene", "method"]).groupby(_GROUP, sort=False)
+    tried = table.drop_duplicates(["scene", "method"]).groupby(_GROUP, sort=False)
     nmse = overall_rows(table, "nmse").groupby(_GROUP, sort=False)
     skill = overall_rows(table, "skill").groupby(_GROUP, sort=False)["value"]
     inapplicable = (
         overall_rows(table, "inapplicable").groupby(_GROUP, sort=False)["scene"].nunique()
     )
-    result = pd.DataFrame({"scenes": every["scene"].nunique()})
+    result = pd.DataFrame({"scenes": tried["scene"].nunique()})
     result["inapplicable"] = inapplicable.reindex(result.index, fill_value=0)
     result["nmse_mean"] = nmse["value"].mean()
     result["nmse_max"] = nmse["value"].max()
@@ -116,14 +116,14 @@ def median_skills(table: pd.DataFrame, method: str, body: str) -> pd.DataFrame:
     rows = _skills(table, method)
     rows = rows[rows["body"] == body]
     medians = rows.groupby(["light", "surface"], sort=False)["value"].median().unstack()
-    every = table[table["body"] == body]
-    surfaces = every.sort_values("alpha", kind="stable")["surface"]
-    return medians.reindex(index=distinct(every["light"]), columns=distinct(surfaces))
+    scenes = table[table["body"] == body]
+    surfaces = scenes.sort_values("alpha", kind="stable")["surface"]
+    return medians.reindex(index=distinct(scenes["light"]), columns=distinct(surfaces))
 
 
 @dataclass(frozen=True)
 class SkillCell:
-    """A median skill as the page shows it.
+    """A cell of the skill map: a median skill and how the page shows it.
 
     `side` is "good", "bad" or "none" (no skill to report), `strength` that of the cell's colour,
     `scene` an example of it in the viewer, empty where there is none.
@@ -151,7 +151,7 @@ class SkillMap:
 
 
 def skill_maps(table: pd.DataFrame, examples: Mapping[tuple[str, str, str], str]) -> list[SkillMap]:
-    """A map for every body and method.
+    """Maps of the median skill, one for every body and method.
 
     Parameters
     ----------

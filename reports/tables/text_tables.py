@@ -1,4 +1,4 @@
-"""The tables of a report as plain cells; Markdown and HTML each escape them their own way."""
+"""The tables of a report as text, not escaped: Markdown and HTML each do that their own way."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from malus.reports.tables.skills import by_light_and_body, negative_skills, unre
 
 @dataclass(frozen=True)
 class TextTable:
-    """Heads and lines of cells, not escaped."""
+    """A table of text: heads, and lines of as many cells."""
 
     heads: tuple[str, ...]
     lines: list[list[str]]
@@ -38,18 +38,18 @@ def beside_paper(table: pd.DataFrame) -> TextTable:
     rows = overall_rows(table, "nmse")
     lines = []
     for body, method in product(distinct(rows["body"]), scored_methods(table)):
-        found = rows[(rows["method"] == method) & (rows["body"] == body)]
-        if len(found):
-            below = bool(found["value"].max() < PAPER_NMSE[0])
-            ranges = [range_of_means(found, by) for by in ("material", "surface")]
-            worst = scientific(float(found["value"].max()))
+        scored = rows[(rows["method"] == method) & (rows["body"] == body)]
+        if len(scored):
+            below = bool(scored["value"].max() < PAPER_NMSE[0])
+            ranges = [range_of_means(scored, by) for by in ("material", "surface")]
+            worst = scientific(float(scored["value"].max()))
             lines.append([body, method, *ranges, worst, "yes" if below else "no"])
     heads = ("body", "method", "mean by material", "mean by surface", "worst scene")
     return TextTable((*heads, f"every scene below {PAPER_NMSE[0]:g}"), lines)
 
 
 def by_method(numbers: pd.DataFrame) -> TextTable:
-    """A line a place on a figure's axis, a column a method: mean ± standard deviation."""
+    """Mean ± standard deviation behind a figure: a line an x of its axis, a column a method."""
     cells = numbers["mean"].map(scientific) + " ± " + numbers["std"].map(scientific)
     keys = [name for name in ("panel", "light", "name", "x") if name in numbers]
     wide = numbers.assign(cell=cells).pivot(index=keys, columns="method", values="cell")
@@ -60,7 +60,7 @@ def by_method(numbers: pd.DataFrame) -> TextTable:
 
 
 def budget(numbers: pd.DataFrame) -> TextTable:
-    """A line a body and method, a column a part of its error."""
+    """The error budget: a line a body and method, a column a part of its error."""
     sources = distinct(numbers["source"])
     lines = []
     for (body, method), rows in numbers.groupby(["body", "method"], sort=False):
@@ -72,7 +72,7 @@ def budget(numbers: pd.DataFrame) -> TextTable:
 
 
 def points(numbers: pd.DataFrame) -> TextTable:
-    """A line a setting of the work-precision diagrams."""
+    """Seconds and error of every setting in the work-precision diagrams."""
     lines = [
         [
             row["diagram"], row["method"], row["setting"],
@@ -115,12 +115,12 @@ def _error_line(row: dict[str, Any]) -> list[str]:
 def left_out(table: pd.DataFrame) -> TextTable:
     """Methods that could not work on some scenes, and why."""
     groups = overall_rows(table, "inapplicable").groupby(["method", "note"], sort=False)["scene"]
-    lines = [[str(method), str(note), str(found.nunique())] for (method, note), found in groups]
+    lines = [[str(method), str(note), str(scenes.nunique())] for (method, note), scenes in groups]
     return TextTable(("method", "reason", "scenes left out"), lines)
 
 
 def negatives(table: pd.DataFrame, method: str) -> TextTable:
-    """Where a method's skill is below zero, the worst places first."""
+    """Lights, surfaces and bodies where a method's skill is below zero, the worst first."""
     heads = ("light", "surface (α)", "body", "scenes", "worst skill", "worst scene")
     lines = [
         [
@@ -134,7 +134,7 @@ def negatives(table: pd.DataFrame, method: str) -> TextTable:
 
 
 def without_skill(table: pd.DataFrame) -> TextTable:
-    """Where the trivial guess is inside the noise, for every method."""
+    """Lights, surfaces and bodies with scenes on which a method has no skill to report."""
     lines = [
         [name, row["light"], row["surface"], row["body"], f"{row['unreported']} of {row['scenes']}"]
         for name in scored_methods(table)
@@ -160,7 +160,7 @@ def savings(plan: dict[str, Any]) -> TextTable:
 
 
 def stages(run: dict[str, Any]) -> TextTable:
-    """Seconds of every stage."""
+    """Seconds of every stage of a run."""
     lines = [[name, f"{value:.2f}"] for name, value in run["seconds"].items()]
     return TextTable(("stage", "seconds"), lines)
 

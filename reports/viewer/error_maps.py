@@ -37,7 +37,7 @@ _NAMES = {"_i_max": "I_max", "_i_min": "I_min"}
 
 @dataclass(frozen=True)
 class ErrorMap:
-    """ΔE76 of one image of a method: what it is of, and (height, width), NaN off the object."""
+    """ΔE76 (height, width) of one image by a method, NaN off the object."""
 
     method: str
     image: str
@@ -51,7 +51,7 @@ class ErrorMap:
 
 
 def error_maps(example: Example) -> Iterator[ErrorMap]:
-    """I_max, I_min and every I(ϑ) of every method, as `colour_error` compares them.
+    """Error maps of I_max, I_min and every I(ϑ) of every method.
 
     Raises
     ------
@@ -83,15 +83,15 @@ def grey(difference: AnyArray, mask: BoolArray) -> ByteArray:
     return np.stack([np.where(mask, level, 0), np.where(mask, 255, 0)], -1).astype(np.uint8)
 
 
-def png_address(pixels: ByteArray) -> str:
-    """A picture of grey and opacity as an address that holds it."""
+def png_url(pixels: ByteArray) -> str:
+    """Grey and opacity (height, width, 2) as the data URL of a PNG."""
     buffer = io.BytesIO()
     Image.fromarray(pixels, "LA").save(buffer, "PNG", optimize=True)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def gallery(examples: Sequence[Example], budget: int = BUDGET) -> Markup | None:
-    """Every example's maps, one line a method, as far as the budget goes; None without any."""
+    """HTML of the error maps of the examples that fit the budget; None without any."""
     tables: list[tuple[str, Markup]] = []
     for example in examples:
         try:
@@ -120,7 +120,7 @@ def _table(example: Example) -> Markup:
     mask = example.mask[::step, ::step]
     methods: dict[str, list[dict[str, str]]] = {name: [] for name in example.methods}
     for error in error_maps(example):
-        src = Markup(png_address(grey(error.difference[::step, ::step], mask)))
+        src = Markup(png_url(grey(error.difference[::step, ::step], mask)))
         cell = {"image": error.image, "src": src, "spread": error.spread}
         methods[error.method].append(cell)
     images = dict.fromkeys(cell["image"] for cells in methods.values() for cell in cells)

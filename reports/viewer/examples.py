@@ -19,7 +19,7 @@ _HINT = "delete it and run the suite again"
 
 @dataclass(frozen=True)
 class Example:
-    """One scene: FloatArray images (height, width, bands, 3) of the truth and of every method."""
+    """One scene: Stokes images (height, width, bands, 3) of the truth and of every method."""
 
     scene: str
     label: str
@@ -51,18 +51,18 @@ class Example:
 
 
 def read_examples(folder: Path) -> Iterator[Example]:
-    """The examples in a folder, by name; none where there is no such folder."""
+    """The examples in a folder, in the order of their file names; none without the folder."""
     for path in sorted(folder.glob("*.npz")):
         yield read_example(path)
 
 
 def read_example(path: Path) -> Example:
-    """One example.
+    """The example in a file.
 
     Raises
     ------
     InputError
-        If the file is no such example.
+        If the file holds none.
     """
     with (
         reading(str(path), _EXPECTED, _HINT),
@@ -71,9 +71,9 @@ def read_example(path: Path) -> Example:
     ):
         example = _example({name: arrays[name] for name in arrays.files})
     bands = len(example.wavelengths_nm)
-    wanted = (*example.mask.shape, bands, 3)
+    expected_shape = (*example.mask.shape, bands, 3)
     for name, stokes in {"truth": example.truth, **example.methods}.items():
-        if stokes.shape != wanted or example.mask.ndim != 2:
+        if stokes.shape != expected_shape or example.mask.ndim != 2:
             shapes = f"{name} of shape {stokes.shape}, mask {example.mask.shape}"
             raise InputError(str(path), _EXPECTED, shapes, _HINT)
     return example

@@ -1,4 +1,4 @@
-"""The viewer: its data, filled into its template; its script is in `assets/`."""
+"""The viewer with the virtual polariser: its HTML and its data; its script is in `assets/`."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _scores(table: pd.DataFrame, example: Example) -> dict[str, dict[str, str]]:
 
 
 def _colour_maps() -> dict[str, str]:
-    """256 RGB colours of every colour map, as base64."""
+    """256 RGB colours of every colour map, as base64 text."""
     from matplotlib import colormaps
 
     levels = np.linspace(0.0, 1.0, 256)

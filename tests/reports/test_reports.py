@@ -136,7 +136,7 @@ def test_legend_says_which_lights_a_partial_mean_covers(table: pd.DataFrame) -> 
 def test_coverage_of_part_of_a_light(table: pd.DataFrame) -> None:
     first = table["scene"] == f"{0:016x}"
     found = coverage(table[~(first & (table["metric"] == "nmse"))], "eq8")
-    assert (found.part, found.missing) == (("uniform",), ())
+    assert (found.partial_lights, found.missing_lights) == (("uniform",), ())
     assert str(found) == "only distant 60°, part of uniform"
 
 
@@ -294,7 +294,7 @@ def test_the_page_says_what_the_plan_saved(table: pd.DataFrame, tmp_path: Path) 
     lines = savings(sample.run()["plan"]).lines
     assert [line[:3] for line in lines] == [
         ["polariser images", "240 of 1,200", "960"],
-        ["interface images", "30 of 210", "180"],
+        ["specular images", "30 of 210", "180"],
         ["shadow rays", "0 of 4", "only rays"],
     ]
     found = of_run(Source(table, sample.run(), tmp_path, ()))
