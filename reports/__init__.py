@@ -1,4 +1,4 @@
-"""Results into figures, tables and one self-contained page. Reads results only."""
+"""Reports: figures, tables and one self-contained HTML page from the results of a run."""
 
 from malus.reports.write import write_report
 

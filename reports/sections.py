@@ -1,58 +1,56 @@
-"""The page's sections. Each is a function of the source and gives None without its data.
+"""The sections of a page. Those of a run are functions of its source; None without their data.
 
-To add one, write such a function (over the table, or over a file in `source.folder`) and name it
-in `SECTIONS`.
+To add one, write such a function (over the table, or over a file in `source.folder`), its
+template in `templates/`, and name the function in `SECTIONS`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pandas as pd
 
-from malus.reports.html import folded, join, table, tag
-from malus.reports.section import Section, figure
-from malus.reports.skill_map import maps as skill_maps
-from malus.reports.source import Source
-from malus.reports.studies import read_study
-from malus.reports.tables import facts, listing
-from malus.reports.tables.colour_errors import table1_listing
-from malus.reports.tables.listing import range_of_means
-from malus.reports.tables.tables import (
+from malus.reports.page import Section
+from malus.reports.source import Source, StudyTables, read_study
+from malus.reports.tables import sentences, text_tables
+from malus.reports.tables.colour_errors import table1_text
+from malus.reports.tables.formats import counted, duration, listed, scientific, skill_text
+from malus.reports.tables.rows import (
     PAPER_BODY,
     PAPER_METHOD,
     PAPER_RANGE,
     TRIVIAL,
-    in_order,
-    only_body,
-    whole,
+    distinct,
+    overall_rows,
+    rows_of_body,
 )
-from malus.reports.tables.text import counted, duration, scientific, worth
-from malus.reports.viewer.error_maps import WHITE, gallery
-from malus.reports.viewer.viewer import place_of_scenes, viewer
+from malus.reports.tables.skills import skill_maps
+from malus.reports.tables.text_tables import range_of_means
+from malus.reports.templates.render import render
+from malus.reports.viewer.error_maps import gallery
+from malus.reports.viewer.viewer import example_scenes, viewer
 
 
 def headline(source: Source) -> Section:
     """The numbers of the paper's method beside the paper's own."""
-    body = PAPER_BODY if PAPER_BODY in in_order(source.table["body"]) else ""
-    rows = only_body(source.table, body) if body else source.table
-    tiles = [tag("li", tag("b", number), label) for number, label in _tiles(rows)]
-    paper = f"the paper’s method, {PAPER_METHOD}" + (f"; {body} body" if body else "")
-    return Section(
-        "headline",
-        "In short",
-        join(
-            tag("p", f"Everything known to the method: {paper}.", class_="note"),
-            tag("ul", *tiles, class_="tiles"),
-            tag("p", facts.SKILL),
-            *(tag("p", fact, class_="warning") for fact in facts.doubts(source.table)),
-        ),
+    body = PAPER_BODY if PAPER_BODY in distinct(source.table["body"]) else ""
+    rows = rows_of_body(source.table, body) if body else source.table
+    content = render(
+        "headline.html",
+        method=PAPER_METHOD,
+        body=body,
+        tiles=list(_headline_tiles(rows)),
+        explanation=sentences.SKILL,
+        doubts=list(sentences.doubts(source.table)),
     )
+    return Section("headline", "In short", content)
 
 
-def _tiles(rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
-    error, skill = (_of(whole(rows, metric), PAPER_METHOD) for metric in ("nmse", "skill"))
-    trivial = _of(whole(rows, "nmse"), TRIVIAL)
+def _headline_tiles(rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
+    error = _of_method(overall_rows(rows, "nmse"), PAPER_METHOD)
+    skill = _of_method(overall_rows(rows, "skill"), PAPER_METHOD)
+    trivial = _of_method(overall_rows(rows, "nmse"), TRIVIAL)
     if len(error):
         for by in ("material", "surface"):
             yield range_of_means(error, by), f"mean NMSE by {by}. The paper: {PAPER_RANGE}"
@@ -60,7 +58,7 @@ def _tiles(rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
         yield range_of_means(trivial, "material"), "the same of the trivial guess I(ϑ) = I/2"
     if len(skill):
         values = skill["value"]
-        yield worth(float(values.median())), "median skill; the paper reports none"
+        yield skill_text(float(values.median())), "median skill; the paper reports none"
         share = f"{int((values < 0).sum())} of {len(values)}"
         yield share, "scenes with negative skill: worse than no model"
         without = int(values.isna().sum())
@@ -69,88 +67,80 @@ def _tiles(rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
         yield scientific(float(error["noise"].mean())), "Monte Carlo noise in the mean NMSE"
 
 
-def _of(rows: pd.DataFrame, method: str) -> pd.DataFrame:
+def _of_method(rows: pd.DataFrame, method: str) -> pd.DataFrame:
     return rows[rows["method"] == method]
 
 
-def look(source: Source) -> Section | None:
+def image_viewer(source: Source) -> Section | None:
     """The viewer, where the run kept images."""
     if not any(example.methods for example in source.examples):
         return None
-    content = viewer(source.examples, source.table)
-    return Section("look", "Turn the polariser", content)
+    return Section("look", "Turn the polariser", viewer(source.examples, source.table))
 
 
 def maps(source: Source) -> Section | None:
     """The error maps of the scenes whose images the run kept."""
-    shown = gallery([example for example in source.examples if example.methods])
-    if shown is None:
-        return None
-    legend = tag(
-        "div", "ΔE76: 0", tag("span", class_="grey-bar", role="img", aria_label="black to white"),
-        f"{WHITE:g} (10 JND) and more", class_="legend",
-    )  # fmt: skip
-    return Section("maps", "Error maps", join(tag("p", facts.ERROR_MAPS), legend, shown))
+    content = gallery([example for example in source.examples if example.methods])
+    return Section("maps", "Error maps", content) if content else None
 
 
 def figures(source: Source) -> Section | None:
     """Every figure with the numbers behind it."""
     if not source.drawings:
         return None
-    return Section("figures", "Errors", join(*map(figure, source.drawings)))
+    content = render("figures.html", explanation="", drawings=source.drawings, origin="")
+    return Section("figures", "Errors", content)
 
 
 def ladder(source: Source) -> Section | None:
     """The error budget, where methods were told less than everything."""
     if not source.ladders:
         return None
-    content = join(tag("p", facts.LADDER), *map(figure, source.ladders))
+    content = render(
+        "figures.html", explanation=sentences.LADDER, drawings=source.ladders, origin=""
+    )
     return Section("ladder", "Where the error comes from", content)
 
 
 def colour(source: Source) -> Section | None:
     """Table I, where the run scored colours."""
-    found = table1_listing(source.table)
-    if not found:
+    colours = table1_text(source.table)
+    if not colours:
         return None
-    content = join(tag("p", facts.TABLE1), table(found, "Table I: colour differences"))
+    content = render("colour.html", explanation=sentences.TABLE1, colours=colours)
     return Section("colour", "Table I", content)
 
 
 def skill(source: Source) -> Section:
-    """The skill map and where the paper's method is worse than no model."""
-    note = (
-        "Median over shapes and materials. Blue is better than the trivial guess, orange worse;"
-        " a dash: no skill to report or not applicable."
-    )
-    places = place_of_scenes(source.examples, source.table)
-    more = " A framed number opens an example in the viewer." if places else ""
-    negative = listing.negatives(source.table, PAPER_METHOD)
-    without = listing.without_skill(source.table)
-    title = f"Where the skill of {PAPER_METHOD} is negative"
-    content = join(
-        tag("p", note + more, class_="note"),
-        tag("div", *skill_maps(source.table, places), class_="maps"),
-        folded(f"{title}: {counted(len(negative.lines), 'place')}", table(negative, title))
-        if negative
-        else tag("p", facts.NEVER_NEGATIVE),
-        table(without, facts.NO_SKILL) if without else tag("p", facts.ALL_SKILLS),
+    """Maps of the skill, and where that of the paper's method is negative."""
+    examples = example_scenes(source.examples, source.table)
+    negative = text_tables.negatives(source.table, PAPER_METHOD)
+    content = render(
+        "skill.html",
+        examples=examples,
+        maps=skill_maps(source.table, examples),
+        method=PAPER_METHOD,
+        negative=negative,
+        negative_count=counted(len(negative.lines), "place"),
+        never_negative=sentences.NEVER_NEGATIVE,
+        without_skill=text_tables.without_skill(source.table),
+        no_skill=sentences.NO_SKILL,
+        all_skills=sentences.ALL_SKILLS,
     )
     return Section("skill", "Skill", content)
 
 
 def noise(source: Source) -> Section:
-    """Errors of every method with the noise in them, and the interpolation error."""
-    title = "NMSE, Monte Carlo noise and skill of every method per light and body"
-    rms = scientific(source.run["interpolation_rms"])
-    content = join(
-        tag("p", facts.NOISE),
-        tag("p", f"Interpolation in η adds at most {rms} of the peak (rms, measured)."),
-        table(listing.errors(source.table), title),
-        *(
-            tag("p", f"{method} left out {counted(int(scenes), 'scene')}: {reason}.")
-            for method, reason, scenes in listing.left_out(source.table).lines
-        ),
+    """Errors of every method, the Monte Carlo noise in them, and the interpolation error."""
+    content = render(
+        "noise.html",
+        explanation=sentences.NOISE,
+        interpolation_rms=scientific(source.run["interpolation_rms"]),
+        errors=text_tables.errors(source.table),
+        left_out=[
+            f"{method} left out {counted(int(scenes), 'scene')}: {reason}."
+            for method, reason, scenes in text_tables.left_out(source.table).lines
+        ],
     )
     return Section("noise", "All errors, and the noise in them", content)
 
@@ -165,34 +155,77 @@ def savings(source: Source) -> Section | None:
         (duration(plan["seconds"]), "rendering, measured"),
         (duration(plan["seconds_without"]), "the same without a plan, estimated"),
     )
-    content = join(
-        tag("p", facts.PLAN),
-        tag("ul", *(tag("li", tag("b", value), label) for value, label in tiles), class_="tiles"),
-        table(listing.savings(plan), "What was left out"),
+    content = render(
+        "plan.html",
+        explanation=sentences.PLAN,
+        tiles=tiles,
+        savings=text_tables.savings(plan),
     )
     return Section("plan", "What the plan saved", content)
 
 
 def provenance(source: Source) -> Section:
     """What was run, where, and how long it took."""
-    machine = source.run["machine"]
-    about = f"Machine: {', '.join(str(value) for value in machine.values())}."
-    lines = [*facts.what_was_run(source.table, source.run), about]
-    content = join(
-        tag("ul", *(tag("li", line) for line in lines)),
-        table(listing.stages(source.run), "Seconds of every stage"),
+    machine = f"Machine: {_machine(source.run)}."
+    content = render(
+        "provenance.html",
+        lines=[*sentences.what_was_run(source.table, source.run), machine],
+        stages=text_tables.stages(source.run),
     )
     return Section("provenance", "How this came about", content)
 
 
 def of_run(source: Source) -> list[Section]:
     """All sections of a run's page: those that have data, then the studies given with it."""
-    made = (make(source) for make in SECTIONS)
-    found = [section for section in made if section]
-    studies = [section for folder in source.beside for section in read_study(folder).sections]
-    return [*found[:-1], *studies, found[-1]]
+    sections = [section for section in (make(source) for make in SECTIONS) if section]
+    studies = [section for folder in source.beside for section in of_study(read_study(folder))]
+    return [*sections[:-1], *studies, sections[-1]]
+
+
+def of_study(study: StudyTables) -> list[Section]:
+    """The sections of a study: one for each table that it wrote."""
+    sections = []
+    if study.precision is not None:
+        sections.append(_precision(study))
+    if study.stress is not None:
+        sections.append(_stress(study.stress, study.run))
+    return sections
+
+
+def _precision(study: StudyTables) -> Section:
+    content = render(
+        "figures.html",
+        explanation=sentences.PRECISION,
+        drawings=study.drawings,
+        origin=_origin(study.run),
+    )
+    return Section("precision", "Error against run time", content)
+
+
+def _stress(cases: pd.DataFrame, run: dict[str, Any]) -> Section:
+    failed = cases[~cases["passed"]]
+    content = render(
+        "stress.html",
+        explanation=sentences.STRESS,
+        verdict=f"{counted(len(cases), 'case')}, {len(failed)} failed.",
+        groups=text_tables.stress_groups(cases),
+        failed=text_tables.stress_cases(failed),
+        cases=text_tables.stress_cases(cases),
+        origin=_origin(run),
+    )
+    return Section("stress", "Stress", content)
+
+
+def _origin(run: dict[str, Any]) -> str:
+    versions = listed([f"{name} {version}" for name, version in run["versions"].items()])
+    return f"Finished {run['finished']} on {_machine(run)}; {versions}."
+
+
+def _machine(run: dict[str, Any]) -> str:
+    return ", ".join(str(value) for value in run["machine"].values())
 
 
 SECTIONS: tuple[Callable[[Source], Section | None], ...] = (
-    headline, look, maps, figures, colour, ladder, skill, noise, savings, provenance,
+    headline, image_viewer, maps, figures, colour, ladder, skill, noise, savings, provenance,
 )  # fmt: skip
+"""Functions of the sections of a run, in the order of the page; the last one comes last of all."""

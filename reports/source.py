@@ -1,7 +1,8 @@
-"""What the page is made from."""
+"""What a page is made from: the results of a run, or the tables of a study."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -9,13 +10,25 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.figures.drawings import Drawing
+from malus.reports.figures.drawings import Drawing, precision_drawing
 from malus.reports.viewer.examples import Example, read_examples
+from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.result_files import EXAMPLES, RUN
+
+_STUDY_COLUMNS = {
+    "precision.csv": [
+        "diagram", "method", "setting", "seconds", "spread", "unit", "error", "pareto",
+    ],
+    "stress.csv": ["group", "case", "value", "error", "seconds", "passed", "why"],
+}  # fmt: skip
+
+_TEXT_COLUMNS = ("group", "case", "why", "diagram", "method", "setting", "unit")
+"""Columns that are text also where every cell is empty."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """The results, the folder in which other files of the run may lie, and the figures made.
+    """The results of a run, its folder, and the figures made of the results.
 
     `ladders` are the figures of the error budget, `beside` folders of
     studies whose sections the page shows too.
@@ -31,6 +44,61 @@ class Source:
     @cached_property
     def examples(self) -> tuple[Example, ...]:
         """Scenes whose images the run kept, in the order of the suite."""
-        order = {scene: place for place, scene in enumerate(self.table["scene"].unique())}
-        found = read_examples(self.folder / "examples")
-        return tuple(sorted(found, key=lambda example: order.get(example.scene, len(order))))
+        order = {scene: number for number, scene in enumerate(self.table["scene"].unique())}
+        examples = read_examples(self.folder / EXAMPLES)
+        return tuple(sorted(examples, key=lambda example: order.get(example.scene, len(order))))
+
+
+@dataclass(frozen=True)
+class StudyTables:
+    """What a study wrote: `run.json` and its table or tables, None for one that it has not."""
+
+    run: dict[str, Any]
+    precision: pd.DataFrame | None
+    stress: pd.DataFrame | None
+
+    @cached_property
+    def drawings(self) -> tuple[Drawing, ...]:
+        """The work-precision diagrams, where the study has them."""
+        return () if self.precision is None else (precision_drawing(self.precision),)
+
+
+def is_study(folder: Path) -> bool:
+    """Whether a folder holds the table of a study."""
+    return any((folder / name).exists() for name in _STUDY_COLUMNS)
+
+
+def read_study(folder: Path) -> StudyTables:
+    """The study in a folder.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it cannot be read.
+    """
+    run = _read_run(folder / RUN)
+    precision, stress = (_read_table(folder / name) for name in _STUDY_COLUMNS)
+    return StudyTables(run, precision, stress)
+
+
+def _read_run(path: Path) -> dict[str, Any]:
+    expected = "how a study came about, as JSON"
+    hint = "`malus run precision` and `malus run stress` make it"
+    with reading(str(path), expected, hint):
+        run: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        if "study" not in run:
+            raise ValueError("no study in it")
+    return run
+
+
+def _read_table(path: Path) -> pd.DataFrame | None:
+    if not path.exists():
+        return None
+    columns = _STUDY_COLUMNS[path.name]
+    expected = f"columns {', '.join(columns)}"
+    hint = f"`malus run {path.stem}` makes it"
+    with reading(str(path), expected, hint), path.open("rb") as file:
+        table = pd.read_csv(file, dtype=dict.fromkeys(_TEXT_COLUMNS, str))
+    if not set(columns) <= set(table.columns):
+        raise InputError(str(path), expected, ", ".join(map(str, table.columns)), hint)
+    return table[columns].fillna({name: "" for name in _TEXT_COLUMNS if name in columns})

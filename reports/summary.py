@@ -1,4 +1,4 @@
-"""The summary in Markdown: what was run, what came out, and what it does not say."""
+"""The summary of a run in Markdown: errors and skill beside the paper's, and what was run."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.tables import facts, listing
-from malus.reports.tables.colour_errors import table1_listing
-from malus.reports.tables.listing import Listing
-from malus.reports.tables.skills import negative
-from malus.reports.tables.tables import PAPER_METHOD, in_order
-from malus.reports.tables.text import counted, markdown
+from malus.reports.tables import sentences, text_tables
+from malus.reports.tables.colour_errors import table1_text
+from malus.reports.tables.formats import counted, markdown
+from malus.reports.tables.rows import PAPER_METHOD, distinct
+from malus.reports.tables.skills import negative_skills
+from malus.reports.tables.text_tables import TextTable
 
 
 def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = ()) -> str:
-    """The whole summary.
+    """The summary of a run as Markdown text.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
 
     Examples
     --------
-    >>> from malus.reports import sample
+    >>> from malus.reports.tables import sample
     >>> summary(sample.table(), sample.run()).splitlines()[0]
     '# Results of the suite sample'
     """
@@ -36,61 +36,61 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
         markdown(run["suite"].get("description", "")),
         *(f"![{markdown(name)}]({name})" for name in figures),
         "## Beside the paper",
-        facts.PAPER,
-        _table(listing.beside_paper(table)),
-        facts.SKILL,
+        sentences.PAPER,
+        _table(text_tables.beside_paper(table)),
+        sentences.SKILL,
         *_colours(table),
         "## Errors and skill",
-        _table(listing.errors(table)),
-        facts.NOISE,
+        _table(text_tables.errors(table)),
+        sentences.NOISE,
         *_left_out(table),
         f"## Where the skill of {PAPER_METHOD} is negative",
         *_negative(table),
         "## Where there is no skill to report",
         *_without_skill(table),
         "## What was run",
-        "\n".join(f"- {markdown(fact)}" for fact in facts.what_was_run(table, run)),
-        _table(listing.stages(run)),
+        "\n".join(f"- {markdown(fact)}" for fact in sentences.what_was_run(table, run)),
+        _table(text_tables.stages(run)),
     ]
     return "\n\n".join(filter(None, blocks)) + "\n"
 
 
 def _colours(table: pd.DataFrame) -> Iterator[str]:
-    found = table1_listing(table)
-    if found:
+    colours = table1_text(table)
+    if colours:
         yield "## Table I: colour differences"
-        yield facts.TABLE1
-        yield _table(found)
+        yield sentences.TABLE1
+        yield _table(colours)
 
 
 def _left_out(table: pd.DataFrame) -> Iterator[str]:
-    for method, reason, scenes in listing.left_out(table).lines:
+    for method, reason, scenes in text_tables.left_out(table).lines:
         yield f"- {markdown(method)} left out {counted(int(scenes), 'scene')}: {markdown(reason)}."
 
 
 def _negative(table: pd.DataFrame) -> Iterator[str]:
-    if PAPER_METHOD not in in_order(table["method"]):
+    if PAPER_METHOD not in distinct(table["method"]):
         yield f"{PAPER_METHOD} was not run."
         return
-    places = negative(table, PAPER_METHOD)
-    if places.empty:
-        yield facts.NEVER_NEGATIVE
+    groups = negative_skills(table, PAPER_METHOD)
+    if groups.empty:
+        yield sentences.NEVER_NEGATIVE
         return
-    scenes = counted(int(places["negative"].sum()), "scene")
-    yield f"{scenes} in {counted(len(places), 'place')}: there the model is worse than no model."
-    yield _table(listing.negatives(table, PAPER_METHOD))
+    scenes = counted(int(groups["negative"].sum()), "scene")
+    yield f"{scenes} in {counted(len(groups), 'place')}: there the model is worse than no model."
+    yield _table(text_tables.negatives(table, PAPER_METHOD))
 
 
 def _without_skill(table: pd.DataFrame) -> Iterator[str]:
-    places = listing.without_skill(table)
-    if places:
-        yield facts.NO_SKILL
-        yield _table(places)
+    without = text_tables.without_skill(table)
+    if without:
+        yield sentences.NO_SKILL
+        yield _table(without)
     else:
-        yield facts.ALL_SKILLS
+        yield sentences.ALL_SKILLS
 
 
-def _table(found: Listing) -> str:
-    lines = [[markdown(cell) for cell in line] for line in (found.heads, *found.lines)]
-    rows = [lines[0], ["---"] * len(found.heads), *lines[1:]]
+def _table(table: TextTable) -> str:
+    lines = [[markdown(cell) for cell in line] for line in (table.heads, *table.lines)]
+    rows = [lines[0], ["---"] * len(table.heads), *lines[1:]]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)

@@ -1,4 +1,4 @@
-"""Everything that is made from a run, as files."""
+"""Write the report of a run or of a study: page, summary, figures and tables as files."""
 
 from __future__ import annotations
 
@@ -8,21 +8,20 @@ from pathlib import Path
 
 from malus.reports.figures.drawings import Drawing, drawings, ladders
 from malus.reports.page import PAGE, page
-from malus.reports.sections import of_run
-from malus.reports.source import Source
-from malus.reports.studies import read_study
+from malus.reports.sections import of_run, of_study
+from malus.reports.source import Source, read_study
 from malus.reports.summary import summary
 from malus.reports.tables.colour_errors import table1
+from malus.reports.tables.rows import ResultsLike
 from malus.reports.tables.skills import by_light_and_body
-from malus.reports.tables.tables import ResultsLike
 from malus.scenes.core.files import write_whole
 
 
 def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -> list[Path]:
     """Write the report of a run into its folder: page, summary, figures, the CSV behind each.
 
-    Every file is written whole or not at all. What else lies in the folder (`examples/`) is shown
-    on the page.
+    Every file is written whole or not at all. The images in its `examples/` are shown on
+    the page.
 
     Parameters
     ----------
@@ -39,7 +38,7 @@ def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -
     --------
     >>> import tempfile
     >>> from types import SimpleNamespace
-    >>> from malus.reports import sample
+    >>> from malus.reports.tables import sample
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     results = SimpleNamespace(table=sample.table(), run=sample.run())
     ...     names = [path.name for path in write_report(results, Path(folder))]
@@ -79,7 +78,7 @@ def write_study(out: Path) -> list[Path]:
     study = read_study(out)
     for drawing in study.drawings:
         files.keep_drawing(drawing)
-    files.keep(PAGE, page(study.run["study"], study.run["description"], study.sections))
+    files.keep(PAGE, page(study.run["study"], study.run["description"], of_study(study)))
     return files.written
 
 

@@ -34,7 +34,7 @@ from malus.reconstruct.photos.read_picture import read_picture
 from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
 from malus.renderers.datasets.scene_folder import read_record
 from malus.renderers.datasets.spectral_exr import read_spectral, write_exr, write_spectral
-from malus.reports import sample
+from malus.reports.tables import sample
 from malus.reports.viewer.examples import read_example
 from malus.scenes import load_suite
 from malus.scenes.lights.environment import radiance_map

@@ -38,8 +38,7 @@ ROOMS = {
         "methods", "photos",
     ),
     "reports": (
-        "tables", "sample html", "figures", "viewer", "source", "section", "studies",
-        "skill_map", "sections summary page", "write",
+        "tables templates", "figures viewer", "source page", "sections summary", "write",
     ),
     "bench": ("scoring", "running", "datasets", "gates", "studies documents", "commands", "cli"),
 }  # fmt: skip

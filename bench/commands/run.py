@@ -88,7 +88,7 @@ def _tell_failed(failed: int, results: Results, folder: Path, console: Console) 
 
 def report_again(folder: Path, beside: Sequence[Path] = ()) -> None:
     """Write the report of finished results or of a study again, with the studies in `beside`."""
-    from malus.reports.studies import is_study
+    from malus.reports.source import is_study
     from malus.reports.write import write_report, write_study
 
     if is_study(folder):

@@ -37,7 +37,7 @@ class Study:
 
 def _stress(out: Path, backend: str) -> bool:
     from malus.bench.studies.stress import stress_table, write_table
-    from malus.reports.tables.listing import stress_cells
+    from malus.reports.tables.text_tables import stress_cells
 
     table = stress_table()
     write_table(out, table)

@@ -30,7 +30,7 @@ from malus.bench.studies.stress_images import (
 from malus.bench.studies.stress_surfaces import surface_cases
 from malus.reconstruct import get_method, specular_dolp
 from malus.reconstruct.facets.breakpoints import Measure
-from malus.reports.tables.listing import stress_cells
+from malus.reports.tables.text_tables import stress_cells
 from malus.scenes.core.files import write_whole
 
 LARGEST_ERROR = 1e-8

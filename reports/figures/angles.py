@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from malus.reports.figures.figure5 import Content, legend
+from malus.reports.figures.figure5 import FigureContent, legend
 from malus.reports.figures.panels import bars, name_paper, shade_paper, share_height
 from malus.reports.figures.style import drawable, style
-from malus.reports.tables.tables import by_angle, in_order, methods_of
+from malus.reports.tables.rows import distinct, rows_by_angle, scored_methods
 
 _SHIFT_DEG = 1.2
 """Distance between the methods' error bars at one angle."""
@@ -25,11 +25,11 @@ def angle_numbers(table: pd.DataFrame) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from malus.reports.sample import table
+    >>> from malus.reports.tables.sample import table
     >>> angle_numbers(table())[["method", "x", "scenes"]].values.tolist()[0]
     ['unpolarised', 0.0, 6]
     """
-    groups = by_angle(table, "nmse").groupby(["light", "method", "angle_deg"], sort=False)
+    groups = rows_by_angle(table, "nmse").groupby(["light", "method", "angle_deg"], sort=False)
     result = groups.agg(
         mean=("value", "mean"),
         std=("value", lambda values: float(np.std(values))),
@@ -40,10 +40,10 @@ def angle_numbers(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def figure_angles(table: pd.DataFrame, body: str) -> Figure:
-    """One panel a light: NMSE over the polariser angle, every method one line."""
-    content = Content.of(table, body)
+    """NMSE over the polariser angle, a panel a light, a line a method."""
+    content = FigureContent.of(table, body)
     values = angle_numbers(content.rows)
-    lights = in_order(content.rows["light"])
+    lights = distinct(content.rows["light"])
     with style():
         size = (max(1.4 + 1.9 * len(lights), 6.5), 3.4)
         figure = Figure(figsize=size, layout="constrained")
@@ -51,16 +51,16 @@ def figure_angles(table: pd.DataFrame, body: str) -> Figure:
         for ax, light in zip(axes, lights, strict=True):
             ax.set_yscale("log")
             shade_paper(ax)
-            for place, (method, look) in enumerate(content.methods.items()):
+            for number, (method, method_style) in enumerate(content.methods.items()):
                 rows = values[(values["light"] == light) & (values["method"] == method)]
-                shift = (place - (len(content.methods) - 1) / 2) * _SHIFT_DEG
-                bars(ax, rows.assign(x=rows["x"] + shift), look)
+                shift = (number - (len(content.methods) - 1) / 2) * _SHIFT_DEG
+                bars(ax, rows.assign(x=rows["x"] + shift), method_style)
             ax.set_title(drawable(light))
             ax.set_xlabel("polariser angle ϑ (°)")
             ax.set_xticks(sorted(values["x"].unique()))
         axes[0].set_ylabel("normalised mean squared error")
         share_height(list(axes), content.methods)
         name_paper(axes[0])
-        labels = methods_of(content.rows)
+        labels = scored_methods(content.rows)
         legend(figure, axes[0], content, labels)
     return figure

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import pandas as pd
+from markupsafe import Markup
 
-from malus.reports.tables.listing import Listing, budget, by_method, points
-from malus.reports.tables.tables import PAPER_BODY, by_angle, in_order, only_body, whole
+from malus.reports.figures.inline import inlined
+from malus.reports.tables.rows import (
+    PAPER_BODY,
+    distinct,
+    overall_rows,
+    rows_by_angle,
+    rows_of_body,
+)
+from malus.reports.tables.text_tables import TextTable, budget, by_method, points
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure: the stem of its files' names, a caption, both formats, and its numbers.
+    """A figure: the stem of its files' names, a caption, SVG text, and the numbers behind it.
 
     `cells` are the numbers as people read them.
     """
@@ -25,10 +34,22 @@ class Drawing:
     name: str
     title: str
     caption: str
+    figure: Figure
     svg: str
-    png: bytes
     numbers: pd.DataFrame
-    cells: Listing
+    cells: TextTable
+
+    @cached_property
+    def png(self) -> bytes:
+        """The figure as PNG, with the layout of the SVG."""
+        from malus.reports.figures.style import png
+
+        return png(self.figure)
+
+    @property
+    def element(self) -> Markup:
+        """The figure as an element of a page."""
+        return inlined(self.svg, self.name, f"{self.title}: {self.caption}")
 
 
 def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
@@ -38,45 +59,67 @@ def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
 
     Examples
     --------
-    >>> from malus.reports.sample import table
+    >>> from malus.reports.tables.sample import table
     >>> [drawing.name for drawing in drawings(table())]
     ['figure5', 'figure5_by_light', 'angles']
     """
+    for body in distinct(overall_rows(table, "nmse")["body"]):
+        rows = rows_of_body(table, body)
+        if rows[["eta", "alpha"]].nunique().max() > 1:  # else a figure of one point
+            yield from _figure5(rows, body)
+        yield from _over_the_angle(rows, body)
+
+
+def _figure5(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
     # Matplotlib takes its time: it is loaded when there is something to draw.
-    from malus.reports.figures.angles import angle_numbers, figure_angles
     from malus.reports.figures.figure5 import both_panels, figure5, figure5_by_light
+
+    numbers = both_panels(rows)
+    yield _drawing(
+        f"figure5{_suffix(body)}",
+        f"Figure 5{_title_end(body)}",
+        "Error against refractive index (top) and roughness (bottom), mean and standard"
+        f" deviation over the dataset. {_note(body)}",
+        figure5(rows, body),
+        numbers,
+        by_method(numbers),
+    )
+    numbers = both_panels(rows, by_light=True)
+    yield _drawing(
+        f"figure5{_suffix(body)}_by_light",
+        f"Figure 5 by light{_title_end(body)}",
+        f"The same for every light: no mean over lights hides where a method fails. {_note(body)}",
+        figure5_by_light(rows, body),
+        numbers,
+        by_method(numbers),
+    )
+
+
+def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
+    from malus.reports.figures.angles import angle_numbers, figure_angles
     from malus.reports.figures.figure9 import figure9
     from malus.reports.tables.colour_errors import figure9_numbers
 
-    for body in in_order(whole(table, "nmse")["body"]):
-        end = "" if body == PAPER_BODY else f"_{body}_body"
-        note = f" Body {body}." if end else " The paper's assumption: the body is unpolarised."
-        rows = only_body(table, body)
-        if rows[["eta", "alpha"]].nunique().max() > 1:  # else a figure of one point
-            yield _drawing(
-                f"figure5{end}", f"Figure 5{_of(body)}",
-                "Error against refractive index (top) and roughness (bottom), mean and standard"
-                " deviation over the dataset." + note,
-                figure5, table, body, both_panels(rows),
-            )  # fmt: skip
-            yield _drawing(
-                f"figure5{end}_by_light", f"Figure 5 by light{_of(body)}",
-                "The same for every light: no mean over lights hides where a method fails."
-                + note,
-                figure5_by_light, table, body, both_panels(rows, by_light=True),
-            )  # fmt: skip
+    numbers = angle_numbers(rows)
+    yield _drawing(
+        f"angles{_suffix(body)}",
+        f"Error over the polariser angle{_title_end(body)}",
+        f"Mean and standard deviation over the scenes of a light. {_note(body)}",
+        figure_angles(rows, body),
+        numbers,
+        by_method(numbers),
+    )
+    if len(rows_by_angle(rows, "delta_e76")):
+        numbers = figure9_numbers(rows)
         yield _drawing(
-            f"angles{end}", f"Error over the polariser angle{_of(body)}",
-            "Mean and standard deviation over the scenes of a light." + note,
-            figure_angles, table, body, angle_numbers(rows),
-        )  # fmt: skip
-        if len(by_angle(rows, "delta_e76")):
-            yield _drawing(
-                f"figure9{end}", f"Figure 9: colour difference over the polariser angle{_of(body)}",
-                "ΔE76, mean and standard deviation over the pixels of all scenes of a light;"
-                " dashed: one just noticeable difference." + note,
-                figure9, table, body, figure9_numbers(rows),
-            )  # fmt: skip
+            f"figure9{_suffix(body)}",
+            f"Figure 9: colour difference over the polariser angle{_title_end(body)}",
+            "ΔE76, mean and standard deviation over the pixels of all scenes of a light;"
+            f" dashed: one just noticeable difference. {_note(body)}",
+            figure9(rows, body),
+            numbers,
+            by_method(numbers),
+        )
 
 
 def ladders(table: pd.DataFrame) -> Iterator[Drawing]:
@@ -84,52 +127,59 @@ def ladders(table: pd.DataFrame) -> Iterator[Drawing]:
 
     Examples
     --------
-    >>> from malus.reports.sample import laddered, table
+    >>> from malus.reports.tables.sample import laddered, table
     >>> [drawing.name for drawing in ladders(laddered())], list(ladders(table()))
     (['ladder'], [])
     """
     if table["knowledge"].nunique() < 2:
         return
     from malus.reports.figures.ladder import figure_ladder, ladder_numbers
-    from malus.reports.figures.style import png, svg
 
     numbers = ladder_numbers(table)
     if numbers.empty:
         return
-    figure = figure_ladder(numbers)
-    caption = (
+    yield _drawing(
+        "ladder",
+        "Parts of the error",
         "Mean NMSE over the scenes on which a method has an error at every rung; what makes it"
-        " smaller stands left of zero, the upright mark is the sum. Every body has its own scale."
+        " smaller stands left of zero, the upright mark is the sum. Every body has its own scale.",
+        figure_ladder(numbers),
+        numbers,
+        budget(numbers),
     )
-    title = "Parts of the error"
-    yield Drawing("ladder", title, caption, svg(figure), png(figure), numbers, budget(numbers))
 
 
 def precision_drawing(table: pd.DataFrame) -> Drawing:
     """Work-precision diagrams of the study `precision`."""
     from malus.reports.figures.precision import figure_precision
-    from malus.reports.figures.style import png, svg
 
-    figure = figure_precision(table)
-    caption = "Error against seconds, both logarithmic; filled: on the Pareto front."
-    title = "Work-precision diagrams"
-    return Drawing("precision", title, caption, svg(figure), png(figure), table, points(table))
-
-
-def _of(body: str) -> str:
-    return "" if body == PAPER_BODY else f", {body} body"
+    return _drawing(
+        "precision",
+        "Work-precision diagrams",
+        "Error against seconds, both logarithmic; filled: on the Pareto front.",
+        figure_precision(table),
+        table,
+        points(table),
+    )
 
 
 def _drawing(
-    name: str,
-    title: str,
-    caption: str,
-    draw: Callable[[pd.DataFrame, str], Figure],
-    table: pd.DataFrame,
-    body: str,
-    numbers: pd.DataFrame,
+    name: str, title: str, caption: str, figure: Figure, numbers: pd.DataFrame, cells: TextTable
 ) -> Drawing:
-    from malus.reports.figures.style import png, svg
+    from malus.reports.figures.style import svg
 
-    figure = draw(table, body)
-    return Drawing(name, title, caption, svg(figure), png(figure), numbers, by_method(numbers))
+    return Drawing(name, title, caption, figure, svg(figure), numbers, cells)
+
+
+def _suffix(body: str) -> str:
+    return "" if body == PAPER_BODY else f"_{body}_body"
+
+
+def _title_end(body: str) -> str:
+    return "" if body == PAPER_BODY else f", {body} body"
+
+
+def _note(body: str) -> str:
+    if body == PAPER_BODY:
+        return "The paper's assumption: the body is unpolarised."
+    return f"Body {body}."

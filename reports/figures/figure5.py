@@ -12,15 +12,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from malus.reports.figures.panels import bars, label_above, name_paper, shade_paper, share_height
-from malus.reports.figures.style import INK, Look, drawable, looks, style
-from malus.reports.tables.tables import (
+from malus.reports.figures.style import INK, MethodStyle, drawable, method_styles, style
+from malus.reports.tables.rows import (
     TRIVIAL,
     coverage,
-    in_order,
-    methods_of,
-    only_body,
-    unverified,
-    whole,
+    distinct,
+    overall_rows,
+    rows_of_body,
+    scored_methods,
+    unverified_surfaces,
 )
 
 X_ETA, X_ALPHA = "eta", "alpha"
@@ -42,17 +42,17 @@ _SHIFT = 0.008
 
 
 @dataclass(frozen=True)
-class Content:
+class FigureContent:
     """What a figure shows: the table's rows of one body, and its methods with their looks."""
 
     rows: pd.DataFrame
-    methods: dict[str, Look]
+    methods: dict[str, MethodStyle]
 
     @classmethod
-    def of(cls, table: pd.DataFrame, body: str) -> Content:
-        """The rows with that body."""
-        rows = only_body(table, body)
-        return cls(rows, looks(methods_of(rows)))
+    def of(cls, table: pd.DataFrame, body: str) -> FigureContent:
+        """The rows of one body, and looks for its methods."""
+        rows = rows_of_body(table, body)
+        return cls(rows, method_styles(scored_methods(rows)))
 
 
 def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame:
@@ -74,11 +74,11 @@ def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame
 
     Examples
     --------
-    >>> from malus.reports.sample import table
+    >>> from malus.reports.tables.sample import table
     >>> numbers(table(), "alpha")[["method", "name", "scenes"]].values.tolist()[0]
     ['unpolarised', 'obsidian', 6]
     """
-    rows = whole(table, "nmse")
+    rows = overall_rows(table, "nmse")
     if not by_light:
         rows = rows.assign(light="all")
     groups = rows.groupby(["light", "method", _NAMES[x], x], sort=False)
@@ -88,7 +88,7 @@ def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame
         noise=("noise", "mean"),
         scenes=("value", "size"),
     ).reset_index()
-    order = {name: place for place, name in enumerate(methods_of(table))}
+    order = {name: number for number, name in enumerate(scored_methods(table))}
     result = result.rename(columns={_NAMES[x]: "name", x: "x"})
     result = result.assign(panel=x, order=result["method"].map(order))
     columns = ["panel", "light", "method", "name", "x", "mean", "std", "noise", "scenes"]
@@ -100,13 +100,13 @@ def _population_std(values: pd.Series[float]) -> float:
 
 
 def both_panels(table: pd.DataFrame, by_light: bool = False) -> pd.DataFrame:
-    """The numbers behind both panels, one below the other."""
+    """The numbers behind both panels of Figure 5, as one table."""
     return pd.concat([numbers(table, x, by_light) for x in (X_ETA, X_ALPHA)])
 
 
 def figure5(table: pd.DataFrame, body: str) -> Figure:
-    """Both panels, every method one line, averaged over shapes, lights and the other parameter."""
-    content = Content.of(table, body)
+    """NMSE against η (top) and α (bottom), a line a method: means over all other parameters."""
+    content = FigureContent.of(table, body)
     with style():
         figure = Figure(figsize=(7.1, 7.6), layout="constrained")
         axes: list[Axes] = list(figure.subplots(2, 1))
@@ -124,9 +124,9 @@ def figure5(table: pd.DataFrame, body: str) -> Figure:
 
 
 def figure5_by_light(table: pd.DataFrame, body: str) -> Figure:
-    """The same for every light apart: small multiples, lights as columns, one common scale."""
-    content = Content.of(table, body)
-    lights = in_order(content.rows["light"])
+    """NMSE against η and α for every light apart: lights as columns, one common scale."""
+    content = FigureContent.of(table, body)
+    lights = distinct(content.rows["light"])
     with style():
         size = (max(1.4 + 1.9 * len(lights), 6.5), 5.6)
         figure = Figure(figsize=size, layout="constrained")
@@ -146,17 +146,17 @@ def figure5_by_light(table: pd.DataFrame, body: str) -> Figure:
 
 
 def _doubt(rows: pd.DataFrame, x: str) -> str:
-    return "; values are unverified stand-ins" if x == X_ALPHA and unverified(rows) else ""
+    return "; values are unverified stand-ins" if x == X_ALPHA and unverified_surfaces(rows) else ""
 
 
-def _draw(ax: Axes, values: pd.DataFrame, content: Content) -> None:
+def _draw(ax: Axes, values: pd.DataFrame, content: FigureContent) -> None:
     ax.set_yscale("log")
     shade_paper(ax)
     width = float(np.ptp(values["x"])) if len(values) else 0.0
     middle = (len(content.methods) - 1) / 2
-    for place, (method, look) in enumerate(content.methods.items()):
+    for number, (method, method_style) in enumerate(content.methods.items()):
         rows = values[values["method"] == method]
-        bars(ax, rows.assign(x=rows["x"] + (place - middle) * _SHIFT * width), look)
+        bars(ax, rows.assign(x=rows["x"] + (number - middle) * _SHIFT * width), method_style)
     noise = values.groupby("x")["noise"].max()
     ax.plot(noise.index, noise.where(noise > 0), ":", color=INK, lw=0.9, zorder=1)
 
@@ -169,8 +169,8 @@ def _label_materials(ax: Axes, values: pd.DataFrame) -> None:
 
 def _label_surfaces(ax: Axes, values: pd.DataFrame) -> None:
     pairs = values.drop_duplicates("name").groupby("x")["name"]
-    names = {float(str(x)): [_readable(name) for name in found] for x, found in pairs}
-    labels = ["\n".join([f"{x:g}", *found]) for x, found in names.items()]
+    names = {float(str(x)): [_readable(name) for name in surfaces] for x, surfaces in pairs}
+    labels = ["\n".join([f"{x:g}", *surfaces]) for x, surfaces in names.items()]
     ax.set_xticks(list(names), labels)
 
 
@@ -179,9 +179,9 @@ def _readable(name: str) -> str:
 
 
 def legend(
-    figure: Figure, ax: Axes, content: Content, entries: Sequence[str], note: str = ENDLESS
+    figure: Figure, ax: Axes, content: FigureContent, entries: Sequence[str], note: str = ENDLESS
 ) -> None:
-    """Name the first lines of a panel below it; a method with the lights that its mean covers."""
+    """Put a legend below a figure; it names the lights where a method's mean lacks some."""
     column = int(_LETTERS_AN_INCH * (0.5 * figure.get_figwidth() - _HANDLE_INCHES))
     labels = [textwrap.fill(_legend_label(content.rows, entry), column) for entry in entries]
     # The caption is the legend's title, so that the layout keeps both apart from the panels.
@@ -201,12 +201,12 @@ def _legend_label(rows: pd.DataFrame, method: str) -> str:
 
 
 def _few(column: pd.Series[str]) -> str:
-    names = in_order(column)
+    names = distinct(column)
     return ", ".join(names) if len(names) <= 6 else f"{len(names)} of them"
 
 
 def _caption(rows: pd.DataFrame) -> str:
-    bodies = ", ".join(in_order(rows["body"]))
+    bodies = ", ".join(distinct(rows["body"]))
     return drawable(
         f"Mean ± standard deviation over {rows['scene'].nunique()} scenes:"
         f" {_few(rows['shape'])}; light {_few(rows['light'])}; body {bodies}."

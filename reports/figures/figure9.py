@@ -5,10 +5,10 @@ from __future__ import annotations
 import pandas as pd
 from matplotlib.figure import Figure
 
-from malus.reports.figures.figure5 import Content, legend
+from malus.reports.figures.figure5 import FigureContent, legend
 from malus.reports.figures.style import SOFT, drawable, style
 from malus.reports.tables.colour_errors import figure9_numbers
-from malus.reports.tables.tables import in_order, methods_of
+from malus.reports.tables.rows import distinct, scored_methods
 from malus.scenes.colour import JUST_NOTICEABLE
 
 _SHIFT_DEG = 1.2
@@ -16,21 +16,22 @@ _SHIFT_DEG = 1.2
 
 
 def figure9(table: pd.DataFrame, body: str) -> Figure:
-    """One panel a light: ΔE76 over the polariser angle, every method one line."""
-    content = Content.of(table, body)
+    """ΔE76 over the polariser angle, a panel a light, a line a method."""
+    content = FigureContent.of(table, body)
     values = figure9_numbers(content.rows)
-    lights = in_order(values["light"])
+    lights = distinct(values["light"])
     with style():
         size = (max(1.4 + 1.9 * len(lights), 6.5), 3.4)
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(1, len(lights), sharey=True, squeeze=False)[0]
         for ax, light in zip(axes, lights, strict=True):
-            for place, (method, look) in enumerate(content.methods.items()):
+            for number, (method, method_style) in enumerate(content.methods.items()):
                 rows = values[(values["light"] == light) & (values["method"] == method)]
-                shift = (place - (len(content.methods) - 1) / 2) * _SHIFT_DEG
+                shift = (number - (len(content.methods) - 1) / 2) * _SHIFT_DEG
                 ax.errorbar(
-                    rows["x"] + shift, rows["mean"], rows["std"], fmt=look.marker + look.line,
-                    color=look.colour, markerfacecolor=look.face, elinewidth=0.8,
+                    rows["x"] + shift, rows["mean"], rows["std"],
+                    fmt=method_style.marker + method_style.line,
+                    color=method_style.colour, markerfacecolor=method_style.face, elinewidth=0.8,
                 )  # fmt: skip
             ax.axhline(JUST_NOTICEABLE, color=SOFT, lw=0.8, ls="--")
             ax.set_title(drawable(light))
@@ -42,5 +43,5 @@ def figure9(table: pd.DataFrame, body: str) -> Figure:
             "1 JND", (0.5, JUST_NOTICEABLE), (0, 1.5), xycoords=("axes fraction", "data"),
             textcoords="offset points", ha="center", fontsize=6.5, color=SOFT,
         )  # fmt: skip
-        legend(figure, axes[0], content, methods_of(content.rows), note="")
+        legend(figure, axes[0], content, scored_methods(content.rows), note="")
     return figure

@@ -1,10 +1,12 @@
-"""Matplotlib's SVG made part of a page: it follows the page's theme and shares no names."""
+"""Matplotlib's SVG as an element of a page, in the page's colours."""
 
 from __future__ import annotations
 
 import re
 
-from malus.reports.html import Markup, tag
+from markupsafe import Markup, escape
+
+from malus.scenes.core.errors import printable
 
 # The inks of reports/figures/style.py, which is not imported here: it loads Matplotlib.
 _THEMED = {
@@ -50,4 +52,5 @@ def inlined(svg: str, prefix: str, label: str) -> Markup:
         f'<svg {box} role="img" aria-labelledby="{prefix}-title" xmlns="http://www.w3.org/2000/svg"'
         ' xmlns:xlink="http://www.w3.org/1999/xlink">'
     )
-    return Markup(opening + tag("title", label, id=f"{prefix}-title") + rest)
+    title = f'<title id="{prefix}-title">{escape(printable(label))}</title>'
+    return Markup(opening + title + rest)

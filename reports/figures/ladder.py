@@ -1,4 +1,4 @@
-"""Where a method's error comes from: what each thing adds that it is no longer told."""
+"""The error budget: what a method's error grows by with each input that is estimated for it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from malus.reports.figures.style import INK, PALETTE, SOFT, drawable, style
-from malus.reports.tables.tables import KNOWLEDGE, in_order, only_body, over_all
-from malus.reports.tables.text import scientific
+from malus.reports.tables.formats import scientific
+from malus.reports.tables.rows import KNOWLEDGE, distinct, overall_rows_at_every_rung, rows_of_body
 
 NOISE, MODEL = "Monte Carlo noise", "model form"
 
@@ -33,18 +33,18 @@ def ladder_numbers(table: pd.DataFrame) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from malus.reports.sample import laddered
-    >>> found = ladder_numbers(laddered())
-    >>> found[["source", "increment"]].round(4).values.tolist()[:3]
+    >>> from malus.reports.tables.sample import laddered
+    >>> parts = ladder_numbers(laddered())
+    >>> parts[["source", "increment"]].round(4).values.tolist()[:3]
     [['Monte Carlo noise', 0.0], ['model form', 0.001], ['lobes estimated', 0.002]]
     """
-    rows = over_all(table, "nmse")
-    rungs = sorted(in_order(rows["knowledge"]), key=lambda name: name != KNOWLEDGE)
+    rows = overall_rows_at_every_rung(table, "nmse")
+    rungs = sorted(distinct(rows["knowledge"]), key=lambda name: name != KNOWLEDGE)
     parts: list[dict[str, Any]] = []
-    for body in in_order(rows["body"]):
-        for method in in_order(rows["method"]):
-            found = only_body(rows, body)
-            parts += _parts(found[found["method"] == method], rungs, body, method)
+    for body in distinct(rows["body"]):
+        for method in distinct(rows["method"]):
+            own = rows[(rows["body"] == body) & (rows["method"] == method)]
+            parts += _parts(own, rungs, body, method)
     columns = ["body", "method", "source", "increment", "nmse", "scenes"]
     return pd.DataFrame(parts, columns=columns)
 
@@ -53,14 +53,14 @@ def _parts(
     rows: pd.DataFrame, rungs: list[str], body: str, method: str
 ) -> Iterator[dict[str, Any]]:
     errors = rows.pivot(index="scene", columns="knowledge", values="value")
-    known = [name for name in rungs if name in errors]
+    levels = [name for name in rungs if name in errors]
     errors = errors.dropna()
-    if len(known) < 2 or KNOWLEDGE not in known or errors.empty:
+    if len(levels) < 2 or KNOWLEDGE not in levels or errors.empty:
         return
     everything = rows[rows["knowledge"] == KNOWLEDGE].set_index("scene")
     noise = float(everything.loc[errors.index, "noise"].mean())
-    means = [noise, *(float(errors[name].mean()) for name in known)]
-    sources = [NOISE, MODEL, *known[1:]]
+    means = [noise, *(float(errors[name].mean()) for name in levels)]
+    sources = [NOISE, MODEL, *levels[1:]]
     for source, before, after in zip(sources, [0.0, *means], means, strict=False):
         yield {
             "body": body, "method": method, "source": source,
@@ -69,15 +69,15 @@ def _parts(
 
 
 def figure_ladder(numbers: pd.DataFrame) -> Figure:
-    """The parts of each mean NMSE, stacked; a tick where they add up to. A row a body.
+    """Stacked bars of the parts of each mean NMSE, a tick at their sum, one panel a body.
 
     Parameters
     ----------
     numbers : DataFrame
         As `ladder_numbers` returns it, with at least one row.
     """
-    bodies = [only_body(numbers, body) for body in in_order(numbers["body"])]
-    sources = in_order(numbers["source"])
+    bodies = [rows_of_body(numbers, body) for body in distinct(numbers["body"])]
+    sources = distinct(numbers["source"])
     colours = dict(zip(sources, (SOFT, *_cycled(len(sources) - 1)), strict=True))
     heights = [0.8 + 0.42 * rows["method"].nunique() for rows in bodies]
     with style():
@@ -93,9 +93,9 @@ def figure_ladder(numbers: pd.DataFrame) -> Figure:
 
 
 def _panel(ax: Axes, rows: pd.DataFrame, colours: dict[str, str]) -> None:
-    methods = in_order(rows["method"])
-    for place, method in enumerate(methods):
-        _bar(ax, place, rows[rows["method"] == method], colours)
+    methods = distinct(rows["method"])
+    for y, method in enumerate(methods):
+        _bar(ax, y, rows[rows["method"] == method], colours)
     ax.set_title(f"{rows['body'].iloc[0]} body", loc="left")
     ax.set_yticks(range(len(methods)), [drawable(name) for name in methods])
     ax.invert_yaxis()
@@ -110,19 +110,19 @@ def _cycled(count: int) -> list[str]:
     return [PALETTE[k % len(PALETTE)] for k in range(count)]
 
 
-def _bar(ax: Axes, place: int, rows: pd.DataFrame, colours: dict[str, str]) -> None:
+def _bar(ax: Axes, y: int, rows: pd.DataFrame, colours: dict[str, str]) -> None:
     right = left = 0.0
     for row in rows.itertuples():
         start = right if row.increment >= 0 else left
         ax.barh(
-            place, row.increment, 0.62, left=start, color=colours[row.source],
+            y, row.increment, 0.62, left=start, color=colours[row.source],
             edgecolor="white", lw=0.6, zorder=2,
         )  # fmt: skip
         right += max(row.increment, 0.0)
         left += min(row.increment, 0.0)
     total = float(rows["nmse"].iloc[-1])
-    ax.plot([total, total], [place - 0.4, place + 0.4], color=INK, lw=1.4, zorder=3)
+    ax.plot([total, total], [y - 0.4, y + 0.4], color=INK, lw=1.4, zorder=3)
     ax.annotate(
-        scientific(total), (max(right, total), place), (4, 0), textcoords="offset points",
+        scientific(total), (max(right, total), y), (4, 0), textcoords="offset points",
         va="center", fontsize=7, color=INK,
     )  # fmt: skip

@@ -8,13 +8,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
-from malus.reports.figures.style import BAND, SOFT, Look, drawable, power_of_ten
-from malus.reports.tables.tables import PAPER_NMSE, PAPER_RANGE
-from malus.reports.tables.text import scientific
-
-Floats = NDArray[np.float64]
+from malus.reports.figures.style import BAND, SOFT, MethodStyle, drawable, power_of_ten
+from malus.reports.tables.formats import scientific
+from malus.reports.tables.rows import PAPER_NMSE, PAPER_RANGE
+from malus.scenes.core.arrays import Float64Array
 
 LOWEST = 1e-8
 """Errors below are rounding of 32-bit images; they are named at the foot of a panel, because an
@@ -23,8 +22,8 @@ axis that reached them would press everything else together."""
 _PAPER_TEXT = "#7a6312"
 
 
-def bars(ax: Axes, rows: pd.DataFrame, look: Look) -> None:
-    """One method's line: markers at the means, bars of one standard deviation either way.
+def bars(ax: Axes, rows: pd.DataFrame, method_style: MethodStyle) -> None:
+    """Draw one method's line: markers at the means, bars of one standard deviation either way.
 
     A bar whose lower end is below zero has no end on a logarithmic axis: dotted, it runs off the
     panel.
@@ -32,27 +31,27 @@ def bars(ax: Axes, rows: pd.DataFrame, look: Look) -> None:
     x, mean, std = (rows[name].to_numpy(float) for name in ("x", "mean", "std"))
     positive = np.where(mean > 0, mean, np.nan)
     ax.plot(
-        x, positive, look.line, color=look.colour, marker=look.marker,
-        markerfacecolor=look.face, zorder=3,
+        x, positive, method_style.line, color=method_style.colour, marker=method_style.marker,
+        markerfacecolor=method_style.face, zorder=3,
     )  # fmt: skip
     ends = mean - std > 0
     bottom = np.where(ends, mean - std, positive)
-    ax.vlines(x, bottom, mean + std, color=look.colour, lw=0.9, alpha=0.65, zorder=2)
+    ax.vlines(x, bottom, mean + std, color=method_style.colour, lw=0.9, alpha=0.65, zorder=2)
     endless = x[~ends], np.full((~ends).sum(), 1e-30), positive[~ends]
-    ax.vlines(*endless, color=look.colour, lw=0.7, alpha=0.5, ls=(0, (1, 2)), zorder=1)
+    ax.vlines(*endless, color=method_style.colour, lw=0.7, alpha=0.5, ls=(0, (1, 2)), zorder=1)
 
 
-def share_height(axes: Sequence[Axes], methods: Mapping[str, Look]) -> None:
-    """One range for all panels: the paper's range and every error above `LOWEST` inside.
+def share_height(axes: Sequence[Axes], methods: Mapping[str, MethodStyle]) -> None:
+    """Give all panels one range, with the paper's range and every error above `LOWEST` inside.
 
     The first lines of every panel are those of `methods`, in their order.
     """
     lines = [line for ax in axes for line in ax.get_lines()[: len(methods)]]
-    drawn = [_heights(line.get_ydata()) for line in lines]
-    every = np.concatenate([*drawn, PAPER_NMSE])
-    every = every[np.isfinite(every) & (every > LOWEST)]
-    low = 10.0 ** np.floor(np.log10(every.min() / 1.5))
-    high = 10.0 ** np.ceil(np.log10(every.max() * 1.2))
+    heights = [_heights(line.get_ydata()) for line in lines]
+    errors = np.concatenate([*heights, PAPER_NMSE])
+    errors = errors[np.isfinite(errors) & (errors > LOWEST)]
+    low = 10.0 ** np.floor(np.log10(errors.min() / 1.5))
+    high = 10.0 ** np.ceil(np.log10(errors.max() * 1.2))
     for ax in axes:
         ax.set_ylim(low, high)
         ax.yaxis.set_major_locator(LogLocator(numticks=12))
@@ -61,15 +60,15 @@ def share_height(axes: Sequence[Axes], methods: Mapping[str, Look]) -> None:
         _name_those_below(ax, methods, low)
 
 
-def _heights(values: object) -> Floats:
+def _heights(values: object) -> Float64Array:
     return np.asarray(values, dtype=np.float64)
 
 
-def _name_those_below(ax: Axes, methods: Mapping[str, Look], low: float) -> None:
-    """Say at the foot of a panel which methods have errors below it, and how small they are."""
+def _name_those_below(ax: Axes, methods: Mapping[str, MethodStyle], low: float) -> None:
+    """Write at the foot of a panel which methods have errors below it, and how small they are."""
     lines = zip(methods.items(), ax.get_lines(), strict=False)
     height = 0.03
-    for (method, look), line in lines:
+    for (method, method_style), line in lines:
         y = _heights(line.get_ydata())
         below = y[np.isfinite(y) & (y < low)]
         if below.size:
@@ -77,7 +76,7 @@ def _name_those_below(ax: Axes, methods: Mapping[str, Look], low: float) -> None
             text = f"▼ {method}{part}: {scientific(below.min())} … {scientific(below.max())}"
             ax.text(
                 0.98, height, drawable(text), transform=ax.transAxes, ha="right", va="bottom",
-                fontsize=7, color=look.colour, zorder=4, bbox=_PLATE,
+                fontsize=7, color=method_style.colour, zorder=4, bbox=_PLATE,
             )  # fmt: skip
             height += 0.08
 
@@ -91,7 +90,7 @@ def shade_paper(ax: Axes) -> None:
 
 
 def name_paper(ax: Axes) -> None:
-    """Say what the shaded band is."""
+    """Label the shaded band as the range of the paper's Figure 5."""
     ax.annotate(
         f"range of the paper’s Figure 5: {PAPER_RANGE}", (0.012, PAPER_NMSE[0]), (0, -1.5),
         xycoords=("axes fraction", "data"), textcoords="offset points", va="top", fontsize=6.5,
@@ -99,36 +98,30 @@ def name_paper(ax: Axes) -> None:
     )  # fmt: skip
 
 
-def label_above(ax: Axes, x: Floats, labels: Sequence[str]) -> None:
-    """Small upright names along the top edge, pushed apart where the places lie close."""
+def label_above(ax: Axes, x: Float64Array, labels: Sequence[str]) -> None:
+    """Write small upright labels along the top edge, pushed apart where their x lie close."""
     if not len(x):
         return
     low, high = ax.get_xlim()
-    for label, at, place in zip(labels, x, spread(x, (high - low) * 0.0185), strict=True):
+    label_x = spread(x, (high - low) * 0.0185)
+    for label, value, text_value in zip(labels, x, label_x, strict=True):
         ax.annotate(
-            label, (at, 1.0), (place, 1.045), xycoords=("data", "axes fraction"),
+            label, (value, 1.0), (text_value, 1.045), xycoords=("data", "axes fraction"),
             textcoords=("data", "axes fraction"), rotation=90, ha="center", va="bottom",
             fontsize=6.2, color=SOFT, annotation_clip=False,
             arrowprops={"arrowstyle": "-", "lw": 0.4, "color": SOFT, "shrinkA": 0, "shrinkB": 0},
         )  # fmt: skip
 
 
-def spread(places: Floats, gap: float) -> Floats:
-    """Increasing places moved as little as possible until they are at least `gap` apart.
+def spread(positions: Float64Array, gap: float) -> Float64Array:
+    """Increasing positions moved as little as possible until they are at least `gap` apart.
 
     Examples
     --------
     >>> spread(np.array([0.0, 0.0, 5.0]), 1.0).tolist()
     [-0.5, 0.5, 5.0]
     """
-    # Without its steps the sequence only has to be increasing, which is isotonic regression:
-    # the largest over starts k of the smallest over ends j of mean(k..j), k <= i <= j.
-    steps = gap * np.arange(len(places))
-    free = places - steps
-    ends = range(1, len(free) + 1)
-    means = np.array(
-        [[free[k:j].mean() if j > k else np.inf for j in ends] for k in range(len(free))]
-    )
-    best = [max(means[k, i:].min() for k in range(i + 1)) for i in range(len(free))]
-    result: Floats = np.array(best) + steps
+    # Less their number times the gap, the positions only have to be in order.
+    steps = gap * np.arange(len(positions))
+    result: Float64Array = isotonic_regression(positions - steps).x + steps
     return result

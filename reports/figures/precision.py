@@ -7,14 +7,14 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from malus.reports.figures.style import INK, SOFT, drawable, looks, power_of_ten, style
+from malus.reports.figures.style import INK, SOFT, drawable, method_styles, power_of_ten, style
 
 TITLES = {"ratio": "ρ of one surface", "render": "rendering a family"}
 LABELS = {"ratio": "largest |Δρ|", "render": "rms error / peak"}
 
 
 def figure_precision(table: pd.DataFrame) -> Figure:
-    """One panel a diagram of `malus run precision`: seconds across, error up, both logarithmic.
+    """Error against seconds, both logarithmic: a panel for each diagram of `malus run precision`.
 
     Points on the Pareto front are filled and joined; the others are hollow.
     """
@@ -35,9 +35,9 @@ def _panel(axes: Any, part: pd.DataFrame, name: str) -> None:
     axes.set_yscale("log")
     front = part[part["pareto"]].sort_values("seconds")
     axes.plot(front["seconds"], front["error"], color=SOFT, linewidth=1.0, zorder=1)
-    look = looks(list(dict.fromkeys(part["method"])))
-    for place, row in enumerate(part.sort_values(["error", "seconds"]).itertuples()):
-        own = look[row.method]
+    styles = method_styles(list(dict.fromkeys(part["method"])))
+    for number, row in enumerate(part.sort_values(["error", "seconds"]).itertuples()):
+        own = styles[row.method]
         axes.errorbar(
             row.seconds,
             row.error,
@@ -50,7 +50,7 @@ def _panel(axes: Any, part: pd.DataFrame, name: str) -> None:
         )
         text = {"textcoords": "offset points", "fontsize": 6.5, "color": INK}
         # Neighbours in error take turns above and below, so that their names stay apart.
-        offset = (4, 5 if place % 2 else -9)
+        offset = (4, 5 if number % 2 else -9)
         axes.annotate(
             drawable(row.setting or row.method), (row.seconds, row.error), xytext=offset, **text
         )

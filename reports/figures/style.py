@@ -1,4 +1,4 @@
-"""One look for every figure: colours that colour-blind eyes tell apart, sizes for print.
+"""The style of every figure: colours that colour-blind eyes tell apart, sizes for print.
 
 Imported only where a figure is made, because Matplotlib takes its time.
 """
@@ -29,7 +29,7 @@ DPI = 200
 # Okabe and Ito's palette, less its yellow (invisible on white) and with its black kept for text.
 PALETTE = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 _MARKERS = ("o", "s", "^", "D", "v", "P")
-_KNOWN = ("eq8", "visible", "half_vector", "shadowed")
+_FIRST_METHODS = ("eq8", "visible", "half_vector", "shadowed")
 _TRIVIAL = "unpolarised"
 _BODY = "+body"
 
@@ -68,7 +68,7 @@ RC: Any = {
 
 
 @dataclass(frozen=True)
-class Look:
+class MethodStyle:
     """Colour, marker and line of a method."""
 
     colour: str
@@ -82,32 +82,32 @@ class Look:
         return self.colour if self.filled else "white"
 
 
-def looks(methods: Sequence[str]) -> dict[str, Look]:
-    """A look for every method; the same method looks the same in every figure of a suite.
+def method_styles(methods: Sequence[str]) -> dict[str, MethodStyle]:
+    """Colour, marker and line of every method; the same in every figure of a suite.
 
-    A method that includes the body's polarisation is drawn like the one that does not, hollow.
+    A method that includes the body's polarisation is drawn like the one that does not, but hollow.
 
     Examples
     --------
-    >>> looks(["eq8"])["eq8"].colour
+    >>> method_styles(["eq8"])["eq8"].colour
     '#d55e00'
     """
-    families = list(_KNOWN)
+    families = list(_FIRST_METHODS)
     for method in methods:
         family = method.removesuffix(_BODY)
         if family not in families and family != _TRIVIAL:
             families.append(family)
-    return {method: _look(method, families) for method in methods}
+    return {method: _method_style(method, families) for method in methods}
 
 
-def _look(method: str, families: Sequence[str]) -> Look:
+def _method_style(method: str, families: Sequence[str]) -> MethodStyle:
     if method == _TRIVIAL:
-        return Look(SOFT, "x", "--", True)
-    place = families.index(method.removesuffix(_BODY))
+        return MethodStyle(SOFT, "x", "--", True)
+    number = families.index(method.removesuffix(_BODY))
     body = method.endswith(_BODY)
-    round_, kind = divmod(place, len(PALETTE))
-    marker = _MARKERS[(kind + round_) % len(_MARKERS)]
-    return Look(PALETTE[kind], marker, ":" if body else "-", not body)
+    repetition, kind = divmod(number, len(PALETTE))
+    marker = _MARKERS[(kind + repetition) % len(_MARKERS)]
+    return MethodStyle(PALETTE[kind], marker, ":" if body else "-", not body)
 
 
 def style() -> AbstractContextManager[None]:
@@ -116,15 +116,15 @@ def style() -> AbstractContextManager[None]:
 
 
 def drawable(name: str) -> str:
-    r"""A name with the characters that the font lacks replaced, so that none is lost unseen.
+    r"""A name with the characters that the font lacks replaced by \ufffd.
 
     Examples
     --------
     >>> drawable("η \U00013000")
     'η \ufffd'
     """
-    known = _characters()
-    return "".join(c if ord(c) in known else "\ufffd" for c in printable(name))
+    drawn = _characters()
+    return "".join(c if ord(c) in drawn else "\ufffd" for c in printable(name))
 
 
 @cache
@@ -133,7 +133,7 @@ def _characters() -> frozenset[int]:
     return frozenset(font.get_charmap())
 
 
-def power_of_ten(value: float, _place: int | None = None) -> str:
+def power_of_ten(value: float, _tick: int | None = None) -> str:
     """A tick label of a logarithmic axis, in plain characters: text in an SVG stays text.
 
     Examples
@@ -146,11 +146,15 @@ def power_of_ten(value: float, _place: int | None = None) -> str:
 
 
 def svg(figure: Figure) -> str:
-    """A figure as SVG text: letters stay letters, equal figures give equal bytes."""
+    """A figure as SVG text, in which letters stay text; equal figures give equal bytes.
+
+    The figure keeps this layout: a PNG of it made afterwards is not laid out again.
+    """
     buffer = io.StringIO()
     with style():
         metadata = {"Date": None, "Creator": "malus"}
         figure.savefig(buffer, format="svg", metadata=metadata, transparent=True)
+        figure.set_layout_engine(None)  # with "none" Matplotlib would still draw once more
     return re.sub(r"[ \t]+\n", "\n", buffer.getvalue())
 
 

@@ -1,1 +1,1 @@
-"""The tables and sentences of a report, as plain cells."""
+"""The tables and sentences of a report, as numbers and as text."""

@@ -1,4 +1,4 @@
-"""The paper's Table I and Figure 9: colour and squared differences of I_max, I_min and I(ϑ)."""
+"""Table I and Figure 9 of the paper: colour differences and NMSE of I_max, I_min and I(ϑ)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.tables.listing import Listing
-from malus.reports.tables.tables import by_angle, methods_of, whole
-from malus.reports.tables.text import NOTHING, scientific
+from malus.reports.tables.formats import NO_NUMBER, scientific
+from malus.reports.tables.rows import overall_rows, rows_by_angle, scored_methods
+from malus.reports.tables.text_tables import TextTable
 
 PAPER_TABLE1 = {
     "the paper, Indoor": {
@@ -43,24 +43,24 @@ def table1(table: pd.DataFrame) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from malus.reports.sample import coloured
-    >>> found = table1(coloured())
-    >>> found[["method", "formula", "image", "mean", "std", "scene_std"]].values.tolist()[0]
+    >>> from malus.reports.tables.sample import coloured
+    >>> errors = table1(coloured())
+    >>> errors[["method", "formula", "image", "mean", "std", "scene_std"]].values.tolist()[0]
     ['unpolarised', 'ΔE76', 'I_max', 3.0, 1.0, 0.0]
     """
-    found = pd.concat(
-        _pooled(table, whole, name + ending, ["body", "method"]).assign(
+    errors = pd.concat(
+        _pooled(table, overall_rows, name + ending, ["body", "method"]).assign(
             formula=formula, image=image
         )
         for name, formula in (*_COLOURS.items(), ("nmse", _ERROR))
         for ending, image in _IMAGES.items()
     )
-    if not found["formula"].isin(_COLOURS.values()).any():
+    if not errors["formula"].isin(_COLOURS.values()).any():
         return pd.DataFrame(columns=_COLUMNS)
-    order = {name: place for place, name in enumerate(methods_of(table))}
-    found = found.assign(order=found["method"].map(order))
-    found = found.sort_values(["body", "order"], kind="stable", ignore_index=True)
-    return found[_COLUMNS]
+    order = {name: number for number, name in enumerate(scored_methods(table))}
+    errors = errors.assign(order=errors["method"].map(order))
+    errors = errors.sort_values(["body", "order"], kind="stable", ignore_index=True)
+    return errors[_COLUMNS]
 
 
 def figure9_numbers(table: pd.DataFrame) -> pd.DataFrame:
@@ -72,8 +72,8 @@ def figure9_numbers(table: pd.DataFrame) -> pd.DataFrame:
         Columns light, method, x (degrees from the vertical), mean, std, scene_std, noise and
         scenes.
     """
-    found = _pooled(table, by_angle, "delta_e76", ["light", "method", "angle_deg"])
-    return found.rename(columns={"angle_deg": "x"})
+    errors = _pooled(table, rows_by_angle, "delta_e76", ["light", "method", "angle_deg"])
+    return errors.rename(columns={"angle_deg": "x"})
 
 
 def _pooled(
@@ -103,21 +103,21 @@ def _pooled(
     return result.assign(std=std).drop(columns="variance")
 
 
-def table1_listing(table: pd.DataFrame) -> Listing:
-    """Table I as cells, the paper's own lines last; no line without the metrics."""
-    found = table1(table)
-    pairs = list(dict.fromkeys(zip(found["formula"], found["image"], strict=True)))
+def table1_text(table: pd.DataFrame) -> TextTable:
+    """Table I as text, the paper's own numbers last; without a line where no colour was scored."""
+    errors = table1(table)
+    pairs = list(dict.fromkeys(zip(errors["formula"], errors["image"], strict=True)))
     heads = ("body", "method", "scenes", *(f"{formula} of {image}" for formula, image in pairs))
     lines = []
-    for (body, method), rows in found.groupby(["body", "method"], sort=False):
+    for (body, method), rows in errors.groupby(["body", "method"], sort=False):
         cells = {(row.formula, row.image): _cell(row) for row in rows.itertuples()}
-        texts = [cells.get(pair, NOTHING) for pair in pairs]
+        texts = [cells.get(pair, NO_NUMBER) for pair in pairs]
         lines.append([str(body), str(method), str(rows["scenes"].max()), *texts])
     if lines:
-        for who, printed in PAPER_TABLE1.items():
-            texts = [printed.get(pair, NOTHING) for pair in pairs]
-            lines.append([NOTHING, who, NOTHING, *texts])
-    return Listing(heads, lines)
+        for source, printed in PAPER_TABLE1.items():
+            texts = [printed.get(pair, NO_NUMBER) for pair in pairs]
+            lines.append([NO_NUMBER, source, NO_NUMBER, *texts])
+    return TextTable(heads, lines)
 
 
 def _cell(row: Any) -> str:

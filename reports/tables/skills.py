@@ -1,12 +1,17 @@
-"""Where a method is better than no model, where worse, and where nobody can say."""
+"""Skill of the methods: by light and body, where it is negative, where there is none to report."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import pandas as pd
 
-from malus.reports.tables.tables import in_order, whole
+from malus.reports.tables.formats import NO_NUMBER, skill_text
+from malus.reports.tables.rows import TRIVIAL, distinct, overall_rows, scored_methods
 
-_PLACE = ["body", "light", "method"]
+_GROUP = ["body", "light", "method"]
 
 
 def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
@@ -22,15 +27,17 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from malus.reports.sample import table
+    >>> from malus.reports.tables.sample import table
     >>> by_light_and_body(table()).query("method == 'eq8'")[["light", "skill_min"]].values.tolist()
     [['uniform', 0.95], ['distant 60°', 0.95]]
     """
-    every = table.drop_duplicates(["scene", "method"]).groupby(_PLACE, sort=False)
-    nmse = whole(table, "nmse").groupby(_PLACE, sort=False)
-    skill = whole(table, "skill").groupby(_PLACE, sort=False)["value"]
-    inapplicable = whole(table, "inapplicable").groupby(_PLACE, sort=False)["scene"].nunique()
-    result = pd.DataFrame({"scenes": every["scene"].nunique()})
+    tried = table.drop_duplicates(["scene", "method"]).groupby(_GROUP, sort=False)
+    nmse = overall_rows(table, "nmse").groupby(_GROUP, sort=False)
+    skill = overall_rows(table, "skill").groupby(_GROUP, sort=False)["value"]
+    inapplicable = (
+        overall_rows(table, "inapplicable").groupby(_GROUP, sort=False)["scene"].nunique()
+    )
+    result = pd.DataFrame({"scenes": tried["scene"].nunique()})
     result["inapplicable"] = inapplicable.reindex(result.index, fill_value=0)
     result["nmse_mean"] = nmse["value"].mean()
     result["nmse_max"] = nmse["value"].max()
@@ -44,25 +51,25 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     return result.reset_index()
 
 
-def negative(table: pd.DataFrame, method: str) -> pd.DataFrame:
+def negative_skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
     """Light × surface × body where a method's skill is below zero.
 
     Returns
     -------
     DataFrame
         Columns light, surface, alpha, body, negative and scenes (those with a skill), worst
-        (smallest skill), material and shape (of the worst scene); the worst places first.
+        (smallest skill), material and shape (of the worst scene); the worst first.
 
     Examples
     --------
-    >>> from malus.reports.sample import table
-    >>> len(negative(table(), "eq8"))
+    >>> from malus.reports.tables.sample import table
+    >>> len(negative_skills(table(), "eq8"))
     0
     """
     rows = _skills(table, method).dropna(subset="value")
-    place = ["light", "surface", "alpha", "body"]
-    groups = rows.groupby(place, sort=False)["value"]
-    worst = rows.loc[groups.idxmin()].set_index(place)
+    group = ["light", "surface", "alpha", "body"]
+    groups = rows.groupby(group, sort=False)["value"]
+    worst = rows.loc[groups.idxmin()].set_index(group)
     result = pd.DataFrame(
         {
             "negative": groups.apply(lambda values: int((values < 0).sum())),
@@ -75,7 +82,7 @@ def negative(table: pd.DataFrame, method: str) -> pd.DataFrame:
     return result[result["negative"] > 0].sort_values("worst", kind="stable").reset_index()
 
 
-def unreported(table: pd.DataFrame, method: str) -> pd.DataFrame:
+def unreported_skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
     """Light × surface × body where the trivial guess is inside the noise: no skill to report.
 
     Returns
@@ -94,26 +101,110 @@ def unreported(table: pd.DataFrame, method: str) -> pd.DataFrame:
     return result[result["unreported"] > 0].reset_index()
 
 
-def skill_map(table: pd.DataFrame, method: str, body: str) -> pd.DataFrame:
+def median_skills(table: pd.DataFrame, method: str, body: str) -> pd.DataFrame:
     """Median skill over shapes and materials: one row a light, one column a surface.
 
-    The columns are ordered by roughness. NaN where no scene of the place has a skill, also where
-    the method could not work.
+    The columns are ordered by roughness. NaN where no scene with that light and surface has a
+    skill, also where the method could not work.
 
     Examples
     --------
-    >>> from malus.reports.sample import table
-    >>> skill_map(table(), "half_vector", "unpolarised")["carbon"].tolist()
+    >>> from malus.reports.tables.sample import table
+    >>> median_skills(table(), "half_vector", "unpolarised")["carbon"].tolist()
     [nan, 0.999]
     """
     rows = _skills(table, method)
     rows = rows[rows["body"] == body]
     medians = rows.groupby(["light", "surface"], sort=False)["value"].median().unstack()
-    every = table[table["body"] == body]
-    surfaces = every.sort_values("alpha", kind="stable")["surface"]
-    return medians.reindex(index=in_order(every["light"]), columns=in_order(surfaces))
+    scenes = table[table["body"] == body]
+    surfaces = scenes.sort_values("alpha", kind="stable")["surface"]
+    return medians.reindex(index=distinct(scenes["light"]), columns=distinct(surfaces))
+
+
+@dataclass(frozen=True)
+class SkillCell:
+    """A cell of the skill map: a median skill and how the page shows it.
+
+    `side` is "good", "bad" or "none" (no skill to report), `strength` that of the cell's colour,
+    `scene` an example of it in the viewer, empty where there is none.
+    """
+
+    text: str
+    side: str
+    strength: float
+    scene: str
+
+
+@dataclass(frozen=True)
+class SkillMap:
+    """Median skills of a method on one body: a line a light, a cell a surface."""
+
+    method: str
+    body: str
+    surfaces: list[str]
+    lines: list[tuple[str, list[SkillCell]]]
+
+    @property
+    def caption(self) -> str:
+        """Method and body."""
+        return f"{self.method}, {self.body} body"
+
+
+def skill_maps(table: pd.DataFrame, examples: Mapping[tuple[str, str, str], str]) -> list[SkillMap]:
+    """Maps of the median skill, one for every body and method.
+
+    Parameters
+    ----------
+    table : DataFrame
+    examples : mapping
+        Scene that the viewer shows for a (light, surface, body), where it shows one.
+
+    Examples
+    --------
+    >>> from malus.reports.tables.sample import table
+    >>> maps = skill_maps(table(), {})
+    >>> maps[0].caption, maps[0].lines[0][0], maps[0].lines[0][1][0].text
+    ('eq8, unpolarised body', 'uniform', '0.95')
+    """
+    return [
+        _skill_map(table, method, body, examples)
+        for body in distinct(table["body"])
+        for method in scored_methods(table)
+        if method != TRIVIAL
+    ]
+
+
+def _skill_map(
+    table: pd.DataFrame, method: str, body: str, examples: Mapping[tuple[str, str, str], str]
+) -> SkillMap:
+    medians = median_skills(table, method, body)
+    surfaces = [str(name) for name in medians.columns]
+    lines = []
+    for light, skills in zip(map(str, medians.index), medians.to_numpy(float), strict=True):
+        scenes = [examples.get((light, surface, body), "") for surface in surfaces]
+        cells = [_cell(float(skill), scene) for skill, scene in zip(skills, scenes, strict=True)]
+        lines.append((light, cells))
+    return SkillMap(method, body, surfaces, lines)
+
+
+def _cell(skill: float, scene: str) -> SkillCell:
+    text = skill_text(skill)
+    if text == NO_NUMBER:
+        return SkillCell(text, "none", 0.0, "")
+    return SkillCell(text, "good" if skill >= 0 else "bad", strength(skill), scene)
+
+
+def strength(skill: float) -> float:
+    """Strength of a cell's colour, 0 to 1: linear in skill above zero, logarithmic below.
+
+    Examples
+    --------
+    >>> strength(0.5), strength(-100.0)
+    (0.5, 1.0)
+    """
+    return max(0.0, min(1.0, skill if skill >= 0 else math.log10(1.0 - skill) / 2.0 + 0.15))
 
 
 def _skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
-    rows = whole(table, "skill")
+    rows = overall_rows(table, "skill")
     return rows[rows["method"] == method]

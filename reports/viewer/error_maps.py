@@ -6,16 +6,19 @@ import base64
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image
 
-from malus.reports.html import Markup, folded, join, scrolling, tag
-from malus.reports.tables.text import counted
+from malus.reports.tables import sentences
+from malus.reports.tables.formats import counted
+from malus.reports.templates.render import render
 from malus.reports.viewer.examples import Example
 from malus.scenes.colour import JUST_NOTICEABLE, delta_e_maps
+from malus.scenes.core.arrays import AnyArray, BoolArray, Float64Array
 from malus.scenes.core.errors import InputError
 
 WHITE = 10.0 * JUST_NOTICEABLE
@@ -27,26 +30,28 @@ SIDE = 96
 BUDGET = 3_000_000
 """Characters of maps in a page."""
 
+ByteArray: TypeAlias = NDArray[np.uint8]
+
 _NAMES = {"_i_max": "I_max", "_i_min": "I_min"}
 
 
 @dataclass(frozen=True)
 class ErrorMap:
-    """ΔE76 of one image of a method: what it is of, and (height, width), NaN off the object."""
+    """ΔE76 (height, width) of one image by a method, NaN off the object."""
 
     method: str
     image: str
-    difference: NDArray[np.float64]
+    difference: Float64Array
 
     @property
     def spread(self) -> str:
         """Mean ± standard deviation over the object's finite pixels."""
-        found = self.difference[np.isfinite(self.difference)]
-        return f"{found.mean():.2f} ± {found.std():.2f}" if found.size else "not finite"
+        finite = self.difference[np.isfinite(self.difference)]
+        return f"{finite.mean():.2f} ± {finite.std():.2f}" if finite.size else "not finite"
 
 
 def error_maps(example: Example) -> Iterator[ErrorMap]:
-    """I_max, I_min and every I(ϑ) of every method, as `colour_error` compares them.
+    """Error maps of I_max, I_min and every I(ϑ) of every method.
 
     Raises
     ------
@@ -57,15 +62,15 @@ def error_maps(example: Example) -> Iterator[ErrorMap]:
     peak = float(true[..., 0].max(initial=0.0)) or 1.0
     for method, stokes in example.methods.items():
         estimated = stokes[example.mask].astype(np.float64) / peak
-        found = delta_e_maps(estimated, true / peak, example.wavelengths_nm)
-        for suffix, angle, values in found:
+        maps = delta_e_maps(estimated, true / peak, example.wavelengths_nm)
+        for suffix, angle, values in maps:
             difference = np.full(example.mask.shape, np.nan)
             difference[example.mask] = values
             name = _NAMES[suffix] if angle is None else f"I({angle:g}°)"
             yield ErrorMap(method, name, difference)
 
 
-def grey(difference: NDArray[Any], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def grey(difference: AnyArray, mask: BoolArray) -> ByteArray:
     """Grey and opacity (height, width, 2): black no error, white `WHITE` and above or not finite.
 
     Examples
@@ -78,59 +83,53 @@ def grey(difference: NDArray[Any], mask: NDArray[np.bool_]) -> NDArray[np.uint8]
     return np.stack([np.where(mask, level, 0), np.where(mask, 255, 0)], -1).astype(np.uint8)
 
 
-def png_address(pixels: NDArray[np.uint8]) -> str:
-    """A picture of grey and opacity as an address that holds it."""
+def png_url(pixels: ByteArray) -> str:
+    """Grey and opacity (height, width, 2) as the data URL of a PNG."""
     buffer = io.BytesIO()
     Image.fromarray(pixels, "LA").save(buffer, "PNG", optimize=True)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def gallery(examples: Sequence[Example], budget: int = BUDGET) -> Markup | None:
-    """Every example's maps, one line a method, as far as the budget goes; None without any."""
-    parts: list[Markup] = []
+    """HTML of the error maps of the examples that fit the budget; None without any."""
+    tables: list[tuple[str, Markup]] = []
     for example in examples:
         try:
-            made = _table(example)
+            table = _table(example)
         except InputError:  # no band is visible: there is no colour
             continue
-        budget -= len(made)
+        budget -= len(table)
         if budget < 0:
             break
-        parts.append(folded(example.label, made, open=not parts, class_="error-maps"))
-    if not parts:
+        tables.append((example.label, table))
+    if not tables:
         return None
-    first, *others = parts
-    more = folded(counted(len(others), "more scene"), *others) if others else ""
-    left_out = len(examples) - len(parts)
-    note = f"{counted(left_out, 'further scene')} would have made the page too large."
-    return join(first, more, tag("p", note, class_="note") if left_out else "")
+    left_out = len(examples) - len(tables)
+    return render(
+        "error_maps.html",
+        explanation=sentences.ERROR_MAPS,
+        white=f"{WHITE:g}",
+        tables=tables,
+        more=counted(len(tables) - 1, "more scene"),
+        left_out=counted(left_out, "further scene") if left_out else "",
+    )
 
 
 def _table(example: Example) -> Markup:
-    found = list(error_maps(example))
-    images = list(dict.fromkeys(one.image for one in found))
     step = -(-max(example.mask.shape) // SIDE)
     mask = example.mask[::step, ::step]
-    heads = tag("tr", tag("td"), *(tag("th", image, scope="col") for image in images))
-    lines = [
-        tag(
-            "tr",
-            tag("th", method, scope="row"),
-            *(_cell(one, mask, step) for one in found if one.method == method),
-        )
-        for method in example.methods
-    ]
-    caption = f"ΔE76 of {example.label}: mean ± standard deviation over the pixels"
-    whole = tag("table", tag("caption", caption), tag("thead", heads), tag("tbody", *lines))
-    return scrolling(whole, caption)
-
-
-def _cell(one: ErrorMap, mask: NDArray[np.bool_], step: int) -> Markup:
-    picture = tag(
-        "img",
-        src=png_address(grey(one.difference[::step, ::step], mask)),
-        alt=f"error map of {one.image} by {one.method}",
-        width=str(mask.shape[1]),
-        height=str(mask.shape[0]),
+    methods: dict[str, list[dict[str, str]]] = {name: [] for name in example.methods}
+    for error in error_maps(example):
+        src = Markup(png_url(grey(error.difference[::step, ::step], mask)))
+        cell = {"image": error.image, "src": src, "spread": error.spread}
+        methods[error.method].append(cell)
+    images = dict.fromkeys(cell["image"] for cells in methods.values() for cell in cells)
+    height, width = mask.shape
+    return render(
+        "error_map_table.html",
+        label=example.label,
+        images=list(images),
+        methods=methods,
+        width=width,
+        height=height,
     )
-    return tag("td", picture, tag("span", one.spread))

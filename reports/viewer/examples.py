@@ -6,16 +6,15 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from malus.scenes.core.errors import InputError
-
-Stokes = NDArray[np.floating[Any]]
+from malus.scenes.core.arrays import AnyArray, BoolArray, FloatArray
+from malus.scenes.core.errors import InputError, reading
 
 _METHOD = "method."
+_EXPECTED = "truth and methods (height, width, bands, 3), mask (height, width), meta as JSON"
+_HINT = "delete it and run the suite again"
 
 
 @dataclass(frozen=True)
@@ -25,9 +24,9 @@ class Example:
     scene: str
     label: str
     wavelengths_nm: tuple[float, ...]
-    mask: NDArray[np.bool_]
-    truth: Stokes
-    methods: dict[str, Stokes]
+    mask: BoolArray
+    truth: FloatArray
+    methods: dict[str, FloatArray]
 
     @property
     def pixels(self) -> int:
@@ -40,7 +39,7 @@ class Example:
         return len(self.wavelengths_nm) * (1 + len(self.methods))
 
     def bands(self, chosen: list[int]) -> Example:
-        """The same with some of the bands."""
+        """The example with some of its bands."""
         return Example(
             self.scene,
             self.label,
@@ -52,33 +51,35 @@ class Example:
 
 
 def read_examples(folder: Path) -> Iterator[Example]:
-    """The examples in a folder, by name; none where there is no such folder."""
+    """The examples in a folder, in the order of their file names; none without the folder."""
     for path in sorted(folder.glob("*.npz")):
         yield read_example(path)
 
 
 def read_example(path: Path) -> Example:
-    """One example.
+    """The example in a file.
 
     Raises
     ------
     InputError
-        If the file is no such example.
+        If the file holds none.
     """
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            example = _example({name: arrays[name] for name in arrays.files})
-    except Exception as error:  # a foreign parser raises anything on a broken file
-        raise _bad(path, " ".join(str(error).split())) from None
+    with (
+        reading(str(path), _EXPECTED, _HINT),
+        path.open("rb") as file,
+        np.load(file, allow_pickle=False) as arrays,
+    ):
+        example = _example({name: arrays[name] for name in arrays.files})
     bands = len(example.wavelengths_nm)
-    wanted = (*example.mask.shape, bands, 3)
+    expected_shape = (*example.mask.shape, bands, 3)
     for name, stokes in {"truth": example.truth, **example.methods}.items():
-        if stokes.shape != wanted or example.mask.ndim != 2:
-            raise _bad(path, f"{name} of shape {stokes.shape}, mask {example.mask.shape}")
+        if stokes.shape != expected_shape or example.mask.ndim != 2:
+            shapes = f"{name} of shape {stokes.shape}, mask {example.mask.shape}"
+            raise InputError(str(path), _EXPECTED, shapes, _HINT)
     return example
 
 
-def _example(arrays: dict[str, NDArray[Any]]) -> Example:
+def _example(arrays: dict[str, AnyArray]) -> Example:
     meta = json.loads(str(arrays["meta"]))
     methods = {
         name.removeprefix(_METHOD): array
@@ -93,8 +94,3 @@ def _example(arrays: dict[str, NDArray[Any]]) -> Example:
         truth=arrays["truth"],
         methods=methods,
     )
-
-
-def _bad(path: Path, found: str) -> InputError:
-    expected = "truth and methods (height, width, bands, 3), mask (height, width), meta as JSON"
-    return InputError(str(path), expected, found, "delete it and run the suite again")

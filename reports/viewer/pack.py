@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reports.viewer.examples import Example
+from malus.scenes.core.arrays import AnyArray
 
 BUDGET = 11_000_000
 """Characters of image data in a page: what is left of 15 MB is for figures and tables."""
@@ -27,7 +28,7 @@ STEPS = NOT_FINITE - 2  # one is lost where the range does not begin at a whole 
 Planes = dict[str, Any]
 
 
-def quantised(values: NDArray[Any]) -> tuple[NDArray[np.uint16], int, float]:
+def quantised(values: AnyArray) -> tuple[NDArray[np.uint16], int, float]:
     """Whole numbers q with values ≈ step · (first + q); 65535 stands for one that is not finite.
 
     Zero stays exactly zero: the angle of light that is not polarised is no accident of rounding.
@@ -48,8 +49,8 @@ def quantised(values: NDArray[Any]) -> tuple[NDArray[np.uint16], int, float]:
     # All equal: one step is the value itself.
     step = float((high - low) / STEPS or abs(low) or 1.0)
     first = math.floor(low / step)
-    places = np.clip(np.rint(wide / step) - first, 0, NOT_FINITE - 1)
-    return np.where(finite, places, NOT_FINITE).astype(np.uint16), first, step
+    q = np.clip(np.rint(wide / step) - first, 0, NOT_FINITE - 1)
+    return np.where(finite, q, NOT_FINITE).astype(np.uint16), first, step
 
 
 def fitted(examples: Sequence[Example], budget: int = BUDGET) -> tuple[list[Example], int]:
@@ -72,18 +73,18 @@ def _size(example: Example) -> int:
 
 def _thinned(example: Example) -> Example:
     bands = len(example.wavelengths_nm)
-    places = np.unique(np.linspace(0, bands - 1, min(bands, FEWER_BANDS)).round().astype(int))
-    return example.bands([int(place) for place in places])
+    kept = np.unique(np.linspace(0, bands - 1, min(bands, FEWER_BANDS)).round().astype(int))
+    return example.bands(kept.tolist())
 
 
 @dataclass
 class Packer:
-    """Collects blocks of text; every image is described by the number of its block."""
+    """Image data of the viewer, as blocks of base64 text that the images name by number."""
 
     blocks: list[str] = field(default_factory=list)
 
     def scene(self, example: Example, about: dict[str, Any]) -> dict[str, Any]:
-        """Put a scene's images into blocks.
+        """A scene for the viewer; its images go into blocks.
 
         Parameters
         ----------
@@ -110,19 +111,20 @@ class Packer:
             },
         }
 
-    def _planes(self, stokes: NDArray[Any], truth: NDArray[Any] | None = None) -> Planes:
-        """Three planes of (pixels, 3); without the first where it is the truth's."""
+    def _planes(self, stokes: AnyArray, truth: AnyArray | None = None) -> Planes:
+        """Description of (pixels, 3); s0 is left out where it equals the truth's."""
         first = 1 if truth is not None and _same(stokes[:, 0], truth[:, 0]) else 0
-        found = [quantised(stokes[:, plane]) for plane in range(first, 3)]
-        block = self._block(np.concatenate([q for q, _, _ in found]).astype("<u2"))
-        return {"block": block, "first": [f[1] for f in found], "step": [f[2] for f in found]}
+        planes = [quantised(stokes[:, plane]) for plane in range(first, 3)]
+        block = self._block(np.concatenate([q for q, _, _ in planes]).astype("<u2"))
+        firsts, steps = [low for _, low, _ in planes], [step for _, _, step in planes]
+        return {"block": block, "first": firsts, "step": steps}
 
-    def _block(self, array: NDArray[Any]) -> int:
+    def _block(self, array: AnyArray) -> int:
         self.blocks.append(base64.b64encode(array.tobytes()).decode("ascii"))
         return len(self.blocks) - 1
 
 
-def _same(some: NDArray[Any], other: NDArray[Any]) -> bool:
+def _same(some: AnyArray, other: AnyArray) -> bool:
     # Within half a step of what is stored anyway.
     if not np.isfinite(some).all() or not some.size:
         return False

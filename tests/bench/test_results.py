@@ -12,7 +12,7 @@ import pytest
 
 from malus.bench import read_results, run
 from malus.bench.running.results import Results, write_results, write_run, write_tables
-from malus.reports import sample
+from malus.reports.tables import sample
 from malus.scenes import Suite
 from malus.scenes.core.result_files import HEADLINES, TABLE
 

@@ -14,14 +14,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from malus.bench.scoring.colour_error import delta_e
-from malus.reports import sample, write_report
+from malus.reports import write_report
+from malus.reports.tables import sample
 from malus.reports.viewer.error_maps import gallery
 from malus.reports.viewer.examples import Example, read_example
 from malus.reports.viewer.pack import NOT_FINITE, fitted, quantised
 from malus.scenes.colour import delta_e_maps
+from malus.scenes.core.arrays import AnyArray, BoolArray, Float32Array, Float64Array, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import polarised
 
@@ -40,16 +41,14 @@ CHROMIUM_FLAGS = (
     "--force-device-scale-factor=1",
 )
 
-Stokes = NDArray[np.float32]
 
-
-def disc(size: int = SIZE) -> NDArray[np.bool_]:
+def disc(size: int = SIZE) -> BoolArray:
     y, x = np.mgrid[:size, :size]
     middle = (size - 1) / 2
     return (x - middle) ** 2 + (y - middle) ** 2 < (0.47 * size) ** 2
 
 
-def stokes_image(seed: int, size: int = SIZE) -> Stokes:
+def stokes_image(seed: int, size: int = SIZE) -> Float32Array:
     """Every degree and angle of polarisation, and no two pixels alike."""
     random = np.random.default_rng(seed)
     s0 = random.uniform(0.05, 1.0, (size, size, len(WAVELENGTHS)))
@@ -59,7 +58,7 @@ def stokes_image(seed: int, size: int = SIZE) -> Stokes:
     return np.stack(parts, axis=-1).astype(np.float32)
 
 
-def save_example(folder: Path, scene: str, label: str, **methods: Stokes) -> Stokes:
+def save_example(folder: Path, scene: str, label: str, **methods: Float32Array) -> Float32Array:
     size = len(next(iter(methods.values())))
     truth = stokes_image(1, size)
     meta = {"scene": scene, "label": label, "wavelengths_nm": WAVELENGTHS}
@@ -85,7 +84,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "report.html"
 
 
-def _unpolarised() -> Stokes:
+def _unpolarised() -> Float32Array:
     guess = stokes_image(1)
     guess[..., 1:] = 0
     return guess
@@ -93,9 +92,9 @@ def _unpolarised() -> Stokes:
 
 def find_browser() -> tuple[str, str]:
     """Chromium and its driver, or a skip; under CI they must be there."""
-    found = shutil.which("chromium"), shutil.which("chromedriver")
-    if found[0] and found[1]:
-        return found[0], found[1]
+    browser, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if browser and driver:
+        return browser, driver
     message = "needs chromium and chromedriver (Debian: chromium, chromium-driver)"
     if os.environ.get("CI") == "true":
         pytest.fail(message)
@@ -167,7 +166,7 @@ class Browser:
         self.settle()
         assert self.js("return Number(document.getElementById('viewer').dataset.shown)") == degrees
 
-    def grey(self, panel: str, size: int = SIZE) -> NDArray[np.int64]:
+    def grey(self, panel: str, size: int = SIZE) -> IntArray:
         """Red channel of a panel at the centres of the image's pixels, as the screen shows it."""
         script = """
             const canvas = document.querySelector(`[data-panel=${arguments[0]}] canvas`);
@@ -204,7 +203,7 @@ def opened(browser: Browser, report: Path) -> Browser:
     return browser
 
 
-def screen_grey(radiance: NDArray[Any], white: float) -> NDArray[np.float64]:
+def screen_grey(radiance: AnyArray, white: float) -> Float64Array:
     """What a screen shows of a radiance: 1024 steps of the sRGB curve, as in the IEC standard."""
     linear = np.clip(np.floor(radiance / white * 1023 + 0.5), 0, 1023) / 1023
     curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
@@ -230,7 +229,7 @@ def test_slider_changes_pixels_as_equation_1_says(
     assert np.ptp(wanted[away]) > 200  # the test sees the whole range
 
 
-def _near_the_pick(browser: Browser) -> NDArray[np.bool_]:
+def _near_the_pick(browser: Browser) -> BoolArray:
     """Pixels that the mark of the read-out may cover."""
     text = browser.js("return document.querySelector('#readout .place').textContent")
     numbers = re.findall(r"\d+", text)
@@ -295,7 +294,7 @@ def test_keys_turn_zoom_and_move(opened: Browser) -> None:
 
 
 class Fingers:
-    """Fingers on the truth's panel; places are parts of its width and height."""
+    """Fingers on the truth's panel; positions are parts of its width and height."""
 
     def __init__(self, browser: Browser) -> None:
         self.browser = browser
@@ -306,11 +305,11 @@ class Fingers:
             "return [b.left, b.top, b.width, b.height]"
         )
 
-    def send(self, kind: str, *places: tuple[float, float]) -> None:
+    def send(self, kind: str, *positions: tuple[float, float]) -> None:
         left, top, width, height = self.box
         points = [
             {"x": left + x * width, "y": top + y * height, "id": k}
-            for k, (x, y) in enumerate(places)
+            for k, (x, y) in enumerate(positions)
         ]
         event = {"type": kind, "touchPoints": points}
         self.browser.driver.execute_cdp_cmd("Input.dispatchTouchEvent", event)
@@ -507,7 +506,7 @@ def test_error_maps_are_those_of_the_metric_and_white_is_10_jnd(
     texts = browser.js(
         "return [...document.querySelectorAll('.error-maps td span')].map(e => e.textContent)"
     )
-    assert texts == [f"{one.mean:.2f} ± {one.std:.2f}" for one in sums]
+    assert texts == [f"{total.mean:.2f} ± {total.std:.2f}" for total in sums]
 
 
 def test_error_maps_keep_to_the_budget_and_skip_what_no_eye_sees() -> None:
@@ -523,7 +522,7 @@ def test_storing_rounds_by_half_a_step_at_most_and_keeps_zero(values: list[float
     back = step * (first + q.astype(float))
     span = float(np.ptp(values)) / 65533
     np.testing.assert_allclose(back, values, rtol=0, atol=0.5 * span + 1e-15)
-    assert all(found == 0.0 for found, value in zip(back, values, strict=True) if value == 0.0)
+    assert all(stored == 0.0 for stored, value in zip(back, values, strict=True) if value == 0.0)
     assert quantised(np.array([np.inf, np.nan]))[0].tolist() == [NOT_FINITE] * 2
 
 

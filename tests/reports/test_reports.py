@@ -13,25 +13,33 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from jinja2 import UndefinedError
+from markupsafe import escape
 
-from malus.reports import sample, write_report
+from malus.reports import write_report
 from malus.reports.figures.drawings import drawings, ladders
 from malus.reports.figures.figure5 import figure5, figure5_by_light, numbers
 from malus.reports.figures.figure9 import figure9
 from malus.reports.figures.ladder import figure_ladder, ladder_numbers
 from malus.reports.figures.panels import spread
 from malus.reports.figures.style import png, svg
-from malus.reports.sections import of_run
-from malus.reports.source import Source
-from malus.reports.studies import read_study
+from malus.reports.sections import of_run, of_study
+from malus.reports.source import Source, read_study
 from malus.reports.summary import summary
-from malus.reports.tables.colour_errors import figure9_numbers, table1, table1_listing
-from malus.reports.tables.listing import savings
-from malus.reports.tables.skills import by_light_and_body, negative, skill_map, unreported
-from malus.reports.tables.tables import coverage
-from malus.reports.tables.text import markdown, markup, script_json
+from malus.reports.tables import sample
+from malus.reports.tables.colour_errors import figure9_numbers, table1, table1_text
+from malus.reports.tables.formats import markdown
+from malus.reports.tables.rows import coverage
+from malus.reports.tables.skills import (
+    by_light_and_body,
+    median_skills,
+    negative_skills,
+    unreported_skills,
+)
+from malus.reports.tables.text_tables import savings
+from malus.reports.templates.render import render
 from malus.reports.write import write_study
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, printable
 
 SVG = "{http://www.w3.org/2000/svg}"
 HOSTILE = "<script>alert(1)</script> $x^2$ & \"'|`*_ \U00013000"
@@ -129,9 +137,9 @@ def test_legend_says_which_lights_a_partial_mean_covers(table: pd.DataFrame) -> 
 
 def test_coverage_of_part_of_a_light(table: pd.DataFrame) -> None:
     first = table["scene"] == f"{0:016x}"
-    found = coverage(table[~(first & (table["metric"] == "nmse"))], "eq8")
-    assert (found.part, found.missing) == (("uniform",), ())
-    assert str(found) == "only distant 60°, part of uniform"
+    covered = coverage(table[~(first & (table["metric"] == "nmse"))], "eq8")
+    assert (covered.partial_lights, covered.missing_lights) == (("uniform",), ())
+    assert str(covered) == "only distant 60°, part of uniform"
 
 
 def test_bodies_are_never_averaged_together(table: pd.DataFrame) -> None:
@@ -171,27 +179,33 @@ def test_names_are_text_whatever_they_contain(table: pd.DataFrame, column: str) 
 def test_names_are_escaped_everywhere() -> None:
     assert markdown("a|b") == "a\\|b"
     assert markdown("# a_b\n") == "\\# a_b\\\\n"
-    assert markup("<a href='x'>") == "&lt;a href=&#x27;x&#x27;&gt;"
-    assert "<" not in script_json({"<!--": "</script>"})
+
+
+def test_values_of_templates_are_escaped_and_none_may_be_missing() -> None:
+    text = render("figures.html", explanation="<b> & \"'\n\udc80", drawings=[], origin="")
+    assert text == "<p>&lt;b&gt; &amp; &#34;&#39;\\n\\udc80</p>"
+    with pytest.raises(UndefinedError, match="explanation"):
+        render("figures.html", drawings=[], origin="")
 
 
 def test_nan_skills_are_counted_and_never_dropped_in_silence(table: pd.DataFrame) -> None:
     table = with_skill(table, math.nan, method="eq8", light="uniform", surface="carbon")
     row = by_light_and_body(table).query("method == 'eq8' and light == 'uniform'").iloc[0]
     assert (row["scenes"], row["unreported"], row["negative"]) == (6, 3, 0)
-    assert unreported(table, "eq8").values.tolist() == [["uniform", "carbon", "unpolarised", 3, 3]]
+    assert unreported_skills(table, "eq8").values.tolist() == [
+        ["uniform", "carbon", "unpolarised", 3, 3]
+    ]
     assert "| eq8 | uniform | carbon | unpolarised | 3 of 3 |" in summary(table, sample.run())
 
 
 def test_negative_skills_are_listed_with_their_place_and_number(table: pd.DataFrame) -> None:
     table = with_skill(table, -0.5, method="eq8", light="uniform", surface="carbon")
     table = with_skill(table, -7.0, method="eq8", light="distant 60°", material="pmma")
-    places = negative(table, "eq8")
-    found = [
+    negative = [
         (row["light"], row["surface"], row["negative"], row["scenes"], row["worst"])
-        for row in places.to_dict("records")
+        for row in negative_skills(table, "eq8").to_dict("records")
     ]
-    assert found == [
+    assert negative == [
         ("distant 60°", "carbon", 1, 3, -7.0),
         ("distant 60°", "obsidian", 1, 3, -7.0),
         ("uniform", "carbon", 3, 3, -0.5),
@@ -203,10 +217,10 @@ def test_negative_skills_are_listed_with_their_place_and_number(table: pd.DataFr
 
 def test_skill_map_is_in_order_of_roughness_and_keeps_its_holes(table: pd.DataFrame) -> None:
     table = with_skill(table, math.nan, method="eq8", light="uniform", surface="carbon")
-    found = skill_map(table, "eq8", "unpolarised")
-    assert list(found.columns) == ["obsidian", "carbon"]
-    assert found.loc["uniform", "obsidian"] == pytest.approx(0.95)
-    assert math.isnan(found.loc["uniform", "carbon"])
+    skills = median_skills(table, "eq8", "unpolarised")
+    assert list(skills.columns) == ["obsidian", "carbon"]
+    assert skills.loc["uniform", "obsidian"] == pytest.approx(0.95)
+    assert math.isnan(skills.loc["uniform", "carbon"])
 
 
 def test_table_1_pools_pixels_and_stands_beside_the_paper() -> None:
@@ -223,25 +237,25 @@ def test_table_1_pools_pixels_and_stands_beside_the_paper() -> None:
     for scene, value in errors.items():
         parts.append(plain.assign(scene=scene, metric="nmse_i_max", value=value, noise=1e-5))
     table = pd.concat([*parts[1:], *(plain.assign(scene=scene) for scene in pixels)])
-    found = table1(table).set_index(["formula", "image"])
-    assert list(found.index) == [("ΔE76", "I_min"), ("NMSE", "I_max"), ("NMSE", "I(ϑ)")]
-    every = np.concatenate(list(pixels.values()))
+    differences = table1(table).set_index(["formula", "image"])
+    assert list(differences.index) == [("ΔE76", "I_min"), ("NMSE", "I_max"), ("NMSE", "I(ϑ)")]
+    pooled = np.concatenate(list(pixels.values()))
     means = [values.mean() for values in pixels.values()]
-    colour, error = found.loc[("ΔE76", "I_min")], found.loc[("NMSE", "I_max")]
+    colour, error = differences.loc[("ΔE76", "I_min")], differences.loc[("NMSE", "I_max")]
     # The same sums in another order: a few roundings of float64.
-    assert colour["mean"] == pytest.approx(every.mean(), rel=1e-12)
-    assert colour["std"] == pytest.approx(every.std(), rel=1e-12)
+    assert colour["mean"] == pytest.approx(pooled.mean(), rel=1e-12)
+    assert colour["std"] == pytest.approx(pooled.std(), rel=1e-12)
     assert colour["scene_std"] == pytest.approx(np.std(means), rel=1e-12)
     assert (colour["noise"], colour["scenes"]) == (pytest.approx(0.2), 3)
     assert error["mean"] == pytest.approx(np.mean(list(errors.values())), rel=1e-12)
     assert error["scene_std"] == pytest.approx(np.std(list(errors.values())), rel=1e-12)
     assert math.isnan(error["std"])
-    found_listing = table1_listing(table)
-    assert found_listing.heads[3:] == ("ΔE76 of I_min", "NMSE of I_max", "NMSE of I(ϑ)")
-    text = f"{every.mean():.2f} ± {every.std():.2f} ({np.std(means):.2f})"
-    assert found_listing.lines[0][:5] == ["unpolarised", "eq8", "3", text, "2.7e-3 (1.7e-3)"]
+    printed = table1_text(table)
+    assert printed.heads[3:] == ("ΔE76 of I_min", "NMSE of I_max", "NMSE of I(ϑ)")
+    text = f"{pooled.mean():.2f} ± {pooled.std():.2f} ({np.std(means):.2f})"
+    assert printed.lines[0][:5] == ["unpolarised", "eq8", "3", text, "2.7e-3 (1.7e-3)"]
     paper = ["the paper, Indoor", "–", "1.24 ± 0.31", "0.008 ± 0.0011", "–"]
-    assert found_listing.lines[-2][1:] == paper
+    assert printed.lines[-2][1:] == paper
 
 
 def test_figure_9_draws_the_pooled_numbers_of_every_light() -> None:
@@ -257,8 +271,8 @@ def test_figure_9_draws_the_pooled_numbers_of_every_light() -> None:
 
 
 def test_one_material_and_roughness_make_no_figure_5(table: pd.DataFrame) -> None:
-    one = table[(table["material"] == "pmma") & (table["surface"] == "carbon")]
-    assert [drawing.name for drawing in drawings(one)] == ["angles"]
+    single = table[(table["material"] == "pmma") & (table["surface"] == "carbon")]
+    assert [drawing.name for drawing in drawings(single)] == ["angles"]
 
 
 def test_captions_stay_inside_their_figure() -> None:
@@ -277,7 +291,7 @@ def test_captions_stay_inside_their_figure() -> None:
 
 
 def test_without_colour_metrics_there_is_neither(table: pd.DataFrame) -> None:
-    assert not table1_listing(table)
+    assert not table1_text(table)
     assert "Table I" not in summary(table, sample.run())
     names = [drawing.name for drawing in drawings(table)]
     assert "figure9" not in names
@@ -288,11 +302,11 @@ def test_the_page_says_what_the_plan_saved(table: pd.DataFrame, tmp_path: Path) 
     lines = savings(sample.run()["plan"]).lines
     assert [line[:3] for line in lines] == [
         ["polariser images", "240 of 1,200", "960"],
-        ["interface images", "30 of 210", "180"],
+        ["specular images", "30 of 210", "180"],
         ["shadow rays", "0 of 4", "only rays"],
     ]
-    found = of_run(Source(table, sample.run(), tmp_path, ()))
-    (plan,) = [section.content for section in found if section.name == "plan"]
+    sections = of_run(Source(table, sample.run(), tmp_path, ()))
+    (plan,) = [section.content for section in sections if section.name == "plan"]
     assert "60 of 1,200" in plan
     run = sample.run()
     del run["plan"]  # of an older malus
@@ -315,9 +329,9 @@ def test_summary_says_what_a_reader_must_know(table: pd.DataFrame) -> None:
 
 
 def test_spread_keeps_order_and_distance() -> None:
-    places = spread(np.array([0.0, 0.1, 0.1, 3.0]), 1.0)
-    assert np.all(np.diff(places) >= 1.0 - 1e-12)
-    assert places.mean() == pytest.approx(0.8)  # moved as little as possible: the mean stays
+    positions = spread(np.array([0.0, 0.1, 0.1, 3.0]), 1.0)
+    assert np.all(np.diff(positions) >= 1.0 - 1e-12)
+    assert positions.mean() == pytest.approx(0.8)  # moved as little as possible: the mean stays
 
 
 def test_the_parts_of_an_error_add_up_to_it() -> None:
@@ -327,20 +341,20 @@ def test_the_parts_of_an_error_add_up_to_it() -> None:
     table = table[~rows]
     first = table["scene"] == f"{1:016x}"
     table.loc[first & (table["metric"] == "nmse"), "value"] *= 5
-    found = ladder_numbers(table)
-    assert found["source"].tolist() == [
+    parts = ladder_numbers(table)
+    assert parts["source"].tolist() == [
         "Monte Carlo noise", "model form", "lobes estimated", "normals estimated", "single image",
     ]  # fmt: skip
-    assert set(found["scenes"]) == {11}
-    np.testing.assert_allclose(found["increment"].cumsum(), found["nmse"], rtol=1e-12)
-    for rung, total in zip(table["knowledge"].unique(), found["nmse"][1:], strict=True):
-        every = [
+    assert set(parts["scenes"]) == {11}
+    np.testing.assert_allclose(parts["increment"].cumsum(), parts["nmse"], rtol=1e-12)
+    for rung, total in zip(table["knowledge"].unique(), parts["nmse"][1:], strict=True):
+        errors = [
             row["value"]
             for row in table[table["scene"] != f"{0:016x}"].to_dict("records")
             if row["knowledge"] == rung and row["metric"] == "nmse" and math.isnan(row["angle_deg"])
         ]
-        assert total == pytest.approx(statistics.fmean(every), rel=1e-12)
-    assert found["increment"].iloc[-1] < 0  # a rung may help
+        assert total == pytest.approx(statistics.fmean(errors), rel=1e-12)
+    assert parts["increment"].iloc[-1] < 0  # a rung may help
 
 
 def both_bodies() -> pd.DataFrame:
@@ -367,9 +381,9 @@ def test_the_ladder_is_on_the_page_of_a_run_that_has_one(tmp_path: Path) -> None
     }  # fmt: skip
     written = pd.read_csv(tmp_path / "ladder.csv")
     last = written[written["source"] == "single image"]
-    found = dict(zip(last["body"], last["nmse"], strict=True))
+    totals = dict(zip(last["body"], last["nmse"], strict=True))
     # Written with all digits, of float64 sums in another order.
-    assert found == pytest.approx({"unpolarised": 6e-3, "polarised": 18e-3}, rel=1e-12)
+    assert totals == pytest.approx({"unpolarised": 6e-3, "polarised": 18e-3}, rel=1e-12)
     assert "normals estimated" in (tmp_path / "report.html").read_text("utf-8")
     (drawing,) = ladders(results.table)
     assert [line[:2] for line in drawing.cells.lines] == [
@@ -386,8 +400,8 @@ def test_a_method_that_some_rung_never_lets_work_has_no_bar() -> None:
 
 def a_study(folder: Path, **tables: pd.DataFrame) -> None:
     folder.mkdir()
-    for name, found in tables.items():
-        found.to_csv(folder / f"{name}.csv", index=False)
+    for name, table in tables.items():
+        table.to_csv(folder / f"{name}.csv", index=False)
     run = {name: sample.run()[name] for name in ("versions", "machine", "finished")}
     run |= {"study": HOSTILE, "description": HOSTILE}
     (folder / "run.json").write_text(json.dumps(run), "utf-8")
@@ -429,9 +443,9 @@ def test_a_study_has_a_page_and_its_figure(tmp_path: Path) -> None:
 
 def test_stress_names_what_failed_and_counts_every_group(tmp_path: Path) -> None:
     a_study(tmp_path / "stress", stress=stress_table())
-    (section,) = read_study(tmp_path / "stress").sections
+    (section,) = of_study(read_study(tmp_path / "stress"))
     assert "3 cases, 1 failed." in section.content
-    assert markup(HOSTILE) in section.content
+    assert escape(printable(HOSTILE)) in section.content
     row = '<th scope="row">rho</th><td>2</td><td>1</td><td>3.0e-4</td>'
     assert row in section.content
 

@@ -1,11 +1,8 @@
-"""Names and numbers as text that is safe where it is printed: Markdown, HTML, figures."""
+"""Names and numbers as text: escaped for Markdown, rounded for a reader."""
 
 from __future__ import annotations
 
-import html
-import json
 import math
-from typing import Any
 
 from malus.scenes.core.errors import printable
 
@@ -13,12 +10,12 @@ _MARKDOWN = r"\`*[]|~$"
 _MARKDOWN_FIRST = _MARKDOWN + "#+-=_"
 _REFERENCES = {"<": "&lt;", ">": "&gt;", "&": "&amp;"}
 
-NOTHING = "–"
+NO_NUMBER = "–"
 """Stands where a table has no number."""
 
 
 def markdown(name: str) -> str:
-    r"""A name as it is, in Markdown: nothing in it becomes markup.
+    r"""A name escaped for Markdown: nothing in it becomes markup.
 
     Examples
     --------
@@ -34,31 +31,6 @@ def _marked(text: str, special: str) -> str:
     return "".join("\\" + c if c in special else _REFERENCES.get(c, c) for c in text)
 
 
-def markup(name: object) -> str:
-    """A name or number as HTML text or as a quoted attribute.
-
-    Examples
-    --------
-    >>> markup("<script>")
-    '&lt;script&gt;'
-    """
-    return html.escape(printable(str(name)), quote=True)
-
-
-def script_json(value: Any) -> str:
-    """JSON that can stand inside an HTML script element, whatever its strings contain.
-
-    Examples
-    --------
-    >>> script_json(["</script>"])
-    '["\\\\u003c/script\\\\u003e"]'
-    """
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
-    for c in "<>&\u2028\u2029":
-        text = text.replace(c, f"\\u{ord(c):04x}")
-    return text
-
-
 def scientific(value: float) -> str:
     """Two significant digits, short exponent; a dash where there is no number.
 
@@ -68,23 +40,23 @@ def scientific(value: float) -> str:
     ('4.1e-4', '0', '–')
     """
     if not math.isfinite(value):
-        return NOTHING
+        return NO_NUMBER
     if value == 0.0:
         return "0"
     mantissa, exponent = f"{value:.1e}".split("e")
     return f"{mantissa}e{int(exponent)}"
 
 
-def worth(value: float) -> str:
+def skill_text(value: float) -> str:
     """A skill: more digits the closer it is to 1; a dash where there is none to report.
 
     Examples
     --------
-    >>> worth(0.99974), worth(0.5), worth(-63.8), worth(float("nan"))
+    >>> skill_text(0.99974), skill_text(0.5), skill_text(-63.8), skill_text(float("nan"))
     ('0.9997', '0.50', '−64', '–')
     """
     if not math.isfinite(value):
-        return NOTHING
+        return NO_NUMBER
     digits = 4 if value > 0.99 else 2 if value > -10 else 0
     return f"{value:.{digits}f}".replace("-", "−")
 
@@ -104,7 +76,7 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200.0 else f"{seconds / 3600:.1f} h"
 
 
-def counted(number: int, one: str, many: str = "") -> str:
+def counted(number: int, noun: str, plural: str = "") -> str:
     """A number with its noun.
 
     Examples
@@ -112,7 +84,7 @@ def counted(number: int, one: str, many: str = "") -> str:
     >>> counted(1, "scene"), counted(2, "body", "bodies")
     ('1 scene', '2 bodies')
     """
-    return f"{number} {one if number == 1 else many or one + 's'}"
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
 def listed(words: list[str]) -> str:

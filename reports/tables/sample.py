@@ -1,4 +1,4 @@
-"""A tiny results table, made up, for examples and tests of this folder."""
+"""A tiny results table with invented numbers, for examples and tests."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ def table() -> pd.DataFrame:
 
 def _rows(scene: dict[str, Any], method: str) -> list[dict[str, Any]]:
     common = scene | {"method": method, "knowledge": "everything", "note": ""}
-    nowhere = {"band_nm": float("nan"), "angle_deg": float("nan"), "noise": 0.0}
+    overall = {"band_nm": float("nan"), "angle_deg": float("nan"), "noise": 0.0}
     if method == "half_vector" and scene["light"] == "uniform":
         reason = {"note": "needs a distant light, found uniform"}
-        return [common | nowhere | reason | {"metric": "inapplicable", "value": 1.0}]
+        return [common | overall | reason | {"metric": "inapplicable", "value": 1.0}]
     error = 1e-3 * scene["eta"] * _FACTORS[method]
     skill = 1.0 - _FACTORS[method]
     return [
-        common | nowhere | {"metric": metric, "value": value, "noise": noise} | angle
+        common | overall | {"metric": metric, "value": value, "noise": noise} | angle
         for angle in ({}, {"angle_deg": 0.0}, {"angle_deg": 90.0})
         for metric, value, noise in (("nmse", error, 1e-7), ("skill", skill, 0.0))
     ]
@@ -67,17 +67,17 @@ def coloured() -> pd.DataFrame:
     """
     plain = table()
     errors = plain[plain["metric"] == "nmse"]
-    more = [
+    colours = [
         errors.assign(metric=f"{formula}{image}{end}", value=value, noise=0.1)
         for formula in ("delta_e76", "delta_e2000")
         for image in ("_i_max", "_i_min", "")
         for end, value in (("", errors["method"].map(_COLOURS)), ("_std", 1.0))
     ]
     # I_max and I_min have no angle.
-    extremes = [rows[rows["angle_deg"].isna()] for rows in more]
+    extremes = [rows[rows["angle_deg"].isna()] for rows in colours]
     kept = [
         rows if "_i_m" not in str(rows["metric"].iloc[0]) else bare
-        for rows, bare in zip(more, extremes, strict=True)
+        for rows, bare in zip(colours, extremes, strict=True)
     ]
     return pd.concat([plain, *kept], ignore_index=True)
 
@@ -105,7 +105,7 @@ def laddered() -> pd.DataFrame:
 
 
 def run() -> dict[str, Any]:
-    """What `run.json` of such a run would say.
+    """The record of such a run, as `run.json` holds it.
 
     Examples
     --------
@@ -138,10 +138,10 @@ def run() -> dict[str, Any]:
             "seconds": 1.5,
             "seconds_without": 30.0,
             "left_out": [
-                _left_out("interface images", 30, 210, "smooth in the index", 180),
+                _left_out("specular images", 30, 210, "smooth in the index", 180),
                 _left_out("polariser images", 240, 1200, "a Stokes image holds all", 960),
                 _left_out("shadow rays", 0, 4, "a convex shape casts none", 0),
-                _left_out("body images", 30, 30, "nothing is left out", 0),
+                _left_out("diffuse images", 30, 30, "nothing is left out", 0),
             ],
         },
     }

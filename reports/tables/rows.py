@@ -1,4 +1,4 @@
-"""What the figures and pages take from a results table."""
+"""Rows of a results table, chosen by metric, body and angle, and what they cover."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PAPER_BODY = "unpolarised"
 
 
 class ResultsLike(Protocol):
-    """A table and how it came about, as `malus.bench.Results` holds them."""
+    """The results of a run: a table, and a record of how it came about."""
 
     @property
     def table(self) -> pd.DataFrame:
@@ -36,85 +36,85 @@ class ResultsLike(Protocol):
         """Suite, versions, seeds, machine, seconds of every stage."""
 
 
-def whole(table: pd.DataFrame, metric: str) -> pd.DataFrame:
+def overall_rows(table: pd.DataFrame, metric: str) -> pd.DataFrame:
     """Rows of a metric over all bands and angles, everything known to the method.
 
     Examples
     --------
     >>> table = pd.DataFrame({"metric": ["nmse", "nmse"], "band_nm": [None, 550.0],
     ...                       "angle_deg": [None, None], "knowledge": ["everything"] * 2})
-    >>> len(whole(table, "nmse"))
+    >>> len(overall_rows(table, "nmse"))
     1
     """
-    rows = over_all(table, metric)
+    rows = overall_rows_at_every_rung(table, metric)
     return rows[rows["knowledge"] == KNOWLEDGE]
 
 
-def over_all(table: pd.DataFrame, metric: str) -> pd.DataFrame:
+def overall_rows_at_every_rung(table: pd.DataFrame, metric: str) -> pd.DataFrame:
     """Rows of a metric over all bands and angles, at every level of knowledge."""
     chosen = (table["metric"] == metric) & table["band_nm"].isna() & table["angle_deg"].isna()
     return table[chosen]
 
 
-def by_angle(table: pd.DataFrame, metric: str) -> pd.DataFrame:
+def rows_by_angle(table: pd.DataFrame, metric: str) -> pd.DataFrame:
     """Rows of a metric at one polariser angle, over all bands, everything known."""
     chosen = (table["metric"] == metric) & (table["knowledge"] == KNOWLEDGE)
     return table[chosen & table["band_nm"].isna() & table["angle_deg"].notna()]
 
 
-def in_order(column: pd.Series[str]) -> list[str]:
+def distinct(column: pd.Series[str]) -> list[str]:
     """Distinct values in the order in which they first come.
 
     Examples
     --------
-    >>> in_order(pd.Series(["b", "a", "b"]))
+    >>> distinct(pd.Series(["b", "a", "b"]))
     ['b', 'a']
     """
     return [str(value) for value in column.unique()]
 
 
-def methods_of(table: pd.DataFrame) -> list[str]:
+def scored_methods(table: pd.DataFrame) -> list[str]:
     """Methods with an error on at least one scene, in the order of the suite."""
-    scored = set(whole(table, "nmse")["method"])
-    return [method for method in in_order(table["method"]) if method in scored]
+    scored = set(overall_rows(table, "nmse")["method"])
+    return [method for method in distinct(table["method"]) if method in scored]
 
 
-def unverified(table: pd.DataFrame) -> list[str]:
+def unverified_surfaces(table: pd.DataFrame) -> list[str]:
     """Surfaces of the table whose roughness nobody compared with its printed source.
 
     Examples
     --------
-    >>> unverified(pd.DataFrame({"surface": ["carbon", "alpha 0.3"]}))
+    >>> unverified_surfaces(pd.DataFrame({"surface": ["carbon", "alpha 0.3"]}))
     ['carbon']
     """
-    known = surfaces()
-    names = in_order(table["surface"])
-    return [name for name in names if name in known and known[name].status != "verified"]
+    catalogue = surfaces()
+    names = distinct(table["surface"])
+    return [name for name in names if name in catalogue and catalogue[name].status != "verified"]
 
 
-def only_body(table: pd.DataFrame, body: str) -> pd.DataFrame:
+def rows_of_body(table: pd.DataFrame, body: str) -> pd.DataFrame:
     """Rows of scenes with that body."""
     return table[table["body"] == body]
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Lights on all, on some and on none of whose scenes a method could work."""
+    """Names of the lights on all, on some and on none of whose scenes a method could work."""
 
-    whole: tuple[str, ...]
-    part: tuple[str, ...]
-    missing: tuple[str, ...]
+    complete_lights: tuple[str, ...]
+    partial_lights: tuple[str, ...]
+    missing_lights: tuple[str, ...]
 
     @property
     def complete(self) -> bool:
         """Whether the method worked on every scene."""
-        return not self.part and not self.missing
+        return not self.partial_lights and not self.missing_lights
 
     def __str__(self) -> str:
         """In words, for a legend; empty where the coverage is complete."""
         if self.complete:
             return ""
-        covered = [*self.whole, *(f"part of {light}" for light in self.part)]
+        covered = [*self.complete_lights, *(f"part of {light}" for light in self.partial_lights)]
         return f"only {', '.join(covered)}" if covered else "no scene"
 
 
@@ -129,12 +129,12 @@ def coverage(table: pd.DataFrame, method: str) -> Coverage:
     >>> str(coverage(table, "half_vector"))
     'only distant'
     """
-    worked = whole(table, "nmse")
-    worked = worked[worked["method"] == method]
-    wanted = table.groupby("light", sort=False)["scene"].nunique()
-    done = worked.groupby("light")["scene"].nunique().reindex(wanted.index, fill_value=0)
+    errors = overall_rows(table, "nmse")
+    errors = errors[errors["method"] == method]
+    scenes = table.groupby("light", sort=False)["scene"].nunique()
+    scored = errors.groupby("light")["scene"].nunique().reindex(scenes.index, fill_value=0)
     return Coverage(
-        whole=tuple(map(str, wanted.index[done == wanted])),
-        part=tuple(map(str, wanted.index[(done > 0) & (done < wanted)])),
-        missing=tuple(map(str, wanted.index[done == 0])),
+        complete_lights=tuple(map(str, scenes.index[scored == scenes])),
+        partial_lights=tuple(map(str, scenes.index[(scored > 0) & (scored < scenes)])),
+        missing_lights=tuple(map(str, scenes.index[scored == 0])),
     )

@@ -7,8 +7,8 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.tables.tables import PAPER_METHOD, PAPER_RANGE, unverified
-from malus.reports.tables.text import counted, listed, scientific
+from malus.reports.tables.formats import counted, listed, scientific
+from malus.reports.tables.rows import PAPER_METHOD, PAPER_RANGE, unverified_surfaces
 
 PAPER = f"The paper's Figure 5: NMSE in {PAPER_RANGE} for every material and surface."
 SKILL = (
@@ -54,7 +54,7 @@ NEVER_NEGATIVE = f"The skill of {PAPER_METHOD} is negative nowhere in this suite
 
 
 def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
-    """Scenes, sampling, interpolation error, doubts and versions, one sentence each."""
+    """Sentences on scenes, sampling, interpolation error, roughness values and versions."""
     suite, sampling = run["suite"], run["suite"]["sampling"]
     axes = ("shape", "material", "surface", "light")
     counts = ", ".join(
@@ -87,8 +87,8 @@ def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
 
 
 def doubts(table: pd.DataFrame) -> Iterator[str]:
-    """What the reader must know about the roughness values, if any is in doubt."""
-    names = unverified(table)
+    """A sentence on the roughness values that nobody has verified, if there are any."""
+    names = unverified_surfaces(table)
     if names:
         yield (
             f"{counted(len(names), 'roughness value is an', 'roughness values are')} unverified"

@@ -1,4 +1,4 @@
-"""The tables of a report as plain cells; Markdown and HTML each escape them their own way."""
+"""The tables of a report as text, not escaped: Markdown and HTML each do that their own way."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.tables.skills import by_light_and_body, negative, unreported
-from malus.reports.tables.tables import PAPER_NMSE, TRIVIAL, in_order, methods_of, whole
-from malus.reports.tables.text import NOTHING, scientific, worth
+from malus.reports.tables.formats import NO_NUMBER, scientific, skill_text
+from malus.reports.tables.rows import PAPER_NMSE, TRIVIAL, distinct, overall_rows, scored_methods
+from malus.reports.tables.skills import by_light_and_body, negative_skills, unreported_skills
 
 
 @dataclass(frozen=True)
-class Listing:
-    """Heads and lines of cells, not escaped."""
+class TextTable:
+    """A table of text: heads, and lines of as many cells."""
 
     heads: tuple[str, ...]
     lines: list[list[str]]
@@ -26,53 +26,53 @@ class Listing:
         return bool(self.lines)
 
 
-def beside_paper(table: pd.DataFrame) -> Listing:
+def beside_paper(table: pd.DataFrame) -> TextTable:
     """NMSE of every method and body as the paper's Figure 5 averages it.
 
     Examples
     --------
-    >>> from malus.reports.sample import table
+    >>> from malus.reports.tables.sample import table
     >>> beside_paper(table()).lines[1][:3]
     ['unpolarised', 'eq8', '6.7e-5 … 8.0e-5']
     """
-    rows = whole(table, "nmse")
+    rows = overall_rows(table, "nmse")
     lines = []
-    for body, method in product(in_order(rows["body"]), methods_of(table)):
-        found = rows[(rows["method"] == method) & (rows["body"] == body)]
-        if len(found):
-            below = bool(found["value"].max() < PAPER_NMSE[0])
-            ranges = [range_of_means(found, by) for by in ("material", "surface")]
-            worst = scientific(float(found["value"].max()))
+    for body, method in product(distinct(rows["body"]), scored_methods(table)):
+        scored = rows[(rows["method"] == method) & (rows["body"] == body)]
+        if len(scored):
+            below = bool(scored["value"].max() < PAPER_NMSE[0])
+            ranges = [range_of_means(scored, by) for by in ("material", "surface")]
+            worst = scientific(float(scored["value"].max()))
             lines.append([body, method, *ranges, worst, "yes" if below else "no"])
     heads = ("body", "method", "mean by material", "mean by surface", "worst scene")
-    return Listing((*heads, f"every scene below {PAPER_NMSE[0]:g}"), lines)
+    return TextTable((*heads, f"every scene below {PAPER_NMSE[0]:g}"), lines)
 
 
-def by_method(numbers: pd.DataFrame) -> Listing:
-    """A line a place on a figure's axis, a column a method: mean ± standard deviation."""
+def by_method(numbers: pd.DataFrame) -> TextTable:
+    """Mean ± standard deviation behind a figure: a line an x of its axis, a column a method."""
     cells = numbers["mean"].map(scientific) + " ± " + numbers["std"].map(scientific)
     keys = [name for name in ("panel", "light", "name", "x") if name in numbers]
     wide = numbers.assign(cell=cells).pivot(index=keys, columns="method", values="cell")
-    methods = in_order(numbers["method"])
+    methods = distinct(numbers["method"])
     wide = wide[methods].fillna("not applicable").reset_index()
     wide["x"] = wide["x"].map("{:.4g}".format)
-    return Listing((*keys, *methods), [[str(v) for v in line] for line in wide.to_numpy()])
+    return TextTable((*keys, *methods), [[str(v) for v in line] for line in wide.to_numpy()])
 
 
-def budget(numbers: pd.DataFrame) -> Listing:
-    """A line a body and method, a column a part of its error."""
-    sources = in_order(numbers["source"])
+def budget(numbers: pd.DataFrame) -> TextTable:
+    """The error budget: a line a body and method, a column a part of its error."""
+    sources = distinct(numbers["source"])
     lines = []
     for (body, method), rows in numbers.groupby(["body", "method"], sort=False):
         parts = dict(zip(rows["source"], rows["increment"], strict=True))
-        cells = [scientific(parts[name]) if name in parts else NOTHING for name in sources]
+        cells = [scientific(parts[name]) if name in parts else NO_NUMBER for name in sources]
         last = rows.iloc[-1]
         lines.append([body, method, *cells, scientific(float(last["nmse"])), str(last["scenes"])])
-    return Listing(("body", "method", *sources, "sum", "scenes"), lines)
+    return TextTable(("body", "method", *sources, "sum", "scenes"), lines)
 
 
-def points(numbers: pd.DataFrame) -> Listing:
-    """A line a setting of the work-precision diagrams."""
+def points(numbers: pd.DataFrame) -> TextTable:
+    """Seconds and error of every setting in the work-precision diagrams."""
     lines = [
         [
             row["diagram"], row["method"], row["setting"],
@@ -82,7 +82,7 @@ def points(numbers: pd.DataFrame) -> Listing:
         for row in _records(numbers)
     ]  # fmt: skip
     heads = ("diagram", "method", "setting", "seconds", "for", "error", "on the front")
-    return Listing(heads, lines)
+    return TextTable(heads, lines)
 
 
 def range_of_means(rows: pd.DataFrame, by: str) -> str:
@@ -91,60 +91,60 @@ def range_of_means(rows: pd.DataFrame, by: str) -> str:
     return f"{scientific(float(means.min()))} … {scientific(float(means.max()))}"
 
 
-def errors(table: pd.DataFrame) -> Listing:
+def errors(table: pd.DataFrame) -> TextTable:
     """NMSE and skill of every method per light and body."""
     heads = (
         "body", "light", "method", "scenes", "NMSE mean", "NMSE max", "noise in it",
         "skill median", "skill min", "skill < 0", "no skill to report",
     )  # fmt: skip
-    return Listing(heads, [_error_line(row) for row in _records(by_light_and_body(table))])
+    return TextTable(heads, [_error_line(row) for row in _records(by_light_and_body(table))])
 
 
 def _error_line(row: dict[str, Any]) -> list[str]:
     names = [str(row[name]) for name in ("body", "light", "method")]
     if row["inapplicable"] == row["scenes"]:
-        return [*names, "0", "not applicable", *[NOTHING] * 6]
+        return [*names, "0", "not applicable", *[NO_NUMBER] * 6]
     numbers = [scientific(row[name]) for name in ("nmse_mean", "nmse_max", "noise")]
-    skills = [worth(row[name]) for name in ("skill_median", "skill_min")]
+    skills = [skill_text(row[name]) for name in ("skill_median", "skill_min")]
     if row["method"] == TRIVIAL:  # it is what skill is measured against
-        skills = [NOTHING, NOTHING]
+        skills = [NO_NUMBER, NO_NUMBER]
     counts = [str(row[name]) for name in ("negative", "unreported")]
     return [*names, str(row["scenes"] - row["inapplicable"]), *numbers, *skills, *counts]
 
 
-def left_out(table: pd.DataFrame) -> Listing:
+def left_out(table: pd.DataFrame) -> TextTable:
     """Methods that could not work on some scenes, and why."""
-    groups = whole(table, "inapplicable").groupby(["method", "note"], sort=False)["scene"]
-    lines = [[str(method), str(note), str(found.nunique())] for (method, note), found in groups]
-    return Listing(("method", "reason", "scenes left out"), lines)
+    groups = overall_rows(table, "inapplicable").groupby(["method", "note"], sort=False)["scene"]
+    lines = [[str(method), str(note), str(scenes.nunique())] for (method, note), scenes in groups]
+    return TextTable(("method", "reason", "scenes left out"), lines)
 
 
-def negatives(table: pd.DataFrame, method: str) -> Listing:
-    """Where a method's skill is below zero, the worst places first."""
+def negatives(table: pd.DataFrame, method: str) -> TextTable:
+    """Lights, surfaces and bodies where a method's skill is below zero, the worst first."""
     heads = ("light", "surface (α)", "body", "scenes", "worst skill", "worst scene")
     lines = [
         [
             row["light"], f"{row['surface']} ({row['alpha']:g})", row["body"],
-            f"{row['negative']} of {row['scenes']}", worth(row["worst"]),
+            f"{row['negative']} of {row['scenes']}", skill_text(row["worst"]),
             f"{row['material']}, {row['shape']}",
         ]
-        for row in _records(negative(table, method))
+        for row in _records(negative_skills(table, method))
     ]  # fmt: skip
-    return Listing(heads, lines)
+    return TextTable(heads, lines)
 
 
-def without_skill(table: pd.DataFrame) -> Listing:
-    """Where the trivial guess is inside the noise, for every method."""
+def without_skill(table: pd.DataFrame) -> TextTable:
+    """Lights, surfaces and bodies with scenes on which a method has no skill to report."""
     lines = [
         [name, row["light"], row["surface"], row["body"], f"{row['unreported']} of {row['scenes']}"]
-        for name in methods_of(table)
+        for name in scored_methods(table)
         if name != TRIVIAL
-        for row in _records(unreported(table, name))
+        for row in _records(unreported_skills(table, name))
     ]
-    return Listing(("method", "light", "surface", "body", "scenes"), lines)
+    return TextTable(("method", "light", "surface", "body", "scenes"), lines)
 
 
-def savings(plan: dict[str, Any]) -> Listing:
+def savings(plan: dict[str, Any]) -> TextTable:
     """What the plan of a run left out, the largest saving first."""
     left_out = [part for part in plan["left_out"] if part["done"] < part["instead_of"]]
     lines = [
@@ -156,21 +156,39 @@ def savings(plan: dict[str, Any]) -> Listing:
         ]
         for part in sorted(left_out, key=lambda part: -part["renders"])
     ]
-    return Listing(("what", "done", "renders saved", "why nothing is lost"), lines)
+    return TextTable(("what", "done", "renders saved", "why nothing is lost"), lines)
 
 
-def stages(run: dict[str, Any]) -> Listing:
-    """Seconds of every stage."""
+def stages(run: dict[str, Any]) -> TextTable:
+    """Seconds of every stage of a run."""
     lines = [[name, f"{value:.2f}"] for name, value in run["seconds"].items()]
-    return Listing(("stage", "seconds"), lines)
+    return TextTable(("stage", "seconds"), lines)
 
 
 def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
 
 
+def stress_groups(cases: pd.DataFrame) -> TextTable:
+    """Counts and extremes of every group of cases of the study `stress`."""
+    lines = [
+        [
+            str(name), str(len(rows)), str(int((~rows["passed"]).sum())),
+            scientific(float(rows["error"].max())), scientific(float(rows["seconds"].max())),
+        ]
+        for name, rows in cases.groupby("group", sort=False)
+    ]  # fmt: skip
+    return TextTable(("group", "cases", "failed", "largest error", "longest, seconds"), lines)
+
+
+def stress_cases(cases: pd.DataFrame) -> TextTable:
+    """Cases of the study `stress`, one a line."""
+    lines = [stress_cells(row) for _, row in cases.iterrows()]
+    return TextTable(tuple(map(str, cases.columns)), lines)
+
+
 def stress_cells(row: Any) -> list[str]:
-    """One row as text."""
+    """A row of the table of the study `stress` as text."""
     number = {"seconds": "{:.4f}", "value": "{:.10g}", "error": "{:.1e}"}
     texts = []
     for name, value in row.items():
