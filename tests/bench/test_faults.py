@@ -15,7 +15,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from test_robust import NOBODY, SUITE
+from runs import NOBODY, SUITE
 
 import malus.bench.running.work
 from malus.bench import run
@@ -149,12 +149,14 @@ def test_what_a_child_raises_arrives_and_it_lives_on() -> None:
 def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
     """Also where the parent was killed and the child is busy."""
     script = (
-        "import sys, time; sys.path[:0] = [sys.argv[1]]\n"
-        "from malus.bench.running.worker_process import Child\n"
+        "import sys, time; sys.path[:0] = sys.argv[1:]\n"
+        "from malus.bench.running.worker_process import WorkerProcess\n"
         "from test_faults import tells_and_sleeps\n"
-        "with Child() as child: print(next(child.stream(tells_and_sleeps)), flush=True); input()"
+        "with WorkerProcess() as child:\n"
+        "    print(next(child.stream(tells_and_sleeps)), flush=True)\n"
+        "    input()"
     )
-    command = [sys.executable, "-c", script, str(Path(__file__).parent)]
+    command = [sys.executable, "-c", script, *map(str, Path(__file__).parents[:2])]
     parent = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
     child = int(parent.stdout.readline())

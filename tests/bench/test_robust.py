@@ -16,15 +16,27 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
+from runs import (
+    NOBODY,
+    SMALL,
+    SUITE,
+    TINY,
+    assert_same_results,
+    end,
+    files,
+    mounted,
+    start,
+    wait_for,
+)
 
 import malus.bench.running.work
-from malus.bench import read_results, run
+from malus.bench import run
 from malus.bench.datasets.render import render_dataset
 from malus.bench.running.cluster import spread
 from malus.bench.running.parts import PLAN
@@ -32,62 +44,11 @@ from malus.bench.running.plan import plan
 from malus.bench.running.status import status
 from malus.bench.running.work import Engine, FamilyResult, FamilyTask, here
 from malus.reconstruct import Components, Observation, get_method
-from malus.renderers.variant import Variant, choose
-from malus.scenes import Camera, InputError, Scene, Suite, load_suite
-from malus.scenes.core.result_files import EXAMPLES, PARTS, RUN
+from malus.renderers.variant import choose
+from malus.scenes import InputError, Scene, Suite
+from malus.scenes.core.result_files import PARTS, RUN
 
 KILLS = int(os.environ.get("MALUS_KILLS", "8"))
-TINY = ("run", "quick", "--resolution", "8", "--samples", "2")
-NOBODY = Variant("scalar_spectral_polarized", "not used")
-SUITE = load_suite("quick").model_copy(
-    update={
-        "renderer": "torrance-sparrow",
-        "lights": load_suite("quick").lights[1:],
-        "bodies": ("unpolarised",),
-        "camera": Camera(resolution=8),
-        "methods": ("unpolarised", "eq8"),
-    }
-)
-"""Two families of two scenes, whose truths are closed forms: a run takes a moment."""
-
-SMALL = load_suite("quick")
-SMALL = SMALL.model_copy(
-    update={
-        "camera": Camera(resolution=8),
-        "sampling": SMALL.sampling.model_copy(update={"samples": 2}),
-    }
-)
-"""What TINY renders, for runs without a report."""
-
-
-def start(*arguments: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", "from malus.bench.cli import main; main()", *arguments]
-    return subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0
-    )
-
-
-def end(process: subprocess.Popen[str]) -> tuple[int, str]:
-    _, errors = process.communicate(timeout=120)
-    return process.returncode, errors
-
-
-def files(folder: Path) -> set[str]:
-    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-
-
-def assert_same_results(folder: Path, expected: Path) -> None:
-    """To the bit: the same renders of the same seeds, whoever made them and in which order."""
-    pd.testing.assert_frame_equal(
-        read_results(folder).table, read_results(expected).table, check_exact=True
-    )
-    assert files(folder / PARTS) == files(expected / PARTS)
-    for path in (expected / PARTS).iterdir():
-        one, other = pd.read_parquet(folder / PARTS / path.name), pd.read_parquet(path)
-        pd.testing.assert_frame_equal(one, other, check_exact=True)
-    assert files(folder / EXAMPLES) == files(expected / EXAMPLES)
-    for path in (expected / EXAMPLES).iterdir():
-        assert (folder / EXAMPLES / path.name).read_bytes() == path.read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -101,12 +62,6 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float
     code, errors = end(process)
     assert code == 0, errors
     return out, seconds
-
-
-def wait_for(true: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    while not true():
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.01)
 
 
 def test_kills_at_random_moments_lose_nothing(
@@ -362,23 +317,6 @@ def test_status_counts_what_is_left_and_refuses_what_is_no_run(tmp_path: Path) -
 
 
 # --- folders that cannot be written ---
-
-
-@contextmanager
-def mounted(folder: Path, *options: str) -> Iterator[Path]:
-    """A small file system of its own, where one may mount."""
-    folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", ",".join(options), "none", str(folder)]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    except FileNotFoundError:
-        pytest.skip("no mount here")
-    if done.returncode != 0:
-        pytest.skip(f"may not mount a file system here: {done.stderr.strip()}")
-    try:
-        yield folder
-    finally:
-        subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def test_a_full_disk_is_one_line_and_loses_nothing(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from test_robust import NOBODY, SUITE, end, files, mounted, start
+from runs import NOBODY, SUITE, end, files, mounted, start
 
 from malus.bench import run
 from malus.bench.datasets.render import render_dataset

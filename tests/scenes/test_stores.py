@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from fsspec.implementations.memory import MemoryFileSystem
-from test_robust import NOBODY, SUITE
+from runs import NOBODY, SUITE
 
 from malus.bench import read_results, run
 from malus.bench.cli import cli
@@ -27,7 +27,7 @@ from malus.bench.running.status import status
 from malus.renderers.datasets.dataset import open_dataset
 from malus.scenes import InputError
 from malus.scenes.core.files import digest, replace_file
-from malus.scenes.core.remote import is_here, place
+from malus.scenes.core.remote import as_path, is_here
 
 
 @pytest.fixture
@@ -63,10 +63,10 @@ def test_everything_works_on_a_url_as_in_a_folder(tmp_path: Path, store: str) ->
         assert json.loads(invoke("status", f"{out}-data", "--json"))["finished"]
         invoke("score", f"{out}-data", "--method", "eq8", "--out", f"{out}-scores")
     pd.testing.assert_frame_equal(
-        read_results(place(f"{store}/run")).table, read_results(tmp_path / "run").table
+        read_results(as_path(f"{store}/run")).table, read_results(tmp_path / "run").table
     )
     pd.testing.assert_frame_equal(
-        read_results(place(f"{store}/run-scores")).table,
+        read_results(as_path(f"{store}/run-scores")).table,
         read_results(tmp_path / "run-scores").table,
     )
     files = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
@@ -160,7 +160,7 @@ def test_kills_on_an_object_store_lose_nothing(tmp_path: Path) -> None:
 
 
 def test_whole_objects_or_none(store: str) -> None:
-    file = place(f"{store}/a.txt")
+    file = as_path(f"{store}/a.txt")
     replace_file(file, lambda path: path.write_text("whole"))
 
     def breaks(path: Path) -> None:
@@ -172,7 +172,7 @@ def test_whole_objects_or_none(store: str) -> None:
     assert file.read_bytes() == b"whole"
     assert digest(file)[0] == 5
     with pytest.raises(InputError, match="no such file"):
-        digest(place(f"{store}/b.txt"))
+        digest(as_path(f"{store}/b.txt"))
 
 
 @pytest.mark.parametrize(
@@ -188,10 +188,10 @@ def test_a_protocol_without_its_package_is_one_line(url: str, says: str) -> None
         else:
             pytest.skip("s3fs is installed here")
     with pytest.raises(InputError, match=says) as caught:
-        place(url)
+        as_path(url)
     assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_file_url_is_a_folder_of_this_machine(tmp_path: Path) -> None:
-    assert place(f"file://{tmp_path}/a%20b") == tmp_path / "a b"
-    assert is_here(place(f"file://{tmp_path}"))
+    assert as_path(f"file://{tmp_path}/a%20b") == tmp_path / "a b"
+    assert is_here(as_path(f"file://{tmp_path}"))
