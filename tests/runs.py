@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import io
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
+from unittest.mock import patch
 
 import pandas as pd
 import pytest
 
 from malus.bench import read_results
+from malus.bench.cli import main
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, load_suite
 from malus.scenes.core.result_files import EXAMPLES, PARTS
@@ -38,6 +42,35 @@ SMALL = SMALL.model_copy(
     }
 )
 """What TINY renders, for runs without a report."""
+
+
+def malus(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Exit code and output of a malus command, in this process: imports are paid for once."""
+    out, errors, code = io.StringIO(), io.StringIO(), 0
+    handler = signal.getsignal(signal.SIGTERM)
+    with patch("sys.argv", ["malus", *arguments]), redirect_stdout(out), redirect_stderr(errors):
+        try:
+            main()
+        except SystemExit as leaving:
+            code = leaving.code if isinstance(leaving.code, int) else 0
+        finally:
+            signal.signal(signal.SIGTERM, handler)
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), errors.getvalue())
+
+
+def malus_process(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Exit code and output of a malus command in a process of its own, native prints included."""
+    process = start(*arguments)
+    out, errors = process.communicate(timeout=600)
+    return subprocess.CompletedProcess(arguments, process.returncode, out, errors)
+
+
+def one_line(errors: str) -> str:
+    """The only line that malus itself wrote to stderr; there must be one, and no traceback."""
+    lines = [line for line in errors.splitlines() if line.startswith("malus: ")]
+    assert len(lines) == 1, errors
+    assert "Traceback" not in errors
+    return lines[0]
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:

@@ -30,7 +30,6 @@ from runs import (
     assert_same_results,
     end,
     files,
-    mounted,
     start,
     wait_for,
 )
@@ -314,43 +313,6 @@ def test_status_counts_what_is_left_and_refuses_what_is_no_run(tmp_path: Path) -
     (tmp_path / PLAN).write_text(json.dumps(listed), "utf-8")
     with pytest.raises(InputError, match="the plan of a run"):
         status(tmp_path)
-
-
-# --- folders that cannot be written ---
-
-
-def test_a_full_disk_is_one_line_and_loses_nothing(
-    tmp_path: Path, uninterrupted: tuple[Path, float]
-) -> None:
-    with mounted(tmp_path / "small", "size=200k") as small:
-        out = small / "out"
-        out.mkdir()
-        ballast = small / "ballast"
-        # Room for the plan and a few parts, not for all.
-        ballast.write_bytes(bytes(100_000))
-        code, errors = end(start(*TINY, "--out", str(out)))
-        assert code == 2, errors
-        lines = [line for line in errors.splitlines() if line.startswith("malus: ")]
-        assert len(lines) == 1, errors
-        assert "No space left on device" in lines[0]
-        assert "Traceback" not in errors
-        assert not [name for name in files(out) if ".part-" in name]
-        done = status(out).done
-        assert 0 < done < 8
-        assert not status(out).failed
-        ballast.unlink()
-        subprocess.run(["mount", "-o", "remount,size=16m", str(small)], check=True)
-        assert run(SMALL, out).run["families_taken_over"] == done
-        assert_same_results(out, uninterrupted[0])
-
-
-def test_a_read_only_folder_is_one_line(tmp_path: Path) -> None:
-    with mounted(tmp_path / "fixed", "ro") as fixed:
-        code, errors = end(start(*TINY, "--out", str(fixed)))
-    assert code == 2
-    lines = [line for line in errors.splitlines() if line.startswith("malus: ")]
-    assert len(lines) == 1, errors
-    assert "Read-only file system" in lines[0]
 
 
 # --- clusters ---
