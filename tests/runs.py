@@ -44,7 +44,7 @@ SMALL = SMALL.model_copy(
 """What TINY renders, for runs without a report."""
 
 
-def malus(*arguments: str) -> subprocess.CompletedProcess[str]:
+def run_malus(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Exit code and output of a malus command, in this process: imports are paid for once."""
     out, errors, code = io.StringIO(), io.StringIO(), 0
     handler = signal.getsignal(signal.SIGTERM)
@@ -58,7 +58,7 @@ def malus(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(arguments, code, out.getvalue(), errors.getvalue())
 
 
-def malus_process(*arguments: str) -> subprocess.CompletedProcess[str]:
+def run_malus_process(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Exit code and output of a malus command in a process of its own, native prints included."""
     process = start(*arguments)
     out, errors = process.communicate(timeout=600)
@@ -74,8 +74,15 @@ def one_line(errors: str) -> str:
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:
-    """A malus command in a process and process group of its own."""
-    command = [sys.executable, "-c", "from malus.bench.cli import main; main()", *arguments]
+    """A malus command in a process and process group of its own, which Ctrl-C stops.
+
+    A shell starts what runs in the background with SIGINT ignored, and children inherit that.
+    """
+    script = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from malus.bench.cli import main; main()"
+    )
+    command = [sys.executable, "-c", script, *arguments]
     return subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0
     )

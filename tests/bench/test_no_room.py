@@ -17,9 +17,9 @@ from runs import (
     TINY,
     assert_same_results,
     files,
-    malus,
     mounted,
     one_line,
+    run_malus,
 )
 
 from malus.bench import run
@@ -69,7 +69,7 @@ WRITING = ("run", "render", "export", "score", "filter", "bench")
 
 @pytest.mark.parametrize("command", WRITING)
 def test_a_read_only_folder_is_one_line(made: Path, read_only: Path, command: str) -> None:
-    done = malus(*commands(made, read_only)[command])
+    done = run_malus(*commands(made, read_only)[command])
     assert done.returncode == 2, done.stderr
     assert "Read-only file system" in one_line(done.stderr)
 
@@ -99,7 +99,7 @@ def make_room(disk: Path, ballast: Path) -> None:
 
 def full(out: Path, *arguments: str) -> None:
     """A command that ends in one line for want of room, and leaves nothing half written."""
-    done = malus(*arguments)
+    done = run_malus(*arguments)
     assert done.returncode == 2, done.stderr
     assert "No space left on device" in one_line(done.stderr)
     assert not [name for name in files(out) if ".part-" in name]
@@ -124,7 +124,7 @@ def test_a_render_on_a_full_disk_is_gone_on_with(made: Path, small: Path) -> Non
     assert 0 <= len(list(open_dataset(out))) < 16
     assert not status(out).failed
     make_room(small, ballast)
-    assert malus(*commands(made, out)["render"]).returncode == 0
+    assert run_malus(*commands(made, out)["render"]).returncode == 0
     assert len(list(open_dataset(out))) == 16
 
 
