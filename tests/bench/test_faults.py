@@ -15,14 +15,15 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from test_robust import NOBODY, SUITE
+from runs import NOBODY, SUITE
 
 import malus.bench.running.work
 from malus.bench import run
 from malus.bench.datasets.render import Order, render_dataset
-from malus.bench.running.cluster import engine
+from malus.bench.running.cluster import engine, local_cluster, spread
+from malus.bench.running.plan import plan
 from malus.bench.running.status import status
-from malus.bench.running.work import Engine, FamilyResult, FamilyTask, apart, truths
+from malus.bench.running.work import Engine, FamilyResult, FamilyTask, apart, truths, work
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth
@@ -55,41 +56,59 @@ def with_method(name: str) -> Any:
     return SUITE.model_copy(update={"methods": ("eq8", f"{__name__}:{name}")})
 
 
-def own_process(timeout: float, stack: ExitStack) -> Engine:
-    return stack.enter_context(engine(NOBODY, None, None, timeout))
+def smooth_first(tasks: Iterable[FamilyTask]) -> list[FamilyTask]:
+    return sorted(tasks, key=lambda task: task.family.scenes[0].surface.alpha)
 
 
-def two_workers(timeout: float, stack: ExitStack) -> Engine:
+def do_the_smooth() -> None:
+    """Load what a family needs."""
+    family = min(plan(SUITE), key=lambda family: family.scenes[0].surface.alpha)
+    work(FamilyTask("0", family, SUITE.renderer, {"eq8": "eq8"}), NOBODY)
+
+
+def loaded_process(stack: ExitStack) -> Engine:
+    """A process that has loaded everything has five seconds for a family of milliseconds."""
+    child = stack.enter_context(WorkerProcess())
+    list(child.stream(pids_of_the_loaded))
+    child.timeout = 5.0
+    return lambda tasks: apart(NOBODY, child)(smooth_first(tasks))
+
+
+def pids_of_the_loaded() -> Iterator[int]:
+    do_the_smooth()
+    yield os.getpid()
+
+
+def loaded_workers(stack: ExitStack) -> Engine:
     pytest.importorskip("distributed", reason="Dask is not installed")
-    return stack.enter_context(engine(NOBODY, 2, None, timeout))
+    client = stack.enter_context(local_cluster(2))
+    client.run(do_the_smooth)
+    return lambda tasks: spread(tasks, client, NOBODY, 5.0)
+
+
+def own_process(stack: ExitStack) -> Engine:
+    return stack.enter_context(engine(NOBODY, None, None, 60.0))
 
 
 @pytest.mark.parametrize(
-    ("start", "method", "timeout", "says"),
+    ("start", "method", "says"),
     [
-        (own_process, "CRASHES", 60.0, "died of SIGSEGV"),
-        # Long enough for a busy machine to load what a family needs.
-        (own_process, "HANGS", 12.0, "longer than the 12 seconds"),
-        (two_workers, "HANGS", 20.0, "workers died of it"),
+        (own_process, "CRASHES", "died of SIGSEGV"),
+        (loaded_process, "HANGS", "longer than the 5 seconds"),
+        (loaded_workers, "HANGS", "workers died of it"),
     ],
 )
 def test_a_crash_or_a_hang_costs_its_own_family(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    start: Any,
-    method: str,
-    timeout: float,
-    says: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start: Any, method: str, says: str
 ) -> None:
     if method == "HANGS":
-        # The time must do for imports on a busy machine: wait for it once only.
+        # Wait for it once only.
         monkeypatch.setattr("malus.bench.running.worker_process.ATTEMPTS", 1)
         monkeypatch.setattr("malus.bench.running.cluster.ATTEMPTS", 1)
     good = run(SUITE.model_copy(update={"methods": ("eq8",)}), tmp_path / "good", NOBODY).table
     smooth = good[good.alpha < ROUGH].reset_index(drop=True)
     with ExitStack() as stack:
-        chosen = start(timeout, stack)
-        results = run(with_method(method), tmp_path / "bad", NOBODY, engine=chosen)
+        results = run(with_method(method), tmp_path / "bad", NOBODY, engine=start(stack))
     eq8_rows = results.table[results.table.method == "eq8"].reset_index(drop=True)
     # Names are categories, of which a table of two families has more than it shows here.
     names = dict.fromkeys(smooth.select_dtypes("category"), "str")
@@ -104,6 +123,19 @@ def test_a_crash_or_a_hang_costs_its_own_family(
         yield from ()
 
     run(with_method(method), tmp_path / "bad", NOBODY, engine=nothing_to_do)
+
+
+def test_the_time_limit_reaches_every_engine(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits: list[float] = []
+    names = "malus.bench.running.cluster"
+    monkeypatch.setattr(f"{names}.apart", lambda _, child: limits.append(child.timeout))
+    monkeypatch.setattr(f"{names}.spread", lambda *arguments: limits.append(arguments[3]))
+    monkeypatch.setattr(f"{names}._local", lambda *_: None)
+    with engine(NOBODY, None, None, 7.0):
+        pass
+    with engine(NOBODY, 2, None, 8.0) as spread_over:
+        spread_over([])
+    assert limits == [7.0, 8.0]
 
 
 def test_a_family_that_crashed_once_is_done_by_the_next_process(tmp_path: Path) -> None:
@@ -166,14 +198,14 @@ def test_a_dead_worker_is_tried_again_and_then_given_up(monkeypatch: pytest.Monk
 def test_a_worker_ends_with_its_parent(tmp_path: Path) -> None:
     """Also where the parent was killed and the worker is busy."""
     script = (
-        "import sys, time; sys.path[:0] = [sys.argv[1]]\n"
+        "import sys, time; sys.path[:0] = sys.argv[1:]\n"
         "from malus.bench.running.worker_process import WorkerProcess\n"
         "from test_faults import tells_and_sleeps\n"
         "with WorkerProcess() as worker:\n"
         "    print(next(worker.stream(tells_and_sleeps)), flush=True)\n"
         "    input()"
     )
-    command = [sys.executable, "-c", script, str(Path(__file__).parent)]
+    command = [sys.executable, "-c", script, *map(str, Path(__file__).parents[:2])]
     parent = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
     worker_pid = int(parent.stdout.readline())

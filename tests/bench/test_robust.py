@@ -1,6 +1,6 @@
 """It holds up: kills at any moment, two at once, full disks, failures, workers that die.
 
-`MALUS_KILLS=50` kills that often instead of 8 times; `MALUS_FAMILIES=500` also watches the memory
+`MALUS_KILLS=50` kills that often more; `MALUS_FAMILIES=500` also watches the memory
 of a run of so many families, which takes minutes.
 """
 
@@ -16,118 +16,80 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
+from runs import (
+    NOBODY,
+    SMALL,
+    SUITE,
+    TINY,
+    assert_same_results,
+    end,
+    files,
+    one_line,
+    run_malus,
+    start,
+    wait_for,
+)
 
 import malus.bench.running.work
-from malus.bench import read_results, run
+from malus.bench import run
 from malus.bench.datasets.render import render_dataset
-from malus.bench.running.cluster import spread
+from malus.bench.running.cluster import WAITING, spread
 from malus.bench.running.parts import PLAN
 from malus.bench.running.plan import plan
 from malus.bench.running.status import status
 from malus.bench.running.work import Engine, FamilyResult, FamilyTask, here
 from malus.reconstruct import Components, Observation, get_method
-from malus.renderers.variant import Variant, choose
-from malus.scenes import Camera, InputError, Scene, Suite, load_suite
-from malus.scenes.core.result_files import EXAMPLES, PARTS, RUN
+from malus.renderers.variant import choose
+from malus.scenes import InputError, Scene, Suite
+from malus.scenes.core.result_files import PARTS
 
-KILLS = int(os.environ.get("MALUS_KILLS", "8"))
-TINY = ("run", "quick", "--resolution", "8", "--samples", "2")
-NOBODY = Variant("scalar_spectral_polarized", "not used")
-SUITE = load_suite("quick").model_copy(
-    update={
-        "renderer": "torrance-sparrow",
-        "lights": load_suite("quick").lights[1:],
-        "bodies": ("unpolarised",),
-        "camera": Camera(resolution=8),
-        "methods": ("unpolarised", "eq8"),
-    }
-)
-"""Two families of two scenes, whose truths are closed forms: a run takes a moment."""
-
-SMALL = load_suite("quick")
-SMALL = SMALL.model_copy(
-    update={
-        "camera": Camera(resolution=8),
-        "sampling": SMALL.sampling.model_copy(update={"samples": 2}),
-    }
-)
-"""What TINY renders, for runs without a report."""
-
-
-def start(*arguments: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", "from malus.bench.cli import main; main()", *arguments]
-    return subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0
-    )
-
-
-def end(process: subprocess.Popen[str]) -> tuple[int, str]:
-    _, errors = process.communicate(timeout=120)
-    return process.returncode, errors
-
-
-def files(folder: Path) -> set[str]:
-    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-
-
-def assert_same_results(folder: Path, expected: Path) -> None:
-    """To the bit: the same renders of the same seeds, whoever made them and in which order."""
-    pd.testing.assert_frame_equal(
-        read_results(folder).table, read_results(expected).table, check_exact=True
-    )
-    assert files(folder / PARTS) == files(expected / PARTS)
-    for path in (expected / PARTS).iterdir():
-        one, other = pd.read_parquet(folder / PARTS / path.name), pd.read_parquet(path)
-        pd.testing.assert_frame_equal(one, other, check_exact=True)
-    assert files(folder / EXAMPLES) == files(expected / EXAMPLES)
-    for path in (expected / EXAMPLES).iterdir():
-        assert (folder / EXAMPLES / path.name).read_bytes() == path.read_bytes()
+KILLS = int(os.environ.get("MALUS_KILLS", "0"))
 
 
 @pytest.fixture(scope="module")
-def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
-    """An uninterrupted run, and the seconds until it had written its results."""
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of an uninterrupted run."""
     out = tmp_path_factory.mktemp("robust") / "whole"
-    started = time.perf_counter()
-    process = start(*TINY, "--out", str(out))
-    wait_for((out / RUN).exists, process)
-    seconds = time.perf_counter() - started
-    code, errors = end(process)
-    assert code == 0, errors
-    return out, seconds
+    done = run_malus(*TINY, "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    return out
 
 
-def wait_for(true: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    while not true():
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.01)
+def test_kills_at_any_moment_lose_nothing(tmp_path: Path, uninterrupted: Path) -> None:
+    """Before the first part is there, between parts, and after the last, while the rest is drawn.
 
-
-def test_kills_at_random_moments_lose_nothing(
-    tmp_path: Path, uninterrupted: tuple[Path, float]
-) -> None:
-    whole, seconds = uninterrupted
-    moments = random.Random(8)
+    A moment's delay, another one each time, lets kills fall into what is written then.
+    """
+    delays = random.Random(8)
+    stages = [0, 2, 5, 8, *(delays.randrange(9) for _ in range(KILLS))]
     out = tmp_path / "killed"
-    for _ in range(KILLS):
+    killed = []
+    for stage in stages:
         process = start(*TINY, "--out", str(out))
-        try:
-            # A run is longer than this: it still draws its report, here also while it starts to.
-            process.wait(moments.uniform(0, 1.3 * seconds))
-        except subprocess.TimeoutExpired:
+        while process.poll() is None and not reached(out, stage):
+            time.sleep(0.002)
+        time.sleep(delays.uniform(0, 0.05))
+        if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
+            killed.append(stage)
         end(process)
+    assert killed
     code, errors = end(start(*TINY, "--out", str(out)))
     assert code == 0, errors
-    assert_same_results(out, whole)
-    assert files(out) == files(whole), "left behind"
+    assert_same_results(out, uninterrupted)
+    assert files(out) == files(uninterrupted), "left behind"
     assert status(out).finished
+
+
+def reached(out: Path, parts: int) -> bool:
+    """Whether a run has begun and has so many parts."""
+    return (out / PLAN).exists() and len(list(out.glob(f"{PARTS}/[0-9a-f]*.parquet"))) >= parts
 
 
 @pytest.mark.parametrize(
@@ -157,9 +119,7 @@ def test_a_stop_is_one_line_and_leaves_nothing_half_written(
     assert status(tmp_path).done >= 1
 
 
-def test_two_runs_in_one_folder_do_not_harm_each_other(
-    tmp_path: Path, uninterrupted: tuple[Path, float]
-) -> None:
+def test_two_runs_in_one_folder_do_not_harm_each_other(tmp_path: Path, uninterrupted: Path) -> None:
     script = (
         "import json, sys; from malus.bench import run; from malus.scenes import Suite\n"
         "run(Suite.parse(json.loads(sys.argv[1]), ''), sys.argv[2])"
@@ -168,7 +128,7 @@ def test_two_runs_in_one_folder_do_not_harm_each_other(
     both = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     for process in both:
         assert end(process) == (0, "")
-    assert_same_results(tmp_path, uninterrupted[0])
+    assert_same_results(tmp_path, uninterrupted)
     assert not [name for name in files(tmp_path) if ".part-" in name]
 
 
@@ -366,60 +326,6 @@ def test_status_counts_what_is_left_and_refuses_what_is_no_run(tmp_path: Path) -
         status(tmp_path)
 
 
-# --- folders that cannot be written ---
-
-
-@contextmanager
-def mounted(folder: Path, *options: str) -> Iterator[Path]:
-    """A small file system of its own, where one may mount."""
-    folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", ",".join(options), "none", str(folder)]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    except FileNotFoundError:
-        pytest.skip("no mount here")
-    if done.returncode != 0:
-        pytest.skip(f"may not mount a file system here: {done.stderr.strip()}")
-    try:
-        yield folder
-    finally:
-        subprocess.run(["umount", "--lazy", str(folder)], check=True)
-
-
-def test_a_full_disk_is_one_line_and_loses_nothing(
-    tmp_path: Path, uninterrupted: tuple[Path, float]
-) -> None:
-    with mounted(tmp_path / "small", "size=200k") as small:
-        out = small / "out"
-        out.mkdir()
-        ballast = small / "ballast"
-        # Room for the plan and a few parts, not for all.
-        ballast.write_bytes(bytes(100_000))
-        code, errors = end(start(*TINY, "--out", str(out)))
-        assert code == 2, errors
-        lines = [line for line in errors.splitlines() if line.startswith("malus: ")]
-        assert len(lines) == 1, errors
-        assert "No space left on device" in lines[0]
-        assert "Traceback" not in errors
-        assert not [name for name in files(out) if ".part-" in name]
-        done = status(out).done
-        assert 0 < done < 8
-        assert not status(out).failed
-        ballast.unlink()
-        subprocess.run(["mount", "-o", "remount,size=16m", str(small)], check=True)
-        assert run(SMALL, out).run["families_taken_over"] == done
-        assert_same_results(out, uninterrupted[0])
-
-
-def test_a_read_only_folder_is_one_line(tmp_path: Path) -> None:
-    with mounted(tmp_path / "fixed", "ro") as fixed:
-        code, errors = end(start(*TINY, "--out", str(fixed)))
-    assert code == 2
-    lines = [line for line in errors.splitlines() if line.startswith("malus: ")]
-    assert len(lines) == 1, errors
-    assert "Read-only file system" in lines[0]
-
-
 # --- clusters ---
 
 
@@ -433,28 +339,58 @@ def client() -> Iterator[Any]:
         yield _local(2, stack)
 
 
-def sleeps(task: FamilyTask, variant: str) -> FamilyResult:
-    time.sleep(1)
+def meets(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
+    """Wait until another task is under way too, which only another worker can do."""
+    mine = Path(task.id)
+    mine.touch()
+    until = time.monotonic() + 60
+    while len(list(mine.parent.iterdir())) < 2:
+        if time.monotonic() > until:
+            raise RuntimeError("no worker does the other task")
+        time.sleep(0.01)
     return FamilyResult()
 
 
-def test_spreading_costs_less_than_a_tenth_of_tasks_of_a_second(
+def test_workers_do_tasks_at_the_same_time(
+    client: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What the scheduler takes of a family's time is measured by `malus bench scaling`."""
+    monkeypatch.setattr("malus.bench.running.cluster._remote", meets)
+    family = plan(SUITE)[0]
+    tasks = [FamilyTask(str(tmp_path / str(k)), family, "torrance-sparrow", {}) for k in range(2)]
+    done = list(spread(tasks, client, NOBODY))
+    assert sorted(task.id for task, _ in done) == [task.id for task in tasks]
+    assert not any(result.failures for _, result in done)
+
+
+def answers(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
+    return FamilyResult()
+
+
+def test_no_worker_waits_for_a_task_and_few_are_handed_over(
     client: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("malus.bench.running.cluster._remote", sleeps)
+    monkeypatch.setattr("malus.bench.running.cluster._remote", answers)
     family = plan(SUITE)[0]
-    tasks = [FamilyTask(str(k), family, "torrance-sparrow", {}) for k in range(8)]
-    warm, timed = tasks[:2], tasks[2:]
-    assert len(list(spread(warm, client, NOBODY))) == 2
-    started = time.perf_counter()
-    done = {task.id for task, _ in spread(timed, client, NOBODY)}
-    seconds = time.perf_counter() - started
-    assert done == {task.id for task in timed}
-    assert seconds < 1.1 * len(timed) / 2
+    taken: list[FamilyTask] = []
+
+    def source() -> Iterator[FamilyTask]:
+        for k in range(100):
+            taken.append(FamilyTask(str(k), family, "torrance-sparrow", {}))
+            yield taken[-1]
+
+    under_way = []
+    for finished, (_, result) in enumerate(spread(source(), client, NOBODY)):
+        assert not result.failures
+        under_way.append(len(taken) - finished)
+    assert len(under_way) == 100
+    # Two workers: one task each and the next one, and a fixed number beside them.
+    assert min(under_way[:60]) >= 4
+    assert max(under_way) <= 4 + WAITING
 
 
 def test_workers_make_the_same_tables_and_a_killed_one_loses_nothing(
-    client: Any, tmp_path: Path, uninterrupted: tuple[Path, float]
+    client: Any, tmp_path: Path, uninterrupted: Path
 ) -> None:
     killed: list[int] = []
 
@@ -468,7 +404,7 @@ def test_workers_make_the_same_tables_and_a_killed_one_loses_nothing(
     results = run(SMALL, tmp_path, engine=kills)
     assert killed
     assert results.run["families_failed"] == 0
-    assert_same_results(tmp_path, uninterrupted[0])
+    assert_same_results(tmp_path, uninterrupted)
 
 
 @pytest.mark.skipif("MALUS_FAMILIES" not in os.environ, reason="MALUS_FAMILIES=500 asks for it")
@@ -500,9 +436,9 @@ def test_memory_stays_flat(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_clusters_are_one_line(tmp_path: Path, options: list[str], says: str) -> None:
-    code, errors = end(start(*TINY, "--out", str(tmp_path), *options))
-    assert code == 2
-    assert says in errors.splitlines()[-1]
+    done = run_malus(*TINY, "--out", str(tmp_path), *options)
+    assert done.returncode == 2
+    assert says in one_line(done.stderr)
 
 
 def test_without_workers_nothing_of_dask_is_imported(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import PIL.ImageCms
 import pytest
 import tifffile
 from click.testing import CliRunner
+from pictures import dome, saved_dome
 
 from malus.bench.commands.filter import filter_command
 from malus.reconstruct import Components
@@ -27,28 +28,6 @@ from malus.scenes import InputError, polarisation
 
 RNG = np.random.default_rng(0)
 CODES_8 = RNG.integers(0, 256, (12, 18, 3), dtype=np.uint8)
-
-
-def dome(side: int = 64) -> tuple[np.ndarray, np.ndarray]:
-    """Linear light of a glossy orange dome under a light at (1, 1, 2), and its normals."""
-    y, x = np.mgrid[1.05 : -1.05 : side * 1j, -1.05 : 1.05 : side * 1j]
-    square = x**2 + y**2
-    normals = np.stack([x, y, np.sqrt(np.clip(1 - square, 0, None))], axis=-1)
-    normals[square > 0.98] = 0
-    light = np.array([1, 1, 2]) / np.sqrt(6)
-    half = (light + [0, 0, 1]) / np.linalg.norm(light + [0, 0, 1])
-    body = 0.5 * np.clip(normals @ light, 0, 1)[..., None] * [1.0, 0.6, 0.3]
-    glare = 0.3 * np.clip(normals @ half, 0, 1)[..., None] ** 60
-    return (body + glare).astype(np.float32), normals.astype(np.float32)
-
-
-def saved_dome(folder: Path, name: str = "dome.png") -> tuple[Path, Path]:
-    """An 8-bit sRGB file of the dome, and a file of its normals."""
-    linear, normals = dome()
-    path, beside = folder / name, folder / "normals.npy"
-    PIL.Image.fromarray(srgb_transfer(8).encoded(linear)).save(path)
-    np.save(beside, normals)
-    return path, beside
 
 
 @pytest.mark.parametrize("light", [None, (1.0, 1.0, 2.0)])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from test_filter import dome
+from pictures import dome
 
 from malus.bench.commands.dataset import score_command
 from malus.bench.scoring.judge import Judge

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from reference.fresnel import reflectances as reference_reflectances
 
 from malus.reconstruct.observation import Inapplicable
 from malus.reconstruct.single_image import shape
@@ -30,7 +31,6 @@ from malus.reconstruct.single_image.shape_solver import (
 from malus.renderers import render
 from malus.renderers.truth import Truth
 from malus.scenes import Blob, Camera, Dielectric, Distant, Sampling, Scene, Sphere
-from tests.reference.fresnel import reflectances as reference_reflectances
 
 
 def sphere(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rooms import needs_arrays, table
 
 from malus.bench import run, score
 from malus.bench.datasets.export import export
@@ -39,49 +40,6 @@ from malus.scenes import (
     load_suite,
 )
 from malus.scenes.materials.surface import Surface
-
-needs_arrays = pytest.mark.skipif(
-    not choose().vectorised, reason="scenes of several objects need LLVM or CUDA"
-)
-
-
-def table(light: Light, body: str = "polarised", resolution: int = 20) -> Scene:
-    """A ball on a tilted floor with a small ball and a box beside it."""
-
-    def paint(eta: float, alpha: float, albedo: float) -> Dielectric:
-        return Dielectric(eta=eta, alpha=alpha, albedo=albedo, body=body)
-
-    return Scene(
-        shape=Sphere(),
-        surface=paint(1.5, 0.3, 0.5),
-        light=light,
-        camera=Camera(resolution=resolution, half_width=1.8),
-        surroundings=Surroundings(
-            name="table",
-            objects=(
-                Placed(
-                    shape=Plane(),
-                    surface=paint(1.6, 0.1, 0.5),
-                    position=(0, -1, 0),
-                    tilt_deg=30,
-                    scale=20,
-                ),
-                Placed(
-                    shape=Sphere(),
-                    surface=paint(1.33, 0.15, 0.8),
-                    position=(1.2, -0.3, 0.8),
-                    scale=0.5,
-                ),
-                Placed(
-                    shape=Superquadric(),
-                    surface=paint(1.7, 0.2, 0.8),
-                    position=(-1.2, -0.3, 0.8),
-                    scale=0.5,
-                    turn_deg=30,
-                ),
-            ),
-        ),
-    )
 
 
 def by_mitsuba(scene: Scene, sampling: Sampling, runs: int) -> np.ndarray:

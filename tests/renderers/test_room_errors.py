@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_room import needs_arrays, table
+from rooms import needs_arrays, table
 
 from malus.renderers.mitsuba.path_traced import Room
 from malus.renderers.mitsuba.pooled import OBJECT_WEIGHT, pooled

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from pictures import ball_with_coordinates, corner
 from PIL import Image
-from test_patterns import ball_with_coordinates, corner
-from test_room import needs_arrays
+from rooms import needs_arrays
 
 from malus.renderers import Truth, render
 from malus.scenes import (

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from pictures import ball_with_coordinates, corner
 from PIL import Image
 
 from malus.bench import observe, run, score
@@ -130,25 +131,6 @@ def test_image_textures_are_upright(tmp_path: Path, projection: str) -> None:
     found = {name: float(part.mean()) for name, part in quarters.items()}
     assert found.pop("upper right") == 1
     assert not any(found.values()), found
-
-
-def ball_with_coordinates(folder: Path, kind: str, scale: float = 1.0) -> MeshFile:
-    """A ball whose texture coordinates are those of the planar projection, times `scale`."""
-    ball = trimesh.creation.icosphere(subdivisions=3)
-    uv = scale * (0.5 + 0.5 * np.asarray(ball.vertices)[:, :2])
-    ball.visual = trimesh.visual.TextureVisuals(uv=uv)
-    exported = ball.export(file_type=kind)
-    path = folder / f"ball.{kind}"
-    path.write_bytes(exported if isinstance(exported, bytes) else exported.encode())
-    return MeshFile(path=str(path))
-
-
-def corner(folder: Path) -> Path:
-    """A picture whose upper right quarter is white."""
-    values = np.zeros((40, 40), np.uint8)
-    values[:20, 20:] = 255
-    Image.fromarray(values).save(folder / "corner.png")
-    return folder / "corner.png"
 
 
 @pytest.mark.parametrize("kind", ["obj", "glb"])

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from test_robust import start
+from runs import start
 
 from malus.reconstruct.photos.read_picture import read_picture
 from malus.renderers.datasets.spectral_exr import read_exr, write_exr

@@ -41,15 +41,15 @@ SKIES = (
 )
 
 
-def scalar() -> Any:
+@pytest.fixture
+def mi() -> Any:
     """Mitsuba's scalar variant, after the vectorised one: no LLVM is found the other way round."""
     mitsuba(choose())
     return mitsuba(choose("scalar"))
 
 
-def mitsubas(sky: Sky, **scales: float) -> dict[str, object]:
+def mitsubas(mi: Any, sky: Sky, **scales: float) -> dict[str, object]:
     """Mitsuba's emitter for a sky; its z is up, our y."""
-    mi = scalar()
     return {
         "type": "sunsky",
         "turbidity": sky.turbidity,
@@ -60,43 +60,40 @@ def mitsubas(sky: Sky, **scales: float) -> dict[str, object]:
     }
 
 
-def their_radiance(emitter: object, toward: np.ndarray, wavelength_nm: float) -> float:
-    mi = scalar()
+def their_radiance(mi: Any, emitter: Any, toward: np.ndarray, wavelength_nm: float) -> float:
     seen = mi.SurfaceInteraction3f()
     seen.wi, seen.wavelengths = mi.Vector3f(*(-toward)), [wavelength_nm] * 4
-    return float(np.ravel(emitter.eval(seen)[0, 0])[0])  # type: ignore[attr-defined]
+    return float(np.ravel(emitter.eval(seen)[0, 0])[0])
 
 
 @pytest.mark.parametrize("sky", SKIES, ids=lambda sky: sky.label)
-def test_radiance_is_that_of_mitsubas_sky(sky: Sky) -> None:
-    mi = scalar()
-    emitter = mi.load_dict(mitsubas(sky, sun_scale=0.0))
+def test_radiance_is_that_of_mitsubas_sky(mi: Any, sky: Sky) -> None:
+    emitter = mi.load_dict(mitsubas(mi, sky, sun_scale=0.0))
     toward = np.random.default_rng(1).normal(size=(64, 3))
     toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
-    theirs = np.array([their_radiance(emitter, one, sky.wavelength_nm) for one in toward])
+    theirs = np.array([their_radiance(mi, emitter, one, sky.wavelength_nm) for one in toward])
     assert (theirs > 0).sum() > 20
     # Theirs is computed in float32; exponentials lose another digit.
     np.testing.assert_allclose(radiance(sky, toward), theirs, rtol=2e-5, atol=1e-9)
 
 
 @pytest.mark.parametrize("sky", SKIES, ids=lambda sky: sky.label)
-def test_the_sun_is_mitsubas_sun(sky: Sky) -> None:
-    mi = scalar()
-    emitter = mi.load_dict(mitsubas(sky, sky_scale=0.0))
+def test_the_sun_is_mitsubas_sun(mi: Any, sky: Sky) -> None:
+    emitter = mi.load_dict(mitsubas(mi, sky, sky_scale=0.0))
     cone = 2 * math.pi * (1 - math.cos(math.radians(0.5358 / 2)))
-    theirs = their_radiance(emitter, np.array(sky.to_sun), sky.wavelength_nm) * cone
+    theirs = their_radiance(mi, emitter, np.array(sky.to_sun), sky.wavelength_nm) * cone
     # Mitsuba interpolates in the same table in another way, and its cone's angle in float32.
     assert sun(sky).irradiance == pytest.approx(theirs, rel=0.015)
     assert sun(sky).direction == pytest.approx(sky.to_sun, abs=1e-12)
 
 
-def test_a_ball_under_the_sky_looks_as_under_mitsubas_own() -> None:
+def test_a_ball_under_the_sky_looks_as_under_mitsubas_own(mi: Any) -> None:
     """The map's resolution, the narrow sun taken for parallel light: no more than a percent."""
     sky = Sky(sun_elevation_deg=40, sun_azimuth_deg=50)
     surface = Dielectric(eta=1.5, alpha=0.2, albedo=1.0, body="unpolarised")
     scene = Scene(shape=Sphere(), surface=surface, light=sky, camera=CAMERA)
     ours = render_family([scene], Sampling(samples=256, seed=1)).truth(scene)
-    mi = scalar()
+    mitsuba(choose("scalar"))
     window = {
         "type": "uniform",
         "wavelength_min": sky.wavelength_nm - 0.5,
@@ -126,7 +123,7 @@ def test_a_ball_under_the_sky_looks_as_under_mitsubas_own() -> None:
         (ours.specular, specular_bsdf(1.5, 0.2)),
         (ours.diffuse, diffuse_bsdf(1.5, 0.2, "unpolarised")),
     ):
-        theirs = seen(mitsubas(sky), bsdf)[ours.mask] / unit
+        theirs = seen(mitsubas(mi, sky), bsdf)[ours.mask] / unit
         mine = lobe[:, :, 0][ours.mask]
         brightness = float(theirs[:, 0].mean())
         # 300 pixels of 256 samples leave half a percent of noise, the sun's table as much.

@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from fsspec.implementations.memory import MemoryFileSystem
-from test_robust import NOBODY, SUITE
+from runs import NOBODY, SUITE
 
 from malus.bench import read_results, run
 from malus.bench.cli import cli

@@ -1,0 +1,53 @@
+"""Pictures that nobody took, and a mesh that one of them is wrapped around."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+import trimesh
+
+from malus.reconstruct.photos.tone_curves import srgb_transfer
+from malus.scenes import MeshFile
+
+
+def dome(side: int = 64) -> tuple[np.ndarray, np.ndarray]:
+    """Linear light of a glossy orange dome under a light at (1, 1, 2), and its normals."""
+    y, x = np.mgrid[1.05 : -1.05 : side * 1j, -1.05 : 1.05 : side * 1j]
+    square = x**2 + y**2
+    normals = np.stack([x, y, np.sqrt(np.clip(1 - square, 0, None))], axis=-1)
+    normals[square > 0.98] = 0
+    light = np.array([1, 1, 2]) / np.sqrt(6)
+    half = (light + [0, 0, 1]) / np.linalg.norm(light + [0, 0, 1])
+    body = 0.5 * np.clip(normals @ light, 0, 1)[..., None] * [1.0, 0.6, 0.3]
+    glare = 0.3 * np.clip(normals @ half, 0, 1)[..., None] ** 60
+    return (body + glare).astype(np.float32), normals.astype(np.float32)
+
+
+def saved_dome(folder: Path, name: str = "dome.png") -> tuple[Path, Path]:
+    """An 8-bit sRGB file of the dome, and a file of its normals."""
+    linear, normals = dome()
+    path, beside = folder / name, folder / "normals.npy"
+    PIL.Image.fromarray(srgb_transfer(8).encoded(linear)).save(path)
+    np.save(beside, normals)
+    return path, beside
+
+
+def ball_with_coordinates(folder: Path, kind: str, scale: float = 1.0) -> MeshFile:
+    """A ball whose texture coordinates are those of the planar projection, times `scale`."""
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    uv = scale * (0.5 + 0.5 * np.asarray(ball.vertices)[:, :2])
+    ball.visual = trimesh.visual.TextureVisuals(uv=uv)
+    exported = ball.export(file_type=kind)
+    path = folder / f"ball.{kind}"
+    path.write_bytes(exported if isinstance(exported, bytes) else exported.encode())
+    return MeshFile(path=str(path))
+
+
+def corner(folder: Path) -> Path:
+    """A picture whose upper right quarter is white."""
+    values = np.zeros((40, 40), np.uint8)
+    values[:20, 20:] = 255
+    PIL.Image.fromarray(values).save(folder / "corner.png")
+    return folder / "corner.png"

@@ -1,0 +1,137 @@
+"""Small suites, commands in processes of their own, and file systems that are full or read-only."""
+
+from __future__ import annotations
+
+import io
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from pathlib import Path
+from unittest.mock import patch
+
+import pandas as pd
+import pytest
+
+from malus.bench import read_results
+from malus.bench.cli import main
+from malus.renderers.variant import Variant
+from malus.scenes import Camera, load_suite
+from malus.scenes.core.result_files import EXAMPLES, PARTS
+
+TINY = ("run", "quick", "--resolution", "8", "--samples", "2")
+NOBODY = Variant("scalar_spectral_polarized", "not used")
+SUITE = load_suite("quick").model_copy(
+    update={
+        "renderer": "torrance-sparrow",
+        "lights": load_suite("quick").lights[1:],
+        "bodies": ("unpolarised",),
+        "camera": Camera(resolution=8),
+        "methods": ("unpolarised", "eq8"),
+    }
+)
+"""Two families of two scenes, whose truths are closed forms: a run takes a moment."""
+
+SMALL = load_suite("quick")
+SMALL = SMALL.model_copy(
+    update={
+        "camera": Camera(resolution=8),
+        "sampling": SMALL.sampling.model_copy(update={"samples": 2}),
+    }
+)
+"""What TINY renders, for runs without a report."""
+
+
+def run_malus(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Exit code and output of a malus command, in this process: imports are paid for once."""
+    out, errors, code = io.StringIO(), io.StringIO(), 0
+    handler = signal.getsignal(signal.SIGTERM)
+    with patch("sys.argv", ["malus", *arguments]), redirect_stdout(out), redirect_stderr(errors):
+        try:
+            main()
+        except SystemExit as leaving:
+            code = leaving.code if isinstance(leaving.code, int) else 0
+        finally:
+            signal.signal(signal.SIGTERM, handler)
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), errors.getvalue())
+
+
+def run_malus_process(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Exit code and output of a malus command in a process of its own, native prints included."""
+    process = start(*arguments)
+    out, errors = process.communicate(timeout=600)
+    return subprocess.CompletedProcess(arguments, process.returncode, out, errors)
+
+
+def one_line(errors: str) -> str:
+    """The only line that malus itself wrote to stderr; there must be one, and no traceback."""
+    lines = [line for line in errors.splitlines() if line.startswith("malus: ")]
+    assert len(lines) == 1, errors
+    assert "Traceback" not in errors
+    return lines[0]
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    """A malus command in a process and process group of its own, which Ctrl-C stops.
+
+    A shell starts what runs in the background with SIGINT ignored, and children inherit that.
+    """
+    script = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from malus.bench.cli import main; main()"
+    )
+    command = [sys.executable, "-c", script, *arguments]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0
+    )
+
+
+def end(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Exit code of a process and what it wrote to stderr."""
+    _, errors = process.communicate(timeout=120)
+    return process.returncode, errors
+
+
+def wait_for(true: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    """Wait until something is true that a running process makes true."""
+    while not true():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+
+
+def files(folder: Path) -> set[str]:
+    """Names of all files in a folder and below it."""
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def assert_same_results(folder: Path, expected: Path) -> None:
+    """To the bit: the same renders of the same seeds, whoever made them and in which order."""
+    pd.testing.assert_frame_equal(
+        read_results(folder).table, read_results(expected).table, check_exact=True
+    )
+    assert files(folder / PARTS) == files(expected / PARTS)
+    for path in (expected / PARTS).iterdir():
+        one, other = pd.read_parquet(folder / PARTS / path.name), pd.read_parquet(path)
+        pd.testing.assert_frame_equal(one, other, check_exact=True)
+    assert files(folder / EXAMPLES) == files(expected / EXAMPLES)
+    for path in (expected / EXAMPLES).iterdir():
+        assert (folder / EXAMPLES / path.name).read_bytes() == path.read_bytes()
+
+
+@contextmanager
+def mounted(folder: Path, *options: str) -> Iterator[Path]:
+    """A small file system of its own, where one may mount."""
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", ",".join(options), "none", str(folder)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        pytest.skip("no mount here")
+    if done.returncode != 0:
+        pytest.skip(f"may not mount a file system here: {done.stderr.strip()}")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
