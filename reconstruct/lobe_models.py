@@ -16,7 +16,7 @@ import numpy as np
 
 from malus.reconstruct.facets.maps import mapped_dolp
 from malus.reconstruct.facets.ratio import Measure
-from malus.reconstruct.facets.table import DiffuseTable, DolpTable, SmoothTable, Table
+from malus.reconstruct.facets.table import DiffuseTable, SmoothTable, Table, specular_tables
 from malus.reconstruct.fresnel import smooth_dolp, transmission_dolp
 from malus.reconstruct.observation import Image, Inapplicable, Observation
 from malus.reconstruct.pixel_block import Block, uniform_alpha, uniform_eta
@@ -51,7 +51,7 @@ def microfacets(measure: Measure) -> LobeModel:
         eta, alpha = uniform_eta(observation), uniform_alpha(observation)
         if eta is None or alpha is None:
             return _pixelwise(mapped_dolp(observation, measure), -1)
-        return _tabulated([DolpTable(index, alpha**-2.0, measure) for index in eta], -1)
+        return _tabulated(specular_tables(eta, alpha**-2.0, measure), -1)
 
     return prepare
 

@@ -11,18 +11,26 @@ from __future__ import annotations
 
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from malus.reconstruct.facets.chebyshev import Function, chebyshev_pieces, evaluate_pieces
+from malus.reconstruct.facets.chebyshev import (
+    Function,
+    chebyshev_pieces,
+    coefficients,
+    evaluate_pieces,
+    lobatto,
+)
 from malus.reconstruct.facets.integrals import integrate_dolp
 from malus.reconstruct.facets.ratio import Measure, checked_measure, checked_sigma
 from malus.reconstruct.fresnel import checked_eta, excess, smooth_dolp, transmission_dolp
 from malus.scenes.core.arrays import Float64Array, FloatArray
 
 _PART_ERROR = 3e-7  # of the series, and as much of the straight lines: together below 1e-6
+_ORDINARY = (1.25, 1.85)  # indices of liquids, glasses and plastics
+_NODES = 16  # in η: the error of the interpolation falls as 3.4^-n and is 1e-8 here
 _NARROWEST = 1e-5  # pieces of x that are not halved any more
 _FEWEST_CELLS = 1 << 11  # of the even grid: six tables, of both lobes in RGB, take 100 kB
 _MOST_CELLS = 1 << 17
@@ -63,24 +71,80 @@ def _tabulated(function: Function, coefficients: int = 0) -> _Interpolant:
 
 
 @lru_cache(maxsize=1024)
-def _specular(eta: complex, sigma: float, measure: Measure) -> _Interpolant:
+def _specular(
+    eta: complex, sigma: float, measure: Measure, part_error: float = _PART_ERROR
+) -> _Interpolant:
     """ρ of microfacets; kept, so that a surface is tabulated once a process."""
     index = eta if eta.imag else eta.real
 
     def rho(x: Float64Array) -> Float64Array:
         zenith = np.where(x == 1.0, 0.0, np.arccos(np.square(x)))
         filled = np.full(x.shape, index)
-        return integrate_dolp(zenith, filled, np.full(x.shape, sigma), measure, 1e-6)
+        tolerance = 1e-6 * part_error / _PART_ERROR
+        return integrate_dolp(zenith, filled, np.full(x.shape, sigma), measure, tolerance)
 
     kink = max(0.0, -float(excess(np.asarray(index)).real)) ** 0.25  # √cos θ at the critical angle
     ends = [0.0, kink, 1.0] if _NARROWEST < kink < 1.0 - _NARROWEST else [0.0, 1.0]
     pieces = [
         piece
         for low, high in pairwise(ends)
-        for piece in chebyshev_pieces(rho, low, high, _PART_ERROR, _NARROWEST)
+        for piece in chebyshev_pieces(rho, low, high, part_error, _NARROWEST)
     ]
     count = sum(piece.coefficients.size for piece in pieces)
     return _tabulated(lambda x: evaluate_pieces(pieces, x), count)
+
+
+@lru_cache(maxsize=64)
+def _specular_by_index(sigma: float, measure: Measure) -> Float64Array | None:
+    """Chebyshev coefficients (`_NODES`, grid) in η over `_ORDINARY` of the tables of a roughness.
+
+    None where a table has no grid.
+    """
+    low, high = _ORDINARY
+    nodes = 0.5 * (low + high) + 0.5 * (high - low) * lobatto(_NODES)
+    # Interpolation may triple an error of its nodes.
+    tables = [_specular(complex(node), sigma, measure, _PART_ERROR / 3) for node in nodes]
+    grids = [table.grid for table in tables if table.grid is not None]
+    if len(grids) < _NODES:
+        return None
+    root = np.linspace(0.0, 1.0, max(grid.size for grid in grids))
+    return coefficients(np.stack([table.function(root) for table in tables]), axis=0)
+
+
+def specular_tables(eta: NDArray[Any], sigma: float, measure: Measure) -> list[Table]:
+    """Tables of ρ of one roughness, one for each of some indices (n,).
+
+    Many indices at once, as of the bands of all materials of a family, cost no more than the few
+    at which their tables are interpolated: ρ is a smooth function of η.
+
+    Raises
+    ------
+    ValueError
+        As for `DolpTable`.
+
+    Examples
+    --------
+    >>> few, many = np.array([1.5]), np.linspace(1.4, 1.6, 40)
+    >>> (one,), others = specular_tables(few, 10.0, "eq8"), specular_tables(many, 10.0, "eq8")
+    >>> bool(abs(one(0.5) - DolpTable(1.5, 10.0)(0.5)) < 1e-6), len(others)
+    (True, 40)
+    """
+    exponent, known = float(checked_sigma(sigma)), checked_measure(measure)
+    ordinary = np.isrealobj(eta) and _ORDINARY[0] <= eta.min() and eta.max() <= _ORDINARY[1]
+    series = None
+    if ordinary and np.unique(eta).size > _NODES:
+        series = _specular_by_index(exponent, known)
+    if series is None:
+        return [DolpTable(index, exponent, known) for index in eta]
+    unit = (2.0 * np.asarray(eta, np.float64) - sum(_ORDINARY)) / (_ORDINARY[1] - _ORDINARY[0])
+    grids = np.polynomial.chebyshev.chebvander(unit, _NODES - 1) @ series
+    return [Table(_on_grid(grid)) for grid in grids]
+
+
+def _on_grid(grid: Float64Array) -> _Interpolant:
+    """A function that is known on an even grid alone."""
+    steps = np.linspace(0.0, 1.0, grid.size)
+    return _Interpolant(lambda root: np.interp(root, steps, grid), grid, _NODES)
 
 
 @lru_cache(maxsize=1024)

@@ -7,7 +7,7 @@ import pytest
 
 from malus.reconstruct.facets import table
 from malus.reconstruct.facets.chebyshev import chebyshev_series, needed
-from malus.reconstruct.facets.ratio import specular_dolp
+from malus.reconstruct.facets.ratio import Measure, specular_dolp
 from malus.reconstruct.facets.table import DiffuseTable, DolpTable, SmoothTable
 from malus.reconstruct.fresnel import smooth_dolp, transmission_dolp
 
@@ -107,3 +107,23 @@ def test_needed_keeps_what_matters() -> None:
     assert needed(series, 1e-8) == 3
     assert needed(series, 1e-2) == 2
     assert needed(np.zeros(4), 1e-8) == 1
+
+
+@pytest.mark.parametrize("measure", ["eq8", "visible", "shadowed"])
+@pytest.mark.parametrize("alpha", [0.02, 0.1, 0.35, 0.8])
+def test_tables_of_many_indices_are_those_of_each(measure: Measure, alpha: float) -> None:
+    """Interpolated in η from a few, they keep the tolerance of a table, 1e-6, at every angle."""
+    eta = np.concatenate([[1.25, 1.85], np.random.default_rng(3).uniform(1.25, 1.85, 30)])
+    cosine = np.concatenate([np.geomspace(1e-9, 1e-2, 20), np.linspace(0.0, 1.0, 40)])
+    tables = table.specular_tables(eta, alpha**-2.0, measure)
+    assert len({id(one.grid) for one in tables}) == len(eta)
+    indices, zeniths = np.meshgrid(eta, np.arccos(cosine))
+    exact = specular_dolp(zeniths, indices, alpha**-2.0, measure, tolerance=1e-9)
+    read = np.stack([one(cosine) for one in tables], axis=1)
+    assert np.abs(read - exact).max() < PROMISED
+
+
+def test_few_indices_and_metals_have_tables_of_their_own() -> None:
+    for eta in (np.linspace(1.3, 1.4, 16), np.linspace(1.3, 2.4, 40), np.full(20, 0.2 + 3j)):
+        (first, *_) = table.specular_tables(eta, 10.0, "eq8")
+        assert isinstance(first, table.DolpTable)
