@@ -107,7 +107,7 @@ def _cache_file() -> Path:
 
 
 def _probe(variant: str, llvm: Path | None) -> bool:
-    """Whether a tiny render works in a subprocess; the answer is remembered on disk."""
+    """Whether a tiny render works in a subprocess; the answer is cached on disk."""
     stamp = f"{llvm}:{llvm.stat().st_mtime_ns}" if llvm else _driver()
     key = f"{variant}|{stamp}|mitsuba {version('mitsuba')}|{sys.executable}"
     answers = _read_cache()
