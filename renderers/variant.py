@@ -97,7 +97,7 @@ def _cache_file() -> Path:
 
 
 def _probe(variant: str, llvm: Path | None) -> bool:
-    """Whether small renders come out right in a subprocess; the answer is remembered on disk."""
+    """Whether small renders come out right in a subprocess; the answer is cached on disk."""
     stamp = f"{llvm}:{llvm.stat().st_mtime_ns}" if llvm else _driver()
     made_by = f"mitsuba {version('mitsuba')}|malus {version('malus')}"
     key = f"{variant}|{stamp}|{made_by}|{sys.executable}"

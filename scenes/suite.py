@@ -175,7 +175,7 @@ def load_suite(name_or_path: str | Path) -> Suite:
     suite = Suite.parse(data, where)
     code = [name for name in suite.methods if ":" in name]
     if code:
-        hint = "code is named on the command line: --method package.module:object"
+        hint = "code is named among the methods of a run, not in a suite: package.module:object"
         raise InputError(f"{where}, key methods", "names of methods", code[0], hint)
     folder = Path(where).parent
     shapes = tuple(_with_mesh(shape, folder) for shape in suite.shapes)
@@ -223,7 +223,7 @@ def _with_files(surroundings: Surroundings, folder: Path) -> Surroundings:
 
 
 def _with_mesh(shape: AnyShape, folder: Path) -> AnyShape:
-    """A shape whose mesh file, if any, has its path from here and its digest; so below."""
+    """A shape whose mesh file, if any, has a path from here and its digest."""
     if not isinstance(shape, MeshFile):
         return shape
     path, digest = _path_and_digest(folder / shape.path, "mesh file")
@@ -231,6 +231,7 @@ def _with_mesh(shape: AnyShape, folder: Path) -> AnyShape:
 
 
 def _with_picture(surface: Any, folder: Path) -> Any:
+    """A surface whose picture, if any, has a path from here and its digest."""
     pattern = getattr(surface, "pattern", None)
     if not isinstance(pattern, ImageTexture):
         return surface
@@ -242,6 +243,7 @@ def _with_picture(surface: Any, folder: Path) -> Any:
 def _with_measured_table(
     material: SuiteMaterial, folder: Path, wavelengths_nm: Wavelengths
 ) -> SuiteMaterial:
+    """A material whose measured table, if any, has a path from here, its digest, and the bands."""
     if not isinstance(material, Measured):
         return material
     path, digest = _path_and_digest(folder / material.path, material.what)
@@ -250,6 +252,7 @@ def _with_measured_table(
 
 
 def _with_map(light: Light, folder: Path) -> Light:
+    """A light whose radiance map, if it is a file, has a path from here and its digest."""
     if not isinstance(light, Environment) or light.name == "studio":
         return light
     path, digest = _path_and_digest(folder / light.name, "radiance map")

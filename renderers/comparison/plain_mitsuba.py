@@ -57,7 +57,7 @@ def plate_image(
 
 
 class StokesByHand:
-    """A scene that is loaded once and rendered with other parameters."""
+    """A scene that is loaded once, and rendered with new parameters without being reloaded."""
 
     def __init__(self, variant: Variant, scene: Scene) -> None:
         self.mi = mitsuba(variant)

@@ -19,7 +19,7 @@ class Profile:
 
 @contextmanager
 def profiled(variant: Variant) -> Iterator[Profile]:
-    """Profile the block; the scalar variant has no kernels."""
+    """Measure the kernels of the enclosed code; zeros for the scalar variant, which has none."""
     profile = Profile()
     mitsuba(variant)
     if not variant.vectorised:

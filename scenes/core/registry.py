@@ -22,7 +22,7 @@ def _no_path(name: str) -> str:
 
 
 FolderName = Annotated[str, AfterValidator(_no_path)]
-"""A name that a folder may have."""
+"""Text that can name a folder: without slashes, not beginning with a dot."""
 
 
 def table(name: str) -> dict[str, Any]:

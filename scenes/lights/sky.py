@@ -108,7 +108,7 @@ def _at_turbidity(table: Float64Array, turbidity: float) -> Float64Array:
 
 
 def _coefficients(sky: Sky, band: int) -> tuple[Float64Array, float]:
-    """Coefficients (9,) of the model's Equation 8, mean radiance: quintic Bézier in elevation."""
+    """Coefficients (9,) of the model's Equation 8 and mean radiance, by a Bézier in elevation."""
     x = (sky.sun_elevation_deg / 90.0) ** (1 / 3)
     bezier = np.array([math.comb(5, k) * x**k * (1 - x) ** (5 - k) for k in range(6)])
     shape = _at_turbidity(_data()["shape"][:, :, band], sky.turbidity)

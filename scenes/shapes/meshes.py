@@ -53,7 +53,7 @@ def is_thin(vertices: Float64Array, faces: IntArray, height: float) -> BoolArray
 
 
 def defects_of_edges(faces: IntArray) -> list[str]:
-    """Descriptions of edges of triangles (m, 3) that are not shared by two faces alike wound.
+    """Descriptions of bad edges of triangles (m, 3): open, of many faces, or of unlike winding.
 
     Examples
     --------
@@ -136,7 +136,7 @@ def _angle(a: Float64Array, b: Float64Array) -> Float64Array:
 def outward_normals(
     normals: Float64Array, vertices: Float64Array, faces: IntArray, defects: list[str]
 ) -> Float64Array:
-    """Normals (n, 3) turned to the outer side of the faces; `defects` gets what was found."""
+    """Normals (n, 3) turned to the outer side of the faces; adds what was wrong to `defects`."""
     of_faces = face_normals(vertices, faces)
     agreement = np.einsum("ijk,ik->ij", normals[faces], of_faces)
     if agreement.mean() < 0:
@@ -313,7 +313,7 @@ def _centred(arrays: _MeshArrays, file: Path) -> _MeshArrays:
 def _without_defects(
     arrays: _MeshArrays, shading: Shading, file: Path
 ) -> tuple[TriangleMesh, list[str]]:
-    """The mesh to render, without degenerate faces and not inside out, and its defects in words."""
+    """The mesh without degenerate faces and not inside out, and the defects that it had."""
     defects: list[str] = []
     merged_to = merged_indices(arrays.vertices, _MERGE_DISTANCE)
     merged = merged_to[arrays.faces]

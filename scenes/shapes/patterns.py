@@ -27,7 +27,7 @@ Size = Annotated[float, Field(ge=1e-3, le=10)]
 
 
 class Checker(Model):
-    """Cubes of edge `size`, of one surface after the other."""
+    """Cubes of edge `size`, of which neighbours have different surfaces in turn."""
 
     kind: Literal["checker"] = "checker"
     size: Size = 0.5
@@ -39,7 +39,7 @@ class Checker(Model):
 
 
 class Stripes(Model):
-    """Slabs across `axis`, `width` thick, of one surface after the other."""
+    """Slabs across `axis`, `width` thick, which have the surfaces in turn."""
 
     kind: Literal["stripes"] = "stripes"
     width: Size = 0.25
@@ -52,7 +52,7 @@ class Stripes(Model):
 
 
 class Spots(Model):
-    """Balls of the second surface in the first, on a cubic lattice; further surfaces take turns."""
+    """Balls of the second surface in the first, on a cubic lattice; further surfaces in turn."""
 
     kind: Literal["spots"] = "spots"
     spacing: Size = 0.5

@@ -81,7 +81,7 @@ def test_ids_follow_content() -> None:
         ('kind = "uniform"', 'kind = "distant"', "incidence_deg"),
         ('name = "mine"', 'name = "mine"\ntypo = 1', "typo"),
         ("methods = [", "methods = [[", "TOML"),
-        ('"eq8"', '"os:system"', "command line"),
+        ('"eq8"', '"os:system"', "methods of a run"),
         ('name = "mine"', "", "name"),
     ],
 )
