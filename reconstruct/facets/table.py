@@ -74,7 +74,7 @@ def _tabulated(function: Function, coefficients: int = 0) -> _Interpolant:
 def _specular(
     eta: complex, sigma: float, measure: Measure, part_error: float = _PART_ERROR
 ) -> _Interpolant:
-    """ρ of microfacets; kept, so that a surface is tabulated once a process."""
+    """Specular ρ of microfacets, cached: a surface is tabulated once a process."""
     index = eta if eta.imag else eta.real
 
     def rho(x: Float64Array) -> Float64Array:
@@ -149,13 +149,13 @@ def _on_grid(grid: Float64Array) -> _Interpolant:
 
 @lru_cache(maxsize=1024)
 def _diffuse(eta: complex) -> _Interpolant:
-    """ρ_d of diffuse light; kept."""
+    """Degree of polarisation ρ_d of diffuse light, cached."""
     return _tabulated(lambda x: transmission_dolp(np.square(x), eta))
 
 
 @lru_cache(maxsize=1024)
 def _smooth(eta: complex) -> _Interpolant:
-    """ρ of a smooth surface; kept."""
+    """Specular ρ of a smooth surface, cached."""
     return _tabulated(lambda x: smooth_dolp(np.square(x), eta))
 
 

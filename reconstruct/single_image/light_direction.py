@@ -12,8 +12,7 @@ from malus.scenes.core.arrays import Float64Array
 _INCIDENCES_DEG = np.arange(5.0, 121.0, 11.5)
 _AZIMUTHS_DEG = np.arange(0.0, 360.0, 22.5)
 _ALPHA = 0.3
-"""Roughness while the direction is searched: a wide highlight shows in the error of directions that
-are still far off."""
+"""Roughness during the search: a wide highlight is felt from directions far from the light."""
 _UNEXPLAINED = 0.25
 """Residual over the largest value above which the shading is not that of a single light."""
 

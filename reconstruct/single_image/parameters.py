@@ -26,7 +26,7 @@ from malus.scenes.core.arrays import Float64Array, FloatArray
 ALPHA_RANGE = (0.03, 0.9)
 """Roughnesses that are searched: smoother is a mirror, rougher shows no lobe."""
 _STARTS = 7
-"""Intervals of ln alpha, each searched on its own: the error may have more than one minimum."""
+"""Intervals of ln alpha whose ends are tried first: the error may have more than one minimum."""
 _STARTING_ALPHAS = (0.1, 0.2, 0.4)
 TYPICAL_ETA = 1.5
 """Index of most plastics, glass and dry organic matter: assumed where no irradiance is given."""
