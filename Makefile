@@ -13,8 +13,10 @@ SUITE ?= fig5
 run: $(VENV)/.ready
 	$(BIN)/malus run $(SUITE)
 
+# A process a core; one that has nothing left takes tests from another. For one file:
+# `.venv/bin/python -m pytest tests/bench/test_plan.py -k leaving`.
 test: $(VENV)/.ready-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n logical --dist worksteal
 
 lint: $(VENV)/.ready-dev
 	$(BIN)/ruff check .

@@ -1,11 +1,30 @@
-"""What every test may ask for."""
+"""What every test may ask for, and how tests share a machine."""
 
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
+
+BESIDE_OTHERS = "PYTEST_XDIST_WORKER" in os.environ
+"""Whether this is one of several processes that share the tests."""
+
+if BESIDE_OTHERS:
+    # As many processes as cores: more threads would only wait for each other. Set before NumPy
+    # is imported, and inherited by the processes that tests start.
+    for library in ("OPENBLAS", "OMP", "MKL", "NUMBA"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+
+def pytest_runtest_setup() -> None:
+    """Render on one thread as well, once something has loaded the renderer."""
+    if BESIDE_OTHERS and "mitsuba" in sys.modules:
+        import drjit
+
+        if drjit.thread_count() > 1:
+            drjit.set_thread_count(1)
 
 
 @pytest.fixture(scope="session")

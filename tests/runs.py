@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import pandas as pd
@@ -17,6 +18,7 @@ import pytest
 
 from malus.bench import read_results
 from malus.bench.cli import main
+from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, load_suite
 from malus.scenes.core.result_files import EXAMPLES, PARTS
@@ -44,11 +46,30 @@ SMALL = SMALL.model_copy(
 """What TINY renders, for runs without a report."""
 
 
+@contextmanager
+def no_worker_process() -> Iterator[None]:
+    """Do in this process what commands do in one of their own: imports are paid for once.
+
+    That they start one, and what it is good for, is tested in test_faults and test_robust.
+    """
+
+    def stream(_: WorkerProcess, function: Callable[..., Any], *arguments: Any) -> Iterator[Any]:
+        return iter(function(*arguments))
+
+    with patch.object(WorkerProcess, "stream", stream):
+        yield
+
+
 def run_malus(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Exit code and output of a malus command, in this process: imports are paid for once."""
+    """Exit code and output of a malus command, all of it in this process."""
     out, errors, code = io.StringIO(), io.StringIO(), 0
     handler = signal.getsignal(signal.SIGTERM)
-    with patch("sys.argv", ["malus", *arguments]), redirect_stdout(out), redirect_stderr(errors):
+    with (
+        no_worker_process(),
+        patch("sys.argv", ["malus", *arguments]),
+        redirect_stdout(out),
+        redirect_stderr(errors),
+    ):
         try:
             main()
         except SystemExit as leaving:

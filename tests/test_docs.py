@@ -28,6 +28,7 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 from PIL import Image
+from runs import no_worker_process
 
 from malus.bench import read_results
 from malus.bench.cli import cli
@@ -189,7 +190,8 @@ def tiny(words: list[str]) -> list[str]:
 def in_process(command: str, words: list[str]) -> None:
     """In this process: a fresh one would spend its time on imports."""
     assert words[0] in cli.commands, command
-    result = CliRunner().invoke(cli, words)
+    with no_worker_process():
+        result = CliRunner().invoke(cli, words)
     assert result.exit_code == 0, f"{command}: {result.exception!r}\n{result.output}"
 
 

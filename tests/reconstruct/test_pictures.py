@@ -107,6 +107,7 @@ def test_curves_of_a_profile_are_used(tmp_path: Path) -> None:
         PROFILE[:132],
         grey_profile(parametric(1, 2.0, 0.0, 0.5)),  # breaks at −b/a
     ],
+    ids=["nonsense", "cut short", "no tags", "curve that breaks"],
 )
 def test_a_damaged_profile_says_so(profile: bytes) -> None:
     with pytest.raises(InputError, match="profile"):
