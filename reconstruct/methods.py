@@ -35,6 +35,9 @@ class Method:
         The components of a pixel follow from that pixel and from what all pixels share, and
         several threads may call the function at once. It may then be given the pixels of the mask
         alone, in rows that are no picture.
+    per_band : bool
+        The components of a band follow from that band, its index and what all bands share. The
+        bands of several scenes may then be given side by side.
 
     Examples
     --------
@@ -50,6 +53,7 @@ class Method:
     reconstruct: Callable[[Observation], Components]
     summary: str
     per_pixel: bool = False
+    per_band: bool = False
 
 
 def _unpolarised(observation: Observation) -> Components:
@@ -64,6 +68,7 @@ TRIVIAL = Method(
     _unpolarised,
     "the trivial guess: half of I at every angle",
     per_pixel=True,
+    per_band=True,
 )
 """The method that skill is measured against."""
 
@@ -87,7 +92,7 @@ def methods() -> dict[str, Method]:
 
     declared = [
         TRIVIAL,
-        *(Method(*declaration, per_pixel=True) for declaration in per_pixel_methods()),
+        *(Method(*each, per_pixel=True, per_band=True) for each in per_pixel_methods()),
         *(Method(*declaration) for declaration in whole_picture_methods()),
     ]
     by_name = {method.name: method for method in declared}

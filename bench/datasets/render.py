@@ -10,11 +10,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.progress import Progress, silent
-from malus.bench.running.work import FamilyResult, truths
+from malus.bench.running.work import truths
 from malus.bench.running.worker_process import ATTEMPTS, Died, WorkerProcess
 from malus.renderers.datasets.dataset import DatasetWriter
 from malus.renderers.datasets.dataset_record import FailedScene

@@ -19,8 +19,9 @@ from contextlib import ExitStack, contextmanager
 from itertools import islice
 from typing import Any
 
+from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import Failure
-from malus.bench.running.work import Engine, FamilyResult, FamilyTask, apart, work
+from malus.bench.running.work import Engine, apart, work
 from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, at_most
 from malus.renderers.variant import BACKENDS, Variant, choose
 from malus.scenes.core.errors import InputError, reading

@@ -12,12 +12,13 @@ from typing import Any
 import pandas as pd
 
 from malus.bench.running.examples import example_ids
+from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
 from malus.bench.running.plan import FamilyPlan, plan, plan_record
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results, origin, read_results, write_run, write_tables
-from malus.bench.running.work import Engine, FamilyResult, FamilyTask, here
+from malus.bench.running.work import Engine, here
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
 from malus.renderers.variant import Variant, choose

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -150,13 +150,14 @@ class Judge:
         image = self.pixels.observation.image
         self.peak = brightest(image[0])
         self.facing = np.square(np.square(cos_zenith(truth)))  # see Agreement.facing_skill
-        self.draws = np.empty((5, len(self.pixels.indices)))
+        self.draws = np.empty((1, 5, len(self.pixels.indices)))
         unpolarised = np.zeros_like(self.pixels.true)
-        moments, (along, _, error) = self._sums((image, unpolarised, unpolarised))
+        moments, ((along, _, error),) = self._sums((image, unpolarised, unpolarised))
         self.guess = self._residuals(moments)
         # The guess lacks the whole field: its product with that is minus the field's energy.
         self.totals = -along, error
-        self.draws[ENERGY], self.draws[TRIVIAL] = -self.draws[ALONG], self.draws[ERROR]
+        (draws,) = self.draws
+        draws[ENERGY], draws[TRIVIAL] = -draws[ALONG], draws[ERROR]
 
     def score(self, method: Method, metrics: Sequence[Metric] = ()) -> Score:
         """Score one method, with further `metrics` besides those that every score has.
@@ -170,7 +171,7 @@ class Judge:
 
     def score_estimate(self, estimate: Components, metrics: Sequence[Metric] = ()) -> Score:
         """Score an estimate (2, pixels, bands) that a method made of this truth's masked pixels."""
-        moments, totals = self._sums((estimate.image, estimate.s1, estimate.s2))
+        moments, (totals,) = self._sums((estimate.image, estimate.s1, estimate.s2))
         scale = self.peak**2
         residuals, noise = self._residuals(moments)
         return Score(
@@ -182,7 +183,7 @@ class Judge:
             self.truth.scene.wavelengths_nm,
             Agreement(
                 np.array([*totals, *self.totals]) / scale,
-                products(self.draws) / scale**2,
+                products(self.draws[0]) / scale**2,
                 self.pixels.true[0].size,
             ),
             tuple(self._extra(estimate, metrics)) if metrics else (),
@@ -200,7 +201,7 @@ class Judge:
         """Moments and totals of an estimate, see `difference_sums`; `self.draws` is written."""
         truth = self.pixels.observation.image, self.pixels.true, self.pixels.draw
         image, s1, s2 = (np.ascontiguousarray(component) for component in estimate)
-        return difference_sums((image, s1, s2), truth, self.facing, _form(), self.draws)
+        return difference_sums((image, s1, s2), truth, self.facing, angle_form(), self.draws)
 
     def _residuals(self, moments: Float64Array) -> tuple[Residuals, Residuals]:
         """Error moments of the estimate, and of its response to one draw of the noise."""
@@ -210,13 +211,19 @@ class Judge:
 
     def _violations(self, estimate: Components) -> int:
         components = estimate.image[0], estimate.s1[0], estimate.s2[0]
-        # A few rounding errors of the dtype are allowed.
-        slack = 1.0 + 8.0 * float(np.finfo(components[0].dtype).eps)
-        return count_violations(*components, self.pixels.observation.image[0], slack)
+        counts = np.empty(1, np.int64)
+        picture = self.pixels.observation.image[0]
+        count_violations(*components, picture, rounding_slack(components[0].dtype), counts)
+        return int(counts[0])
+
+
+def rounding_slack(dtype: np.dtype[Any]) -> float:
+    """The degree of polarisation that a few rounding errors of a type may lead to."""
+    return 1.0 + 8.0 * float(np.finfo(dtype).eps)
 
 
 @functools.cache
-def _form() -> QuadraticForm:
+def angle_form() -> QuadraticForm:
     """The matrix of the mean squared error over the paper's polariser angles."""
     a, b, c, d, e, f = angle_weights()[np.triu_indices(3)].tolist()
     return a, b, c, d, e, f

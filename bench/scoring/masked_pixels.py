@@ -63,7 +63,7 @@ class MaskedPixels:
             mask=np.ones((2, len(indices)), dtype=bool),
             specular=specular if truth.scene.lobes_known else None,
             diffuse=diffuse if truth.scene.lobes_known else None,
-            **{name: _two_rows(value, indices, truth.mask.shape) for name, value in others.items()},
+            **{name: two_rows(value, indices, truth.mask.shape) for name, value in others.items()},
         )
         return cls(truth, indices, observation, true, draw)
 
@@ -110,7 +110,7 @@ def _flat(stokes: FloatArray) -> FloatArray:
     return stokes.reshape(-1, *stokes.shape[2:])
 
 
-def _two_rows(value: Any, indices: NDArray[np.intp], shape: tuple[int, ...]) -> Any:
+def two_rows(value: Any, indices: NDArray[np.intp], shape: tuple[int, ...]) -> Any:
     """Values of an image at `indices`, in two equal rows; other values as they are."""
     if np.shape(value)[:2] != shape:
         return value

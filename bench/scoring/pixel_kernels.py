@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct.kernels import compiled
-from malus.scenes.core.arrays import Float64Array, FloatArray
+from malus.scenes.core.arrays import Float32Array, Float64Array, FloatArray, IntArray
 
 TwoImages = tuple[FloatArray, FloatArray]
 ThreeImages = tuple[FloatArray, FloatArray, FloatArray]
@@ -59,6 +59,65 @@ def gather(
             for k in range(2):
                 true[k, p, b] = specular_stokes[i, b, k + 1] + diffuse_stokes[i, b, k + 1]
                 draw[k, p, b] = specular_noise[i, b, k + 1] + diffuse_noise[i, b, k + 1]
+
+
+@compiled
+def gather_family(
+    indices: NDArray[np.intp],
+    specular: Float32Array,
+    diffuse: Float32Array,
+    weights: tuple[Float32Array, Float32Array],
+    albedo: Float32Array,
+    intensities: ThreeImages,
+    fields: TwoImages,
+) -> None:
+    """As `gather`, for the bands of many scenes that are interpolated from the same renders.
+
+    Parameters
+    ----------
+    indices : (pixels,)
+        Indices of the pixels among those of the renders.
+    specular, diffuse : (2, K, rendered pixels, 3)
+        Stokes vectors of a lobe from both halves of the samples, at the nodes in η.
+    weights : two of (K, bands)
+        Weights of the nodes of a lobe in every band.
+    albedo : (bands,)
+        Of the body, which `diffuse` is rendered without.
+    intensities, fields
+        Written: see `gather`.
+    """
+    (specular_image, diffuse_image, image), (true, draw) = intensities, fields
+    bands = len(albedo)
+    lobes = np.empty((12, bands), np.float32)
+    for p in range(len(indices)):
+        lobes[:] = np.float32(0.0)
+        interpolate_lobe(specular[:, :, indices[p]], weights[0], lobes[:6])
+        interpolate_lobe(diffuse[:, :, indices[p]], weights[1], lobes[6:])
+        for row in range(6, 12):
+            for b in range(bands):
+                lobes[row, b] *= albedo[b]
+        for b in range(bands):
+            s, d = lobes[0, b], lobes[6, b]
+            specular_image[0, p, b], diffuse_image[0, p, b], image[0, p, b] = s, d, s + d
+            s, d = s + lobes[3, b], d + lobes[9, b]
+            specular_image[1, p, b], diffuse_image[1, p, b], image[1, p, b] = s, d, s + d
+        for k in range(2):
+            for b in range(bands):
+                true[k, p, b] = lobes[k + 1, b] + lobes[k + 7, b]
+                draw[k, p, b] = lobes[k + 4, b] + lobes[k + 10, b]
+
+
+@compiled
+def interpolate_lobe(halves: Float32Array, weights: Float32Array, sums: Float32Array) -> None:
+    """Add the weighted mean of both halves (2, K, 3) and half their difference to (6, bands)."""
+    half = np.float32(0.5)
+    for k in range(weights.shape[0]):
+        for component in range(3):
+            first, second = halves[0, k, component], halves[1, k, component]
+            mean, noise = half * (first + second), half * (first - second)
+            for b in range(weights.shape[1]):
+                sums[component, b] += weights[k, b] * mean
+                sums[3 + component, b] += weights[k, b] * noise
 
 
 MOST_BANDS = 512
@@ -134,20 +193,32 @@ def compare_fields(
 
 
 @compiled
-def add_bands(rows: Float64Array, bands: int, facing: Float64Array, draws: Float64Array) -> float:
-    """Sum each pixel's changes by noise over its bands; return the weighted squared error."""
+def add_bands(
+    rows: Float64Array,
+    bands: int,
+    facing: Float64Array,
+    draws: Float64Array,
+    errors: Float64Array,
+) -> None:
+    """Sum each pixel's changes by noise over the `bands` of each scene, and add to `errors`.
+
+    `draws` is (scenes, 3 or more, pixels), `errors` the weighted squared error of each scene.
+    """
     along, across, error, change = rows[_ALONG:], rows[_ACROSS:], rows[_ERROR:], rows[_CHANGE:]
-    total = 0.0
-    for p in range(len(facing)):
-        a = b = e = c = 0.0
-        for k in range(p * bands, (p + 1) * bands):
-            a += along[k]
-            b += across[k]
-            e += error[k]
-            c += change[k]
-        draws[0, p], draws[1, p], draws[2, p] = a, b, facing[p] * c
-        total += facing[p] * e
-    return total
+    scenes = len(errors)
+    for scene in range(scenes):
+        total = 0.0
+        for p in range(len(facing)):
+            a = b = e = c = 0.0
+            start = (p * scenes + scene) * bands
+            for k in range(start, start + bands):
+                a += along[k]
+                b += across[k]
+                e += error[k]
+                c += change[k]
+            draws[scene, 0, p], draws[scene, 1, p], draws[scene, 2, p] = a, b, facing[p] * c
+            total += facing[p] * e
+        errors[scene] += total
 
 
 @compiled
@@ -161,7 +232,8 @@ def difference_sums(
     """Second moments of an estimate's errors, and their products with the true field.
 
     With independent halves t ± n the mean of the products of both is tᵀWt − nᵀWn; to first
-    order, the draw n changes it by 2 tᵀWn.
+    order, the draw n changes it by 2 tᵀWn. The bands of several scenes of as many bands each may
+    stand side by side.
 
     Parameters
     ----------
@@ -173,21 +245,23 @@ def difference_sums(
         Weights of the pixels in the total of the squared error.
     form : 6 floats
         The matrix W of the squared error over polariser angles.
-    draws : (3 or more, pixels)
-        Written: change of the totals by the draw of a pixel's noise, in all bands at once.
+    draws : (scenes, 3 or more, pixels)
+        Written: change of the totals by the draw of a pixel's noise, in all bands of a scene.
 
     Returns
     -------
     moments : (2, 6, bands)
         Σ over pixels of the products 00, 01, 02, 11, 12, 22 of the error, and of its change by the
         draw.
-    totals : (3,)
+    totals : (scenes, 3)
         Σ d·s and Σ s × d over the polarised parts, Σ of the weighted squared error; without noise.
     """
     pixels, bands = truth[0].shape[1:]
     (image, s1, s2), (picture, true, draw) = flat(estimate), flat(truth)
     at_once = MOST_BANDS // bands
-    rows, error = np.zeros(_SUMS + 14 * _ROW), 0.0
+    scenes = len(draws)
+    rows, totals = np.zeros(_SUMS + 14 * _ROW), np.zeros((scenes, 3))
+    errors = np.zeros(scenes)
     for p in range(0, pixels, at_once):
         q = min(p + at_once, pixels)
         i, j = p * bands, q * bands
@@ -195,14 +269,17 @@ def difference_sums(
         estimated_fields = s1[0, i:j], s1[1, i:j], s2[0, i:j], s2[1, i:j]
         true_fields = true[0, i:j], true[1, i:j], draw[0, i:j], draw[1, i:j]
         compare_fields(estimated_fields, true_fields, form, rows)
-        error += add_bands(rows, bands, facing[p:q], draws[:, p:q])
+        add_bands(rows, bands // scenes, facing[p:q], draws[:, :, p:q], errors)
     sums = np.zeros((14, bands))
     for row in range(14):
         column_sums = rows[_SUMS + row * _ROW :]
         for first in range(0, at_once * bands, bands):
             for b in range(bands):
                 sums[row, b] += column_sums[first + b]
-    totals = np.array([sums[12].sum(), sums[13].sum(), error])
+    for scene in range(scenes):
+        own = slice(scene * (bands // scenes), (scene + 1) * (bands // scenes))
+        totals[scene, 0], totals[scene, 1] = sums[12, own].sum(), sums[13, own].sum()
+        totals[scene, 2] = errors[scene]
     return sums[:12].copy().reshape(2, 6, bands), totals
 
 
@@ -234,10 +311,19 @@ def products(rows: Float64Array) -> Float64Array:
 
 @compiled
 def count_violations(
-    image: FloatArray, s1: FloatArray, s2: FloatArray, picture: FloatArray, slack: float
-) -> int:
-    """Count pixels of (pixels, bands) with DoLP > slack, I_max + I_min ≠ I, or not finite."""
-    count = 0
+    image: FloatArray,
+    s1: FloatArray,
+    s2: FloatArray,
+    picture: FloatArray,
+    slack: float,
+    counts: IntArray,
+) -> None:
+    """Count pixels of (pixels, bands) with DoLP > slack, I_max + I_min ≠ I, or not finite.
+
+    `counts` (scenes,) is written: a pixel counts once for every scene whose bands break a rule.
+    """
+    counts[:] = 0
+    bands = image.shape[1] // len(counts)
     for p in range(image.shape[0]):
         bad = False
         for b in range(image.shape[1]):
@@ -249,5 +335,6 @@ def count_violations(
             most = total * slack
             polarised = most >= 0.0 and x * x + y * y <= most * most
             bad |= not (equal and polarised and total < np.inf)
-        count += bad
-    return count
+            if (b + 1) % bands == 0:
+                counts[b // bands] += bad
+                bad = False

@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from malus.bench.running.cluster import local_cluster
+from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
 from malus.bench.running.progress import peak_memory
 from malus.bench.running.runner import run
-from malus.bench.running.work import FamilyResult, FamilyTask, work
+from malus.bench.running.work import work
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.variant import Variant
 from malus.scenes.suite import Suite

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -122,6 +123,34 @@ class Family:
             for image, values in zip(node, polarisation.polarised(stokes, angle), strict=True):
                 image[self.lobes.pixels] = values
         return nodes
+
+    def weights_of(
+        self, scenes: Sequence[Scene]
+    ) -> tuple[tuple[Float32Array, Float32Array], Float32Array]:
+        """Weights of the nodes in the bands of several scenes side by side, and their albedos.
+
+        Returns
+        -------
+        weights : (K, bands) of the specular nodes, and (K or 1, bands) of the diffuse ones
+        albedo : (bands,)
+
+        Raises
+        ------
+        ValueError
+            If a scene belongs to another family or its index lies outside the nodes.
+        """
+        for scene in scenes:
+            self._check(scene)
+        eta = np.concatenate([node_coordinates(scene) for scene in scenes])
+        albedo = [scene.surface.albedos(scene.wavelengths_nm) for scene in scenes]
+        weights = np.ascontiguousarray(self.nodes.weights(eta).T, dtype=np.float32)
+
+        def of_lobe(halves: Float32Array) -> Float32Array:
+            alike = halves.shape[1] == 1  # the same in every band
+            return np.ones((1, len(eta)), np.float32) if alike else weights
+
+        both = of_lobe(self.lobes.specular), of_lobe(self.lobes.diffuse)
+        return both, np.concatenate(albedo).astype(np.float32)
 
     def _check(self, scene: Scene) -> None:
         if FamilyKey.of(scene) != self.key:

@@ -21,9 +21,10 @@ import malus.bench.running.work
 from malus.bench import run
 from malus.bench.datasets.render import Order, render_dataset
 from malus.bench.running.cluster import engine, local_cluster, spread
+from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
 from malus.bench.running.status import status
-from malus.bench.running.work import Engine, FamilyResult, FamilyTask, apart, truths, work
+from malus.bench.running.work import Engine, apart, truths, work
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth

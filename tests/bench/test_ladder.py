@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from malus.bench.running.work import SceneResult, ScoringPlan
+from malus.bench.running.scene_scores import SceneResult, ScoringPlan
 from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.knowledge_ladder import EVERYTHING, RUNGS, rungs
 from malus.bench.scoring.masked_pixels import MaskedPixels

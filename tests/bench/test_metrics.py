@@ -255,8 +255,8 @@ def test_sums_equal_brute_force(pixels: int, bands: int) -> None:
     true, draw = np.stack([first, *field]), np.stack([second - first, *noise])
     missed = estimate[:, 0] - true
     change = estimate[:, 1] - (true + draw) - missed
-    draws = np.empty((3, pixels))
-    moments, totals = difference_sums(
+    draws = np.empty((1, 3, pixels))
+    moments, (totals,) = difference_sums(
         tuple(estimate), tuple(truth), facing, tuple(form[np.triu_indices(3)]), draws
     )
     i, j = np.triu_indices(3)
@@ -276,7 +276,7 @@ def test_sums_equal_brute_force(pixels: int, bands: int) -> None:
         odd = np.einsum("ij,ipb,jpb->p", matrix, d, n) + np.einsum("ij,ipb,jpb->p", matrix, c, t)
         # A thousand float64 products in another order.
         np.testing.assert_allclose(totals[k], each @ weight, rtol=1e-10, atol=1e-10)
-        np.testing.assert_allclose(draws[k], odd * weight, rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(draws[0, k], odd * weight, rtol=1e-10, atol=1e-10)
 
 
 def test_noise_is_what_one_draw_changes() -> None:

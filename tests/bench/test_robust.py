@@ -40,10 +40,11 @@ import malus.bench.running.work
 from malus.bench import run
 from malus.bench.datasets.render import render_dataset
 from malus.bench.running.cluster import WAITING, spread
+from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import PLAN
 from malus.bench.running.plan import plan
 from malus.bench.running.status import status
-from malus.bench.running.work import Engine, FamilyResult, FamilyTask, here
+from malus.bench.running.work import Engine, here
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers.variant import choose
 from malus.scenes import InputError, Scene, Suite

@@ -1,0 +1,107 @@
+"""One unit of work of a run, a family of scenes, and its outcome."""
+
+from __future__ import annotations
+
+import errno
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import pandas as pd
+
+from malus.bench.running.parts import Failure
+from malus.bench.running.plan import FamilyPlan
+from malus.reconstruct import Method
+from malus.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class FamilyTask:
+    """What shall be done for one family of scenes.
+
+    Attributes
+    ----------
+    id : str
+        Of the part of the run's results that the task makes.
+    methods : dict of name to reference
+        By the reference, such as `package.module:object`, another process finds the method.
+    examples : frozenset of str
+        Scenes whose images are kept for people to look at.
+    ladder : bool
+        Whether methods are scored on every rung of the ladder of knowledge.
+    """
+
+    id: str
+    family: FamilyPlan
+    renderer: str
+    methods: dict[str, str]
+    metrics: tuple[str, ...] = ()
+    examples: frozenset[str] = frozenset()
+    ladder: bool = False
+
+
+@dataclass
+class FamilyResult:
+    """The outcome of a task.
+
+    Attributes
+    ----------
+    table : DataFrame or None
+        None where not a single row could be made.
+    failures : list of Failure
+    examples : dict of file name to content
+        Compressed images of the few scenes that were asked for.
+    seconds : dict of stage to seconds
+    clock : function
+        The clock that measures the seconds of a stage; by default that on the wall.
+    """
+
+    table: pd.DataFrame | None = None
+    failures: list[Failure] = field(default_factory=list)
+    examples: dict[str, bytes] = field(default_factory=dict)
+    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+    clock: Callable[[], float] = time.perf_counter
+
+    def whole(self, methods: Iterable[str]) -> set[str]:
+        """Those of `methods` that worked on every scene."""
+        failed = {failure.method for failure in self.failures}
+        return set() if None in failed else set(methods) - failed
+
+    def worked(self, methods: Iterable[Method]) -> list[Method]:
+        """Those of `methods` that have not failed so far."""
+        failed = {failure.method for failure in self.failures}
+        return [method for method in methods if method.name not in failed]
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the seconds of a stage."""
+        started = self.clock()
+        try:
+            yield
+        finally:
+            self.seconds[name] += self.clock() - started
+
+    @contextmanager
+    def guard(self, scene: Scene | None = None, method: Method | None = None) -> Iterator[None]:
+        """Record an exception and go on, unless it means that the run has to stop."""
+        try:
+            yield
+        except Exception as error:
+            _raise_what_stops(error)
+            scene_id = scene.id if scene else None
+            self.failures.append(Failure.of(error, scene_id, method.name if method else None))
+
+
+_NO_ROOM = {errno.ENOSPC, errno.EDQUOT}
+
+
+def _raise_what_stops(error: BaseException) -> None:
+    """Raise a stop by the user, or a full disk, also where another exception wraps it."""
+    cause: BaseException | None = error
+    while cause is not None:
+        full = isinstance(cause, OSError) and cause.errno in _NO_ROOM
+        if full or not isinstance(cause, Exception):
+            raise cause
+        cause = cause.__cause__ or cause.__context__

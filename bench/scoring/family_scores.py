@@ -1,0 +1,197 @@
+"""Scores of one method on many scenes of a family at once: their bands stand side by side.
+
+Scenes that come from the same renders share pixels, normals, light and roughness, and differ in
+index and albedo only. They are one picture of many bands: interpolated, reconstructed and compared
+in one pass over its pixels, without whole images of any scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from malus.bench.scoring.field_agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreement
+from malus.bench.scoring.judge import Score, angle_form, rounding_slack
+from malus.bench.scoring.masked_pixels import two_rows
+from malus.bench.scoring.metrics import Residuals, cos_zenith
+from malus.bench.scoring.observe import INPUTS, inputs
+from malus.bench.scoring.pixel_kernels import (
+    MOST_BANDS,
+    ThreeImages,
+    count_violations,
+    difference_sums,
+    gather_family,
+    products,
+)
+from malus.reconstruct import Components, Method, Observation
+from malus.renderers.families.interpolated import Family
+from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import Float64Array, FloatArray
+from malus.scenes.scene import Scene
+
+BANDS_AT_ONCE = 48
+"""Bands side by side: enough that Python's part is small, few enough that they stay in cache, and
+the same for any number of threads, so that results are too."""
+
+
+class NotTogether(Exception):  # no error: the scenes are scored one by one
+    """Something about these scenes asks for scoring each on its own."""
+
+
+def groups(scenes: Sequence[Scene]) -> Iterator[tuple[Scene, ...]]:
+    """Scenes of a family in groups of at most `BANDS_AT_ONCE` bands, or of one scene."""
+    size = max(1, BANDS_AT_ONCE // len(scenes[0].wavelengths_nm))
+    for start in range(0, len(scenes), size):
+        yield tuple(scenes[start : start + size])
+
+
+@dataclass(frozen=True)
+class FamilyPixels:
+    """The mask's pixels of some scenes of a family, with the bands of all of them side by side.
+
+    Attributes
+    ----------
+    scenes : Scenes of as many bands each
+    first : Truth
+        Of the first scene: it has the mask, normals and light of all.
+    observation : Observation
+        A picture of (2, pixels): as rendered, and with one draw of the noise added.
+    true, draw : (2, pixels, all bands)
+        s1 and s2 of the truths, and of the draw of their noise.
+    """
+
+    scenes: tuple[Scene, ...]
+    first: Truth
+    observation: Observation
+    true: FloatArray
+    draw: FloatArray
+
+    @classmethod
+    def of(cls, family: Family, scenes: tuple[Scene, ...]) -> FamilyPixels:
+        """Interpolate the pixels of some scenes from the renders of their family.
+
+        Raises
+        ------
+        NotTogether
+            Where scenes differ in their number of bands, their light is not known by lobe, or
+            nothing covers a pixel.
+        """
+        first = family.truth(scenes[0], standard_error=False)
+        bands = {len(scene.wavelengths_nm) for scene in scenes}
+        together = len(bands) == 1 and bands.pop() * len(scenes) <= MOST_BANDS
+        if not (together and first.mask.any() and all(scene.lobes_known for scene in scenes)):
+            raise NotTogether
+        covered = np.flatnonzero(family.lobes.covered)
+        weights, albedo = family.weights_of(scenes)
+        specular, diffuse, image, true, draw = (
+            np.empty((2, len(covered), len(albedo)), np.float32) for _ in range(5)
+        )
+        gather_family(
+            covered,
+            family.lobes.specular,
+            family.lobes.diffuse,
+            weights,
+            albedo,
+            (specular, diffuse, image),
+            (true, draw),
+        )
+        shared = inputs(first, INPUTS - {"specular", "diffuse", "eta"})
+        indices = np.flatnonzero(first.mask)
+        observation = Observation(
+            image=image,
+            mask=np.ones(image.shape[:2], dtype=bool),
+            specular=specular,
+            diffuse=diffuse,
+            eta=np.concatenate([scene.eta for scene in scenes]),
+            **{name: two_rows(value, indices, first.mask.shape) for name, value in shared.items()},
+        )
+        return cls(scenes, first, observation, true, draw)
+
+    def estimate(self, method: Method) -> Components:
+        """Estimate of a method that works band by band, for all scenes.
+
+        Raises
+        ------
+        Inapplicable
+            Where the method cannot work under the light that all scenes share.
+        NotTogether
+            Where the method fails on any of the scenes, or calls a pixel invalid.
+        """
+        withheld: dict[str, Any] = dict.fromkeys(INPUTS - method.needs)
+        try:
+            estimate = method.reconstruct(replace(self.observation, **withheld))
+        except (ValueError, ArithmeticError) as error:
+            raise NotTogether from error
+        if estimate.valid is not None and not estimate.valid.all():
+            raise NotTogether
+        return estimate
+
+
+class FamilyJudge:
+    """Scores methods on some scenes of a family; the same numbers as a `Judge` of each."""
+
+    def __init__(self, pixels: FamilyPixels) -> None:
+        """Compute what all methods share: peaks, and the errors of the trivial guess."""
+        self.pixels = pixels
+        count = len(pixels.scenes)
+        image = pixels.observation.image
+        self.bands = image.shape[2] // count
+        brightest = image[0].reshape(-1, count, self.bands).max(axis=(0, 2))
+        self.peaks = [float(value) if value > 0 else 1.0 for value in brightest]
+        self.facing = np.square(np.square(cos_zenith(pixels.first)))
+        self.draws = np.empty((count, 5, image.shape[1]))
+        unpolarised = np.zeros_like(pixels.true)
+        moments, totals = self._sums((image, unpolarised, unpolarised))
+        self.guesses = [self._residuals(moments, scene) for scene in range(count)]
+        # The guess lacks the whole field: its product with that is minus the field's energy.
+        self.totals = np.stack([-totals[:, 0], totals[:, 2]], axis=1)
+        self.draws[:, ENERGY], self.draws[:, TRIVIAL] = -self.draws[:, ALONG], self.draws[:, ERROR]
+
+    def scores(self, estimate: Components) -> list[Score]:
+        """Score an estimate of all scenes, one score a scene."""
+        moments, totals = self._sums((estimate.image, estimate.s1, estimate.s2))
+        violations = self._violations(estimate)
+        return [
+            self._score(moments, totals[scene], int(violations[scene]), scene)
+            for scene in range(len(self.pixels.scenes))
+        ]
+
+    def _score(
+        self, moments: Float64Array, totals: Float64Array, violations: int, scene: int
+    ) -> Score:
+        scale = self.peaks[scene] ** 2
+        return Score(
+            *self._residuals(moments, scene),
+            *self.guesses[scene],
+            violations,
+            0,
+            self.pixels.scenes[scene].wavelengths_nm,
+            Agreement(
+                np.array([*totals, *self.totals[scene]]) / scale,
+                products(self.draws[scene]) / scale**2,
+                self.pixels.true.shape[1] * self.bands,
+            ),
+        )
+
+    def _sums(self, estimate: ThreeImages) -> tuple[Float64Array, Float64Array]:
+        """Moments and totals of an estimate, see `difference_sums`; `self.draws` is written."""
+        truth = self.pixels.observation.image, self.pixels.true, self.pixels.draw
+        image, s1, s2 = (np.ascontiguousarray(component) for component in estimate)
+        return difference_sums((image, s1, s2), truth, self.facing, angle_form(), self.draws)
+
+    def _residuals(self, moments: Float64Array, scene: int) -> tuple[Residuals, Residuals]:
+        """Error moments of one scene's estimate, and of its response to one draw of the noise."""
+        own = slice(scene * self.bands, (scene + 1) * self.bands)
+        count, peak = self.pixels.true.shape[1], self.peaks[scene]
+        error, response = (Residuals.of_products(m[:, own], peak, count) for m in moments)
+        return error, response
+
+    def _violations(self, estimate: Components) -> Any:
+        counts = np.empty(len(self.pixels.scenes), np.int64)
+        components = estimate.image[0], estimate.s1[0], estimate.s2[0]
+        picture = self.pixels.observation.image[0]
+        count_violations(*components, picture, rounding_slack(components[0].dtype), counts)
+        return counts
