@@ -26,7 +26,7 @@ from malus.bench.scoring.pixel_kernels import (
     gather_family,
     products,
 )
-from malus.reconstruct import Components, Method, Observation
+from malus.reconstruct import Components, Inapplicable, Method, Observation
 from malus.renderers.families.interpolated import Family
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import Float64Array, FloatArray
@@ -123,6 +123,8 @@ class FamilyPixels:
         withheld: dict[str, Any] = dict.fromkeys(INPUTS - method.needs)
         try:
             estimate = method.reconstruct(replace(self.observation, **withheld))
+        except Inapplicable:  # a ValueError, but no failure
+            raise
         except (ValueError, ArithmeticError) as error:
             raise NotTogether from error
         if estimate.valid is not None and not estimate.valid.all():
