@@ -39,14 +39,15 @@ RECORDINGS = 16
 
 
 def stage(variant: Variant, shape: Shape, camera: Camera, light: Light) -> Stage:
-    """The stage for a shape and a camera; the last ones are kept, so that nothing is reloaded."""
-    return _kept_stage(variant, shape, camera, radiance_map_of(light))
+    """The stage for a shape, a camera and a light; the last ones are kept, nothing is reloaded."""
+    return cached_stage(variant, shape, camera, radiance_map_of(light))
 
 
 @functools.lru_cache(maxsize=4)
-def _kept_stage(
+def cached_stage(
     variant: Variant, shape: Shape, camera: Camera, around: Environment | Sky | None
 ) -> Stage:
+    """The stage of a shape, a camera and the radiance map around them, if there is one."""
     return Stage(mitsuba(variant), shape, camera, around)
 
 

@@ -44,9 +44,9 @@ STOKES = ("specular", "diffuse", "specular_noise", "diffuse_noise")
 def shadow_rays(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Nothing is taken for convex: every hit is asked whether it lies in shadow."""
     monkeypatch.setattr(wavefront, "CONVEX", frozenset())
-    wavefront.stage.cache_clear()
+    wavefront.cached_stage.cache_clear()
     yield
-    wavefront.stage.cache_clear()
+    wavefront.cached_stage.cache_clear()
 
 
 def truth_without_a_plan(scene: Scene) -> Truth:
@@ -89,7 +89,7 @@ def test_convex_shapes_need_no_shadow_rays(shadow_rays: None) -> None:
     """To the bit, away from the terminator, where a ray that grazes may meet its own surface."""
     scene = next(iter(SUITE.scenes()))
     asked = render_family([scene], SUITE.sampling).truth(scene)
-    wavefront.stage.cache_clear()
+    wavefront.cached_stage.cache_clear()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(wavefront, "CONVEX", frozenset({"sphere"}))
         left_out = render_family([scene], SUITE.sampling).truth(scene)

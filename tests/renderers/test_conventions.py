@@ -237,9 +237,9 @@ def test_the_frame_follows_the_light_towards_the_camera(
         return mi.mueller.rotate_stokes_basis(ray.d, mi.mueller.stokes_basis(ray.d), across)
 
     monkeypatch.setattr("malus.renderers.mitsuba.shading.to_camera_frame", reversed_frame)
-    wavefront.stage.cache_clear()  # recordings know the right frame
+    wavefront.cached_stage.cache_clear()  # recordings know the right frame
     off = {name: off_fresnel(truth_of(variant, LIGHT, camera=c)) for name, c in CAMERAS.items()}
-    wavefront.stage.cache_clear()
+    wavefront.cached_stage.cache_clear()
     assert off.pop("orthographic") < LIMIT["orthographic"]
     assert min(off.values()) > 20 * LIMIT["perspective"]
 

@@ -22,9 +22,9 @@ def vectorised() -> Iterator[Variant]:
     if not best.vectorised:
         pytest.skip("only the scalar variant runs here")
     # Recordings know nothing of what a test plants, and must not outlive it.
-    wavefront._kept_stage.cache_clear()
+    wavefront.cached_stage.cache_clear()
     yield best
-    wavefront._kept_stage.cache_clear()
+    wavefront.cached_stage.cache_clear()
 
 
 def test_every_kind_agrees_with_what_is_stored(vectorised: Variant) -> None:
