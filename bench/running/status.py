@@ -90,7 +90,9 @@ def status(folder: Path | str) -> Status:
     if (folder / DATASET).exists():
         return _of_dataset(folder)
     expected = f"{PLAN} of a run or {DATASET} of a dataset"
-    raise InputError(str(folder), expected, "neither", "give the --out of `malus run` or `render`")
+    raise InputError(
+        str(folder), expected, "neither", "give the folder that `malus run` or `malus render` wrote"
+    )
 
 
 def _of_run(folder: Path) -> Status:

@@ -1,11 +1,11 @@
 """What one ordinary image tells, stage by stage, on truths.
 
-To run it: `python -m malus.bench.studies.single_image`.
+To run it: `malus bench single-image`.
 
 Every stage is measured against the truth of the same scenes: separation by colour on coloured
 bodies; shape, parameters and polarisation on grey ones, where separation has to come from the
-shape, or with `--coloured` on the same coloured bodies. With `--rows` a measurement that
-was stopped goes on where it stopped.
+shape, or where asked on the same coloured bodies. With a file of rows a measurement
+that was stopped goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,7 +30,7 @@ from malus.reconstruct.single_image.illuminant import ILLUMINANTS, specular_tint
 from malus.reconstruct.single_image.separation import SEPARATIONS, separate
 from malus.renderers.families.family import render_family
 from malus.renderers.truth import Truth
-from malus.scenes import Distant, InputError, Sampling, Scene
+from malus.scenes import Distant, Sampling, Scene
 
 Image = NDArray[np.floating[Any]]
 
@@ -176,7 +175,8 @@ def measured(scenes: Sequence[Scene], levels: Sequence[str], path: Path | None) 
 _QUANTILES = {"median": 0.5, "lower quartile": 0.25, "least": 0.0, "largest": 1.0}
 
 
-def _summary(rows: list[Row], group: Sequence[str]) -> None:
+def summary_lines(rows: list[Row], group: Sequence[str]) -> list[str]:
+    """Quantiles, means and counts of every error by group, as text."""
     import pandas as pd
 
     table = pd.DataFrame(rows)
@@ -184,51 +184,45 @@ def _summary(rows: list[Row], group: Sequence[str]) -> None:
     grouped = table.groupby(list(group))
     tables = {name: grouped[numbers].quantile(q) for name, q in _QUANTILES.items()}
     tables |= {"mean": grouped[numbers].mean(), "scenes": grouped[["scene"]].count()}
-    for name, numbers_of_it in tables.items():
-        click.echo(f"{name}:")
-        click.echo(numbers_of_it.to_string(float_format="{:.4g}".format, line_width=200))
+    lines = []
+    for name, values in tables.items():
+        text = values.to_string(float_format="{:.4g}".format, line_width=200)
+        lines += [f"{name}:", *text.splitlines()]
     if "failed" in table:
-        click.echo(f"failed: {table['failed'].notna().sum()} of {len(table)}")
+        lines.append(f"failed: {table['failed'].notna().sum()} of {len(table)}")
+    return lines
 
 
-class _Refused(click.ClickException):
-    exit_code = 2
-
-
-@click.command()
-@click.option("--stage", type=click.Choice(["separation", "chain", "speed"]), required=True)
-@click.option("--shape", "shapes", multiple=True, default=("sphere", "blob"), show_default=True)
-@click.option("--every", type=click.IntRange(1, 24), default=1, help="Every n-th material.")
-@click.option("--level", "levels", multiple=True, default=("blind-light",), show_default=True)
-@click.option("--resolution", default=48, show_default=True)
-@click.option("--coloured", is_flag=True, help="Coloured bodies for the chain too.")
-@click.option(
-    "--rows",
-    "path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Write every row as a line of JSON; scenes that the file has are not measured again.",
-)
-def main(
+def stage_rows(
     stage: str,
-    shapes: tuple[str, ...],
-    every: int,
-    levels: tuple[str, ...],
-    resolution: int,
-    coloured: bool,
-    path: Path | None,
-) -> None:
-    """Measure one stage of the single-image chain on 24 materials x 5 surfaces x 2 bodies."""
-    if stage == "speed":
-        click.echo(json.dumps(megapixels_per_second(), indent=1))
-        return
+    shapes: Sequence[str] = ("sphere", "blob"),
+    every: int = 1,
+    levels: Sequence[str] = ("blind-light",),
+    resolution: int = 48,
+    coloured: bool = False,
+    path: Path | None = None,
+) -> list[Row]:
+    """Errors of the separations, or of the whole chain, on 24 materials x 5 surfaces x 2 bodies.
+
+    Parameters
+    ----------
+    stage : 'separation' or 'chain'
+    shapes : kinds of shapes
+    every : int
+        Every n-th material is taken.
+    levels : names in `LEVELS`
+        What the chain is told.
+    resolution : pixels a side
+    coloured : bool
+        Coloured bodies for the chain too.
+    path : Path, optional
+        Every row is written there as a line of JSON; scenes that it has are not measured again.
+
+    Raises
+    ------
+    InputError
+        A file that holds something else.
+    """
     chain = stage == "chain"
-    scenes = photo_scenes(shapes, every, resolution, coloured or not chain)
-    try:
-        rows = measured(scenes, levels if chain else ("",), path)
-    except InputError as error:
-        raise _Refused(str(error)) from error
-    _summary(rows, ["shape", "body", "level"] if chain else ["shape", "body"])
-
-
-if __name__ == "__main__":
-    main()
+    scenes = photo_scenes(tuple(shapes), every, resolution, coloured or not chain)
+    return measured(scenes, tuple(levels) if chain else ("",), path)

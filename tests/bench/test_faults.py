@@ -19,7 +19,7 @@ from test_robust import NOBODY, SUITE
 
 import malus.bench.running.work
 from malus.bench import run
-from malus.bench.datasets.render import Order, render_dataset
+from malus.bench.datasets.render import RenderTask, render_dataset
 from malus.bench.running.cluster import engine
 from malus.bench.running.status import status
 from malus.bench.running.work import Engine, FamilyResult, FamilyTask, apart, truths
@@ -172,7 +172,7 @@ def tells_and_sleeps() -> Iterator[int]:
 
 
 def test_a_hang_that_holds_the_lock_of_python_ends_too() -> None:
-    with WorkerProcess(timeout=1) as child, pytest.raises(Died, match="1 seconds of --timeout"):
+    with WorkerProcess(timeout=1) as child, pytest.raises(Died, match="1 seconds of its timeout"):
         list(child.stream(holds_the_lock))
 
 
@@ -257,7 +257,7 @@ def test_a_render_in_a_child_is_the_same_and_survives_its_death(
     assert (done["rendered"], done["failed"]) == (4, 0)
 
 
-def dies_after_one(order: Order) -> Iterator[Truth]:
+def dies_after_one(order: RenderTask) -> Iterator[Truth]:
     made = FamilyResult()
     for _, truth in truths(order.family, order.scenes, order.renderer, order.variant, made):
         yield truth
