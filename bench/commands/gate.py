@@ -44,7 +44,7 @@ def _compare(results: Path, baseline: Path, junit: Path | None, summary: Path | 
 
     compared = gate(results, baseline, junit=junit, summary=summary)
     console = Console()
-    for table in tables(compared.verdicts):
+    for table in tables(compared.comparisons):
         console.print(table)
     console.print(compared.headline, highlight=False)
     return compared.passed
@@ -59,7 +59,7 @@ def _update(results: Path, path: Path) -> None:
     update = update_baseline(results, path)
     console = Console()
     if update.compared is not None:
-        for table in tables(update.compared.verdicts):
+        for table in tables(update.compared.comparisons):
             console.print(table)
     elif update.previous is not None:
         console.print("other scenes than before: all values are new", highlight=False)

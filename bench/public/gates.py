@@ -25,30 +25,30 @@ class GateResult:
 
     Attributes
     ----------
-    verdicts : tuple of Verdict
+    comparisons : tuple of Verdict
         One a metric, method, knowledge, body, light and surface of the baseline, in its order,
         then those that the baseline lacks.
     """
 
-    verdicts: tuple[Verdict, ...]
+    comparisons: tuple[Verdict, ...]
 
     @property
     def passed(self) -> bool:
         """Whether accuracy got worse nowhere by more than noise and tolerance."""
-        return passed(self.verdicts)
+        return passed(self.comparisons)
 
     @property
     def headline(self) -> str:
         """What came of it, in one sentence."""
-        return gate_report.headline(self.verdicts)
+        return gate_report.headline(self.comparisons)
 
     def markdown(self) -> str:
         """A summary with tables, as Markdown."""
-        return gate_report.markdown(self.verdicts)
+        return gate_report.markdown(self.comparisons)
 
     def junit(self) -> str:
         """The comparisons as test cases, in JUnit's XML."""
-        return gate_report.junit(self.verdicts)
+        return gate_report.junit(self.comparisons)
 
 
 def gate(

@@ -284,15 +284,20 @@ def _single_image(
 ) -> Findings:
     import json
 
-    from malus.bench.studies import single_image
+    from malus.bench.studies.single_image import (
+        megapixels_per_second,
+        single_image,
+        summary_lines,
+    )
 
     if stage == "speed":
-        speeds = single_image.megapixels_per_second()
+        speeds = megapixels_per_second()
         return Findings(tuple(json.dumps(speeds, indent=1).splitlines()), speeds)
-    file = None if rows is None else Path(rows)
-    errors = single_image.stage_rows(stage, shapes, every, levels, resolution, coloured, file)
-    group = ["shape", "body", "level"] if stage == "chain" else ["shape", "body"]
-    return Findings(tuple(single_image.summary_lines(errors, group)), errors)
+    table = single_image(
+        stage, shapes, every, levels, resolution, coloured, None if rows is None else Path(rows)
+    )
+    figures = json.loads(table.to_json(orient="records"))
+    return Findings(tuple(summary_lines(table)), figures)
 
 
 _BACKEND = StudyOption("backend", "auto", "auto, cuda, llvm or scalar.")

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from malus.bench.scoring.metrics import Error, Residuals, peak, skill
@@ -175,54 +176,54 @@ def measured(scenes: Sequence[Scene], levels: Sequence[str], path: Path | None) 
 _QUANTILES = {"median": 0.5, "lower quartile": 0.25, "least": 0.0, "largest": 1.0}
 
 
-def summary_lines(rows: list[Row], group: Sequence[str]) -> list[str]:
-    """Quantiles, means and counts of every error by group, as text."""
-    import pandas as pd
-
-    table = pd.DataFrame(rows)
+def summary_lines(table: pd.DataFrame) -> list[str]:
+    """Quantiles and means of every column of numbers, by shape, body and level."""
+    keys = [key for key in ("shape", "body", "level") if key in table]
     numbers = [c for c in table.columns if table[c].dtype.kind == "f"]
-    grouped = table.groupby(list(group))
-    tables = {name: grouped[numbers].quantile(q) for name, q in _QUANTILES.items()}
-    tables |= {"mean": grouped[numbers].mean(), "scenes": grouped[["scene"]].count()}
+    grouped = table.groupby(keys)
+    statistics = {name: grouped[numbers].quantile(q) for name, q in _QUANTILES.items()}
+    statistics |= {"mean": grouped[numbers].mean(), "scenes": grouped[["scene"]].count()}
     lines = []
-    for name, values in tables.items():
-        text = values.to_string(float_format="{:.4g}".format, line_width=200)
-        lines += [f"{name}:", *text.splitlines()]
+    for name, statistic in statistics.items():
+        text = statistic.to_string(float_format="{:.4g}".format, line_width=200)
+        lines += [f"{name}:", text]
     if "failed" in table:
         lines.append(f"failed: {table['failed'].notna().sum()} of {len(table)}")
     return lines
 
 
-def stage_rows(
+def single_image(
     stage: str,
     shapes: Sequence[str] = ("sphere", "blob"),
     every: int = 1,
     levels: Sequence[str] = ("blind-light",),
     resolution: int = 48,
     coloured: bool = False,
-    path: Path | None = None,
-) -> list[Row]:
-    """Errors of the separations, or of the whole chain, on 24 materials x 5 surfaces x 2 bodies.
+    rows_file: Path | None = None,
+) -> pd.DataFrame:
+    """Measure one stage of the chain on 24 materials x 5 surfaces x 2 bodies x 4 lights.
 
     Parameters
     ----------
     stage : 'separation' or 'chain'
-    shapes : kinds of shapes
-    every : int
-        Every n-th material is taken.
-    levels : names in `LEVELS`
-        What the chain is told.
+    shapes : 'sphere', 'blob' (seed 0) or 'blobN'
+    every : every n-th material, a divisor of 24
+    levels : names of `LEVELS`, for the chain
     resolution : pixels a side
-    coloured : bool
-        Coloured bodies for the chain too.
-    path : Path, optional
-        Every row is written there as a line of JSON; scenes that it has are not measured again.
+    coloured : coloured bodies for the chain, too
+    rows_file : Path, optional
+        Every row is written to it as a line of JSON; scenes that it has are not measured again.
+
+    Returns
+    -------
+    DataFrame
+        One row a scene, and level of the chain.
 
     Raises
     ------
     InputError
-        A file that holds something else.
+        If the file holds something else than rows of this study.
     """
     chain = stage == "chain"
-    scenes = photo_scenes(tuple(shapes), every, resolution, coloured or not chain)
-    return measured(scenes, tuple(levels) if chain else ("",), path)
+    scenes = photo_scenes(shapes, every, resolution, coloured or not chain)
+    return pd.DataFrame(measured(scenes, levels if chain else ("",), rows_file))
