@@ -95,6 +95,8 @@ if TYPE_CHECKING:
         suite_names as suite_names,
     )
 
+    __version__: str
+
 _NAMES = {
     "malus.bench.datasets.export": "export",
     "malus.bench.datasets.predictions": "PredictionErrors",
@@ -129,17 +131,19 @@ _HOMES = {name: module for module, names in _NAMES.items() for name in names.spl
 __all__ = sorted(_HOMES)
 
 
-def __getattr__(name: str) -> Any:
-    """A public name, imported from its module when it is first used."""
-    if name == "__version__":
-        from importlib.metadata import version
+if not TYPE_CHECKING:  # a type checker would take any name for one that is here
 
-        return version("malus")
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOMES[name]), name)
-    globals()[name] = value
-    return value
+    def __getattr__(name: str) -> Any:
+        """A public name, imported from its module when it is first used."""
+        if name == "__version__":
+            from importlib.metadata import version
+
+            return version("malus")
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

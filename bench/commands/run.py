@@ -39,7 +39,7 @@ SHARED = ("suite", "out", "backend", "timeout")
 @json_option
 @click.pass_context
 def run_command(
-    ctx: click.Context, suite: str, out: Path | None, as_json: bool, **options: Any
+    ctx: click.Context, /, suite: str, out: Path | None, as_json: bool, **options: Any
 ) -> None:
     """Render, reconstruct, score and report SUITE: one that malus brings, or a TOML file.
 
