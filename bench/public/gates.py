@@ -28,6 +28,17 @@ class GateResult:
     comparisons : tuple of Verdict
         One a metric, method, knowledge, body, light and surface of the baseline, in its order,
         then those that the baseline lacks.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import malus
+    >>> folder = tempfile.mkdtemp()
+    >>> options = {"resolution": 8, "samples": 2, "methods": ["eq8"], "report": False}
+    >>> results = malus.run("quick", folder, **options)
+    >>> update = malus.update_baseline(results, f"{folder}/baseline.toml")
+    >>> print(malus.gate(results, update.baseline).headline)
+    gate passed: ... same (... paired)
     """
 
     comparisons: tuple[Verdict, ...]
@@ -111,6 +122,17 @@ class BaselineUpdate:
     previous : Baseline or None
     compared : GateResult or None
         The run against the previous baseline; None without one, or where its scenes are others.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import malus
+    >>> folder = tempfile.mkdtemp()
+    >>> options = {"resolution": 8, "samples": 2, "methods": ["eq8"], "report": False}
+    >>> results = malus.run("quick", folder, **options)
+    >>> update = malus.update_baseline(results, f"{folder}/baseline.toml")
+    >>> update.previous is None, update.compared is None
+    (True, True)
     """
 
     baseline: Baseline

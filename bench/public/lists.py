@@ -53,7 +53,7 @@ def list_methods() -> dict[str, Method]:
     Examples
     --------
     >>> sorted(list_methods()["half_vector"].needs)
-    ['eta', 'light', 'specular']
+    ['diffuse', 'eta', 'light', 'specular']
     """
     return methods()
 
@@ -64,7 +64,7 @@ def list_materials() -> dict[str, Material]:
     Examples
     --------
     >>> round(list_materials()["pmma"].eta_d, 3)
-    1.492
+    1.493
     """
     return dict(materials())
 

@@ -34,6 +34,12 @@ class Status:
         One a family and reason.
     finished : bool
         Nothing is left, and the results are written.
+
+    Examples
+    --------
+    >>> half = Status("run of quick", "families", total=8, done=4, left=3)
+    >>> half.failed_families, half.finished
+    (1, False)
     """
 
     what: str
@@ -69,6 +75,14 @@ class Status:
 
 def status(folder: Path | str) -> Status:
     """Read how far a run or a dataset is; nothing is changed, also while it is being made.
+
+    Parameters
+    ----------
+    folder : path or URL of a folder
+
+    Returns
+    -------
+    Status
 
     Raises
     ------

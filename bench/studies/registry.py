@@ -63,6 +63,12 @@ class Findings:
     cells : function of a row
         The texts of a table's row.
     passed : bool
+
+    Examples
+    --------
+    >>> findings = run_study("ratio", points=10)
+    >>> findings.passed, findings.figures[0]["measure"]
+    (True, 'eq8')
     """
 
     lines: tuple[str, ...]
@@ -88,6 +94,11 @@ class Study:
     has_page : bool
         It writes tables and a page into a folder, by default results/NAME. Any other writes its
         figures only where it is given a folder.
+
+    Examples
+    --------
+    >>> [option.name for option in STUDIES["render"].options]
+    ['resolution', 'samples', 'backend']
     """
 
     name: str
