@@ -18,10 +18,6 @@ def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mits
         Samples a pixel and seed; the Torrance-Sparrow renderer has no use for it.
     renderer : 'mitsuba' or 'torrance-sparrow'
 
-    Returns
-    -------
-    Truth
-
     Raises
     ------
     InputError

@@ -149,14 +149,6 @@ def suite_names() -> tuple[str, ...]:
 def load_suite(name_or_path: str | Path) -> Suite:
     """Read and validate a suite, by the name of one that malus brings or by a TOML file's path.
 
-    Parameters
-    ----------
-    name_or_path : str or Path
-
-    Returns
-    -------
-    Suite
-
     Raises
     ------
     InputError
@@ -176,7 +168,7 @@ def load_suite(name_or_path: str | Path) -> Suite:
     suite = Suite.parse(data, where)
     code = [name for name in suite.methods if ":" in name]
     if code:
-        hint = "code is named in `methods` of a run, as package.module:object"
+        hint = "code is named on the command line: --method package.module:object"
         raise InputError(f"{where}, key methods", "names of methods", code[0], hint)
     folder = Path(where).parent
     shapes = tuple(_mesh_file(shape, folder) for shape in suite.shapes)

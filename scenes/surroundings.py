@@ -21,13 +21,6 @@ class Placed(Model):
     The shape, which fits the unit sphere, is tilted by `tilt_deg` about +x (its top comes towards
     the viewer), turned by `turn_deg` about the vertical (its front goes to the right), scaled and
     moved to `position`, all in the world, whose unit is the radius of the scene's own shape.
-
-    Examples
-    --------
-    >>> from malus.scenes import Dielectric, Plane
-    >>> paint = Dielectric(eta=1.5, alpha=0.3)
-    >>> Placed(shape=Plane(), surface=paint, position=(0, -1, 0), scale=12).scale
-    12.0
     """
 
     shape: ShapeOrPlane
@@ -56,15 +49,7 @@ class Placed(Model):
 
 
 class Surroundings(Model):
-    """What stands around the scene's own shape; light goes back and forth between all of them.
-
-    Examples
-    --------
-    >>> from malus.scenes import Dielectric, Plane
-    >>> floor = Placed(shape=Plane(), surface=Dielectric(eta=1.5, alpha=0.3), position=(0, -1, 0))
-    >>> len(Surroundings(name="desk", objects=(floor,)).objects)
-    1
-    """
+    """What stands around the scene's own shape; light goes back and forth between all of them."""
 
     name: str = Field(min_length=1, max_length=100)
     objects: tuple[Placed, ...] = Field(min_length=1, max_length=64)

@@ -198,7 +198,7 @@ def read_baseline(path: Path) -> Baseline:
     InputError
         Unreadable or malformed file, wrong key or value.
     """
-    hint = "`malus gate` with `update` writes one"
+    hint = "`malus gate RESULTS --baseline FILE --update` writes one"
     try:
         data = tomllib.loads(path.read_text("utf-8"))
     except OSError as error:

@@ -64,9 +64,9 @@ def engine(
         Both at once, a number of workers below one, no time, Dask missing, nobody at the address.
     """
     if workers is not None and scheduler is not None:
-        raise InputError("workers, scheduler", "one of the two", "both", "leave one out")
+        raise InputError("--workers, --scheduler", "one of the two", "both", "leave one out")
     if workers is not None and workers < 1:
-        raise InputError("workers", "a number of at least 1", str(workers), "leave it out")
+        raise InputError("--workers", "a number of at least 1", str(workers), "leave it out")
     with WorkerProcess(timeout) as child, ExitStack() as stack:
         if workers is None and scheduler is None:
             yield apart(variant, child)
@@ -180,7 +180,7 @@ def _existing(address: str, stack: ExitStack) -> Any:
     except (OSError, ValueError, TypeError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         hint = "is `dask scheduler` running there?"
-        raise InputError("scheduler", "the address of a Dask scheduler", reason, hint) from None
+        raise InputError("--scheduler", "the address of a Dask scheduler", reason, hint) from None
     return client
 
 
@@ -189,6 +189,6 @@ def _distributed() -> Any:
         import distributed
     except ImportError:
         raise InputError(
-            "workers, scheduler", "the package distributed", "none", "pip install distributed"
+            "--workers, --scheduler", "the package distributed", "none", "pip install distributed"
         ) from None
     return distributed

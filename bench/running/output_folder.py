@@ -45,7 +45,7 @@ def prepare_folder(out: Path, what: str = "") -> Path:
             raise
         reason = getattr(error, "strerror", None) or str(error).split("\n")[0]
         raise InputError(
-            f"output folder {out}", "a folder that can be written", reason, "choose another `out`"
+            f"output folder {out}", "a folder that can be written", reason, "choose another --out"
         ) from None
     return out
 
@@ -54,7 +54,7 @@ def _check_holds(out: Path, what: str) -> None:
     """Refuse a folder whose files would be mixed with those of another command, or replaced."""
     found = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), what)
     if what and found != what:
-        hint = "choose another `out`; nothing was changed"
+        hint = "choose another --out; nothing was changed"
         raise InputError(f"output folder {out}", f"a new folder, or {what}", found, hint)
 
 

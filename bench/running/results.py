@@ -18,7 +18,6 @@ import pandas as pd
 from malus.bench.scoring.judge import Value
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import open_regular, write_whole
-from malus.scenes.core.remote import as_path
 from malus.scenes.core.result_files import HEADLINES, RUN, TABLE
 from malus.scenes.scene import Scene
 
@@ -90,16 +89,6 @@ class Results:
         categories.
     run : dict
         Suite, versions, seeds, machine, seconds of every stage.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import malus
-    >>> folder = tempfile.mkdtemp()
-    >>> options = {"resolution": 8, "samples": 2, "methods": ["eq8"], "report": False}
-    >>> results = malus.run("quick", folder, **options)
-    >>> results.headlines.query("metric == 'skill'").shape[0], results.run["suite"]["name"]
-    (16, 'quick')
     """
 
     table: pd.DataFrame
@@ -221,33 +210,14 @@ def write_run(out: Path, run: dict[str, Any]) -> None:
     write_whole(out / RUN, lambda path: path.write_text(text + "\n", encoding="utf-8"))
 
 
-def read_results(folder: Path | str) -> Results:
+def read_results(folder: Path) -> Results:
     """The results of a finished run.
-
-    Parameters
-    ----------
-    folder : path or URL of a folder
-
-    Returns
-    -------
-    Results
 
     Raises
     ------
     InputError
         If the folder holds none, or they cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import malus
-    >>> folder = tempfile.mkdtemp()
-    >>> options = {"resolution": 8, "samples": 2, "methods": ["eq8"], "report": False}
-    >>> written = malus.run("quick", folder, **options)
-    >>> read_results(folder).run == written.run
-    True
     """
-    folder = as_path(folder)
     try:
         with open_regular(folder / TABLE) as file:
             table = read_compact(file)

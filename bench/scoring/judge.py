@@ -71,20 +71,6 @@ class Score:
         Of the further metrics that were asked for.
     converged : bool or None
         As the method says of its own search; None where it searches nothing.
-
-    Examples
-    --------
-    >>> import malus
-    >>> scene = malus.Scene(
-    ...     shape=malus.Sphere(),
-    ...     surface=malus.Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
-    ...     light=malus.Distant(incidence_deg=60),
-    ...     camera=malus.Camera(resolution=8),
-    ... )
-    >>> truth = malus.render(scene, renderer="torrance-sparrow")
-    >>> result = malus.score(truth, "unpolarised")
-    >>> result.skill, result.violations
-    (0.0, 0)
     """
 
     residuals: Residuals
@@ -235,35 +221,5 @@ def _form() -> Form:
 
 
 def score(truth: Truth, method: Method | str) -> Score:
-    """Score one method, or the method of that name, on one truth.
-
-    Parameters
-    ----------
-    truth : Truth
-    method : Method, or the name of one
-
-    Returns
-    -------
-    Score
-
-    Raises
-    ------
-    InputError
-        Unknown method.
-    Inapplicable
-        The method cannot work on this scene.
-
-    Examples
-    --------
-    >>> import malus
-    >>> scene = malus.Scene(
-    ...     shape=malus.Sphere(),
-    ...     surface=malus.Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
-    ...     light=malus.Distant(incidence_deg=60),
-    ...     camera=malus.Camera(resolution=8),
-    ... )
-    >>> truth = malus.render(scene, renderer="torrance-sparrow")
-    >>> round(score(truth, "half_vector").skill, 6)
-    1.0
-    """
+    """Score one method, or the method of that name, on one truth."""
     return Judge(truth).score(get_method(method) if isinstance(method, str) else method)

@@ -50,16 +50,6 @@ class Dataset:
     record : DatasetRecord
     sha256 : str
         Of `dataset.json`, and so of everything in it.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import malus
-    >>> folder = tempfile.mkdtemp()
-    >>> done = malus.render_dataset("quick", folder, resolution=8, samples=2)
-    >>> dataset = open_dataset(folder)
-    >>> len(dataset), next(iter(dataset)).stokes.shape
-    (16, (8, 8, 3, 3))
     """
 
     path: Path
@@ -120,14 +110,6 @@ class Dataset:
 
 def open_dataset(path: Path | str) -> Dataset:
     """Open the dataset in a folder, by path or URL.
-
-    Parameters
-    ----------
-    path : path or URL of a folder
-
-    Returns
-    -------
-    Dataset
 
     Raises
     ------

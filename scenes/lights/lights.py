@@ -17,13 +17,7 @@ Strength = Annotated[float, Field(ge=1e-9, le=1e9)]
 
 
 class Uniform(Model):
-    """Unpolarised light of equal radiance from every direction.
-
-    Examples
-    --------
-    >>> Uniform().kind
-    'uniform'
-    """
+    """Unpolarised light of equal radiance from every direction."""
 
     kind: Literal["uniform"] = "uniform"
     radiance: Strength = 1.0
@@ -40,11 +34,6 @@ class Distant(Model):
     `incidence_deg` is the angle between the direction to the light and the viewer, `azimuth_deg`
     that of its projection on the image, anticlockwise from +x. An irradiance of π makes a white
     Lambertian surface that faces the light as bright as under the uniform light of radiance 1.
-
-    Examples
-    --------
-    >>> Distant(incidence_deg=60).label
-    'distant 60°'
     """
 
     kind: Literal["distant"] = "distant"
@@ -93,11 +82,6 @@ class Area(Model):
 
     `half_angle_deg` is the cone's half angle, the other angles are those of its axis as for
     `Distant`.
-
-    Examples
-    --------
-    >>> Area(incidence_deg=60, half_angle_deg=15).label
-    'area 60°'
     """
 
     kind: Literal["area"] = "area"
@@ -122,11 +106,6 @@ class Environment(NamedFile):
 
     Maps are equirectangular with y up: see `malus.scenes.lights.environment`. `turn_deg` turns the
     map about the viewing axis, anticlockwise as an unrolled camera sees it.
-
-    Examples
-    --------
-    >>> Environment().kind
-    'environment'
     """
 
     kind: Literal["environment"] = "environment"
@@ -153,11 +132,6 @@ class Sky(Model):
     2 for clear air, 10 for haze. Like every light the sky is unpolarised and has one spectrum, that
     of its light at `wavelength_nm`: a scene for every colour is what shows its colours. `turn_deg`
     turns it about the viewing axis as it does an `Environment`.
-
-    Examples
-    --------
-    >>> Sky().kind
-    'sky'
     """
 
     kind: Literal["sky"] = "sky"

@@ -38,11 +38,6 @@ class Measured(NamedFile):
     are told of index and Beckmann roughness, known from elsewhere; without them, methods that need
     them do not apply either. `path` leads to a `.pbsdf` file, and `digest` is its hash, which a
     suite fills in.
-
-    Examples
-    --------
-    >>> Measured(path="gold.pbsdf", eta=1.5).label
-    'measured'
     """
 
     kind: Literal["measured"] = "measured"

@@ -44,11 +44,6 @@ class Dielectric(Rough):
     band). `alpha` is the Beckmann roughness, `albedo` the reflectance of the body inside the
     interface: a number, the name of a swatch, or one number a band. An `unpolarised` body is
     Lambertian: the paper's assumption.
-
-    Examples
-    --------
-    >>> Dielectric(eta=1.5, alpha=0.3, albedo="red", body="polarised").label
-    'alpha 0.3, red'
     """
 
     kind: Literal["dielectric"] = "dielectric"
@@ -123,11 +118,6 @@ class Conductor(Rough):
     """A rough metal: light is mirrored or absorbed, and there is no body.
 
     Either `material`, a metal with dispersion, or one complex index `eta` + i `k` for every band.
-
-    Examples
-    --------
-    >>> Conductor(material="gold", alpha=0.2).body
-    'none'
     """
 
     kind: Literal["conductor"] = "conductor"
@@ -187,15 +177,7 @@ Plain = Annotated[
 
 
 class Patterned(Model):
-    """Several surfaces on one object, where a pattern puts them.
-
-    Examples
-    --------
-    >>> from malus.scenes import Stripes
-    >>> parts = (Dielectric(eta=1.5, alpha=0.1), Dielectric(eta=1.5, alpha=0.4))
-    >>> Patterned(pattern=Stripes(), surfaces=parts).label
-    'stripes y of alpha 0.1 and alpha 0.4'
-    """
+    """Several surfaces on one object, where a pattern puts them."""
 
     kind: Literal["patterned"] = "patterned"
     pattern: Pattern

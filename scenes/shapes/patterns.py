@@ -27,13 +27,7 @@ Size = Annotated[float, Field(ge=1e-3, le=10)]
 
 
 class Checker(Model):
-    """Cubes of edge `size`, of one surface after the other.
-
-    Examples
-    --------
-    >>> Checker(size=0.4).label
-    'checker'
-    """
+    """Cubes of edge `size`, of one surface after the other."""
 
     kind: Literal["checker"] = "checker"
     size: Size = 0.5
@@ -45,13 +39,7 @@ class Checker(Model):
 
 
 class Stripes(Model):
-    """Slabs across `axis`, `width` thick, of one surface after the other.
-
-    Examples
-    --------
-    >>> Stripes(width=0.1, axis="x").label
-    'stripes x'
-    """
+    """Slabs across `axis`, `width` thick, of one surface after the other."""
 
     kind: Literal["stripes"] = "stripes"
     width: Size = 0.25
@@ -64,13 +52,7 @@ class Stripes(Model):
 
 
 class Spots(Model):
-    """Balls of the second surface in the first, on a cubic lattice; further surfaces take turns.
-
-    Examples
-    --------
-    >>> Spots(spacing=0.4, radius=0.1).label
-    'spots'
-    """
+    """Balls of the second surface in the first, on a cubic lattice; further surfaces take turns."""
 
     kind: Literal["spots"] = "spots"
     spacing: Size = 0.5
@@ -90,11 +72,6 @@ class ImageTexture(NamedFile):
     2π, rows from +y, upright as seen from outside); or it lies where a mesh file's own texture
     coordinates put it (`uv`: from the lower left corner, repeated beyond 0..1). `digest` is the
     file's hash, which a suite fills in.
-
-    Examples
-    --------
-    >>> ImageTexture(path="leaf.png", projection="spherical").file_name
-    'leaf.png'
     """
 
     kind: Literal["image"] = "image"

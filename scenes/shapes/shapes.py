@@ -13,13 +13,7 @@ Shading = Literal["smooth", "flat", "file"]
 
 
 class Sphere(Model):
-    """The unit sphere, intersected analytically.
-
-    Examples
-    --------
-    >>> Sphere().label
-    'sphere'
-    """
+    """The unit sphere, intersected analytically."""
 
     kind: Literal["sphere"] = "sphere"
 
@@ -30,13 +24,7 @@ class Sphere(Model):
 
 
 class Torus(Model):
-    """A torus about the viewing axis, tilted; radii before scaling to the unit sphere.
-
-    Examples
-    --------
-    >>> Torus(tilt_deg=30).label
-    'torus'
-    """
+    """A torus about the viewing axis, tilted; radii before scaling to the unit sphere."""
 
     kind: Literal["torus"] = "torus"
     major: float = Field(default=0.7, gt=0, le=1)
@@ -56,13 +44,7 @@ class Torus(Model):
 
 
 class Blob(Model):
-    """A smooth closed star-shaped blob with exact normals.
-
-    Examples
-    --------
-    >>> Blob(seed=2).label
-    'blob-2'
-    """
+    """A smooth closed star-shaped blob with exact normals."""
 
     kind: Literal["blob"] = "blob"
     seed: int = Field(default=0, ge=0)
@@ -74,13 +56,7 @@ class Blob(Model):
 
 
 class Superquadric(Model):
-    """A superquadric with exact normals; exponents of 1 make a sphere.
-
-    Examples
-    --------
-    >>> Superquadric(e1=0.5, e2=1).label
-    'superquadric-0.5-1'
-    """
+    """A superquadric with exact normals; exponents of 1 make a sphere."""
 
     kind: Literal["superquadric"] = "superquadric"
     e1: float = Field(default=0.5, ge=0.1, le=2)
@@ -93,13 +69,7 @@ class Superquadric(Model):
 
 
 class MeshFile(NamedFile):
-    """A mesh file, centred and scaled to the unit sphere; `digest` is the hash of its bytes.
-
-    Examples
-    --------
-    >>> MeshFile(path="vase.obj").label
-    'vase'
-    """
+    """A mesh file, centred and scaled to the unit sphere; `digest` is the hash of its bytes."""
 
     kind: Literal["mesh"] = "mesh"
     path: str = Field(min_length=1)
@@ -118,13 +88,7 @@ class MeshFile(NamedFile):
 
 
 class Plane(Model):
-    """A square of half width 1 that faces up (+y): a floor, or tilted by 90° a wall.
-
-    Examples
-    --------
-    >>> Plane().label
-    'plane'
-    """
+    """A square of half width 1 that faces up (+y): a floor, or tilted by 90° a wall."""
 
     kind: Literal["plane"] = "plane"
 
