@@ -42,11 +42,8 @@ if TYPE_CHECKING:
     from malus.bench.scoring.capture_score import score_capture as score_capture
     from malus.bench.scoring.judge import Score as Score, score as score
     from malus.bench.scoring.observe import observe as observe
-    from malus.bench.studies.registry import (
-        Findings as Findings,
-        Study as Study,
-        run_study as run_study,
-    )
+    from malus.bench.studies.registry import run_study as run_study
+    from malus.bench.studies.study import Findings as Findings, Study as Study
     from malus.reconstruct import (
         Components as Components,
         Inapplicable as Inapplicable,
@@ -112,7 +109,8 @@ _NAMES = {
     "malus.bench.scoring.capture_score": "score_capture",
     "malus.bench.scoring.judge": "Score score",
     "malus.bench.scoring.observe": "observe",
-    "malus.bench.studies.registry": "Findings Study run_study",
+    "malus.bench.studies.registry": "run_study",
+    "malus.bench.studies.study": "Findings Study",
     "malus.reconstruct": "Components Inapplicable Method Observation get_method methods"
     " polarisation_ratio specular_dolp",
     "malus.reconstruct.photos.capture": "read_capture",

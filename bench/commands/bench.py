@@ -9,7 +9,8 @@ from typing import Any
 import click
 
 from malus.bench.commands.options import FOLDER, Command
-from malus.bench.studies.registry import STUDIES, Findings, Study, StudyOption, run_study
+from malus.bench.studies.registry import STUDIES, run_study
+from malus.bench.studies.study import Findings, Study, StudyOption
 
 
 @click.group("bench")

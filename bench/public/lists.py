@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import get_args
 
-from malus.bench.studies.registry import STUDIES, Study
+from malus.bench.studies.registry import STUDIES
+from malus.bench.studies.study import Study
 from malus.reconstruct import Method, methods
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model

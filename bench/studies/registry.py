@@ -6,117 +6,15 @@ help, so nothing heavy is imported before a study runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from malus.bench.studies.study import Findings, Study, StudyOption
+
 if TYPE_CHECKING:
     import pandas as pd
-
-
-@dataclass(frozen=True)
-class StudyOption:
-    """An option of a study.
-
-    Attributes
-    ----------
-    name : str
-        Of the keyword argument; the command line's is the same, with hyphens.
-    default : Any
-        Also tells the type: int, float, bool, str, or tuple of str for one that may be repeated.
-    help : str
-    choices : tuple of str
-        All values that are allowed, where there are few.
-    least, most : float, optional
-        Bounds of a number, both included.
-    required : bool
-    is_file : bool
-        The value is the path of a file.
-    flag : str
-        The option's name on the command line, where that is another.
-    """
-
-    name: str
-    default: Any
-    help: str
-    choices: tuple[str, ...] = ()
-    least: float | None = None
-    most: float | None = None
-    required: bool = False
-    is_file: bool = False
-    flag: str = ""
-
-
-@dataclass(frozen=True)
-class Findings:
-    """What a study found.
-
-    Attributes
-    ----------
-    lines : tuple of str
-        The figures in words, one line each.
-    figures : list of dict, or dict
-        The figures for machines; written as NAME.json where the study has no page.
-    table : DataFrame, optional
-        Every case, one a row; shown before the lines.
-    cells : function of a row
-        The texts of a table's row.
-    passed : bool
-
-    Examples
-    --------
-    >>> findings = run_study("ratio", points=10)
-    >>> findings.passed, findings.figures[0]["measure"]
-    (True, 'eq8')
-    """
-
-    lines: tuple[str, ...]
-    figures: Any = None
-    table: pd.DataFrame | None = None
-    cells: Callable[[pd.Series], list[str]] | None = None
-    passed: bool = True
-
-
-@dataclass(frozen=True)
-class Study:
-    """A benchmark, or a table of fixed cases.
-
-    Attributes
-    ----------
-    name, description : str
-    run : function of (folder or None, options as keywords) that returns Findings
-    details : str
-        More for the help, after the description.
-    example : str
-        Options of the example in the help.
-    options : tuple of StudyOption
-    has_page : bool
-        It writes tables and a page into a folder, by default results/NAME. Any other writes its
-        figures only where it is given a folder.
-
-    Examples
-    --------
-    >>> [option.name for option in STUDIES["render"].options]
-    ['resolution', 'samples', 'backend']
-    """
-
-    name: str
-    description: str
-    run: Callable[..., Findings]
-    details: str = ""
-    example: str = ""
-    options: tuple[StudyOption, ...] = ()
-    has_page: bool = False
-
-    @property
-    def plan(self) -> str:
-        """What a run of it will do, for `malus plan`."""
-        written = "writes a table and a page" if self.has_page else "prints its figures"
-        return (
-            f"{self.name}: {self.description}. A study of fixed cases instead of a suite of scenes:"
-            f" nothing is left out. `malus run {self.name}` {written}"
-        )
 
 
 def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findings:
