@@ -61,7 +61,7 @@ def _study_command(study: Study) -> Command:
 
 
 def _click_option(option: StudyOption) -> click.Option:
-    flag = option.flag or f"--{option.name.replace('_', '-')}"
+    flag = f"--{option.flag or option.name.replace('_', '-')}"
     multiple = isinstance(option.default, tuple)
     return click.Option(
         [flag, option.name],

@@ -1,4 +1,4 @@
-"""The suite and the renderer that a user's choices name: sizes, seed, methods and backend."""
+"""From a user's choices, of sizes, seed, methods and backend, to a Suite and a Variant."""
 
 from __future__ import annotations
 

@@ -259,7 +259,7 @@ STUDIES = {
             "scaling",
             "What many scenes cost besides rendering: planning, tables, files, memory, scheduler",
             _scaling,
-            details="Up to `--most` scenes are measured with made-up results, in steps of ten; 1e5"
+            details="As many scenes as asked for are measured with made-up results, in steps of ten; 1e5"
             " and 1e6 are drawn on from there.",
             example="--most 1000",
             options=(
@@ -280,9 +280,9 @@ STUDIES = {
                     choices=("separation", "chain", "speed"),
                     required=True,
                 ),
-                StudyOption("shapes", ("sphere", "blob"), "Shapes.", flag="--shape"),
+                StudyOption("shapes", ("sphere", "blob"), "Shapes.", flag="shape"),
                 StudyOption("every", 1, "Every n-th material.", least=1, most=24),
-                StudyOption("levels", ("blind-light",), "What the chain is told.", flag="--level"),
+                StudyOption("levels", ("blind-light",), "What the chain is told.", flag="level"),
                 StudyOption("resolution", 48, "Pixels a side."),
                 StudyOption("coloured", False, "Coloured bodies for the chain too."),
                 StudyOption(

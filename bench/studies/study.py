@@ -29,7 +29,7 @@ class StudyOption:
     is_file : bool
         The value is the path of a file.
     flag : str
-        The option's name on the command line, where that is another.
+        The option's name on the command line, without hyphens before it, where that is another.
     """
 
     name: str
