@@ -50,7 +50,8 @@ def _study_command(study: Study) -> Command:
     where = f"[default: results/{study.name}]" if study.has_page else "[default: nowhere]"
     written = "tables and a page" if study.has_page else "a JSON file with the figures"
     out = click.Option(["--out"], type=FOLDER, help=f"Write {written} into this folder {where}.")
-    example = f"malus bench {study.name} {study.example}".strip()
+    options = [f"--{name} {value}" for name, value in study.example.items()]
+    example = " ".join(["malus bench", study.name, *options])
     paragraphs = [f"{study.description}.", study.details, f"\b\nExample:\n  {example}"]
     return Command(
         study.name,

@@ -231,14 +231,14 @@ STUDIES = {
             "ratio",
             "Tables of one surface, and R of scattered points, beside dblquad a point",
             _ratio,
-            example="--points 100000",
+            example={"points": "100000"},
             options=(StudyOption("points", 1_000_000, "Points of R.", least=1, most=10**8),),
         ),
         Study(
             "reconstruct",
             "Whole RGB images, beside copying the same bytes",
             _reconstruct,
-            example="--megapixels 2",
+            example={"megapixels": "2"},
             options=(
                 StudyOption("megapixels", 10.0, "Size of the images.", least=1e-5, most=1000),
                 StudyOption("repeats", 5, "Runs, of which the median counts.", least=1),
@@ -248,7 +248,7 @@ STUDIES = {
             "render",
             "Polariser images of 24 materials, 5 surfaces and 8 bands, beside two ways by hand",
             _render,
-            example="--resolution 64",
+            example={"resolution": "64"},
             options=(
                 StudyOption("resolution", 128, "Pixels a side.", least=2),
                 StudyOption("samples", 64, "Samples a pixel.", least=2),
@@ -259,9 +259,9 @@ STUDIES = {
             "scaling",
             "What many scenes cost besides rendering: planning, tables, files, memory, scheduler",
             _scaling,
-            details="As many scenes as asked for are measured with made-up results, in steps of ten; 1e5"
-            " and 1e6 are drawn on from there.",
-            example="--most 1000",
+            details="Scenes up to the most asked for are measured with made-up results, in steps of"
+            " ten; 1e5 and 1e6 are drawn on from there.",
+            example={"most": "1000"},
             options=(
                 StudyOption("most", 10_000, "Scenes of the largest run.", least=48, most=10**6),
             ),
@@ -271,7 +271,7 @@ STUDIES = {
             "What one ordinary image tells, stage by stage, on 24 materials, 5 surfaces, 2 bodies",
             _single_image,
             details="Stages: separation of the lobes, the whole chain, or speed.",
-            example="--stage separation --every 24",
+            example={"stage": "separation", "every": "24"},
             options=(
                 StudyOption(
                     "stage",

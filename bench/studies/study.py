@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -84,8 +84,8 @@ class Study:
     run : function of (folder or None, options as keywords) that returns Findings
     details : str
         More for the help, after the description.
-    example : str
-        Options of the example in the help.
+    example : dict of str
+        Values of options in the help's example, as typed.
     options : tuple of StudyOption
     has_page : bool
         It writes tables and a page into a folder, by default results/NAME. Any other writes its
@@ -102,7 +102,7 @@ class Study:
     description: str
     run: Callable[..., Findings]
     details: str = ""
-    example: str = ""
+    example: dict[str, str] = field(default_factory=dict)
     options: tuple[StudyOption, ...] = ()
     has_page: bool = False
 
