@@ -8,7 +8,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 SUITE ?= fig5
 
-.PHONY: run test lint types wheel gate check clean
+.PHONY: run test lint types docs wheel gate check clean
 
 run: $(VENV)/.ready
 	$(BIN)/malus run $(SUITE)
@@ -22,11 +22,12 @@ lint: $(VENV)/.ready-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-# mypy cannot follow an editable install's import hook: it reads the packages through links.
 types: $(VENV)/.ready-dev
-	mkdir -p build/types/malus
-	for p in scenes renderers reconstruct bench reports; do ln -sfn ../../../$$p build/types/malus/$$p; done
-	MYPYPATH=build/types $(BIN)/mypy -p malus
+	$(BIN)/mypy -p malus
+
+# The reference of the public names, from their docstrings.
+docs: $(VENV)/.ready-dev
+	$(BIN)/pdoc --docformat numpy --output-directory build/docs malus
 
 # The built wheel, in a clean environment outside the checkout, must run a suite.
 wheel: $(VENV)/.ready
@@ -44,8 +45,19 @@ $(VENV)/bin/python:
 	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); \
 		echo "malus: $(PYTHON) cannot make virtual environments; on Debian and Ubuntu: apt-get install python3-venv"; exit 2; }
 
+# Type checkers and editors read no import hook, which is how pip installs the checkout as a package:
+# a file of the environment names a folder in which `malus` is a link to the checkout.
+define LIST_CHECKOUT
+import pathlib, sys, sysconfig
+pathlib.Path(sysconfig.get_path("purelib"), "malus-checkout.pth").write_text(sys.argv[1] + chr(10))
+endef
+export LIST_CHECKOUT
+
 $(VENV)/.ready: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	mkdir -p $(VENV)/checkout
+	ln -sfn $(CURDIR) $(VENV)/checkout/malus
+	$(BIN)/python -c "$$LIST_CHECKOUT" $(abspath $(VENV)/checkout)
 	touch $@
 
 $(VENV)/.ready-dev: $(VENV)/.ready

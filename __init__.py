@@ -1,1 +1,148 @@
-"""Synthetic ground truth for methods that tell polarisation from one unpolarised image."""
+"""Synthetic ground truth for methods that tell polarisation from one unpolarised image.
+
+Everything that the command line does is here as a function that returns values and prints nothing:
+`malus.run("quick", out="results/quick")`. Names are imported when they are first used.
+"""
+
+# `name as name` marks what is exported; one such import a line would be a hundred lines.
+# ruff: noqa: I001
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from malus.bench.datasets.export import export as export
+    from malus.bench.datasets.predictions import PredictionErrors as PredictionErrors
+    from malus.bench.datasets.render import render_dataset as render_dataset
+    from malus.bench.datasets.score import score_dataset as score_dataset
+    from malus.bench.public.doctor import doctor as doctor
+    from malus.bench.public.gates import (
+        BaselineUpdate as BaselineUpdate,
+        GateResult as GateResult,
+        gate as gate,
+        update_baseline as update_baseline,
+    )
+    from malus.bench.public.lists import (
+        list_lights as list_lights,
+        list_materials as list_materials,
+        list_metals as list_metals,
+        list_methods as list_methods,
+        list_patterns as list_patterns,
+        list_shapes as list_shapes,
+        list_studies as list_studies,
+        list_suites as list_suites,
+        list_surfaces as list_surfaces,
+        list_swatches as list_swatches,
+    )
+    from malus.bench.public.suites import Plan as Plan, plan as plan, report as report, run as run
+    from malus.bench.running.results import Results as Results, read_results as read_results
+    from malus.bench.running.status import Status as Status, status as status
+    from malus.bench.scoring.capture_score import score_capture as score_capture
+    from malus.bench.scoring.judge import Score as Score, score as score
+    from malus.bench.scoring.observe import observe as observe
+    from malus.bench.studies.registry import run_study as run_study
+    from malus.bench.studies.study import Findings as Findings, Study as Study
+    from malus.reconstruct import (
+        Components as Components,
+        Inapplicable as Inapplicable,
+        Method as Method,
+        Observation as Observation,
+        get_method as get_method,
+        methods as methods,
+        polarisation_ratio as polarisation_ratio,
+        specular_dolp as specular_dolp,
+    )
+    from malus.reconstruct.photos.capture import read_capture as read_capture
+    from malus.reconstruct.photos.filter import filter_picture as filter_picture
+    from malus.reconstruct.photos.read_picture import read_picture as read_picture
+    from malus.renderers import Truth as Truth, render as render
+    from malus.renderers.datasets.dataset import Dataset as Dataset, open_dataset as open_dataset
+    from malus.scenes import (
+        Area as Area,
+        Blob as Blob,
+        Camera as Camera,
+        Checker as Checker,
+        Conductor as Conductor,
+        Dielectric as Dielectric,
+        Distant as Distant,
+        Environment as Environment,
+        ImageTexture as ImageTexture,
+        InputError as InputError,
+        Light as Light,
+        Measured as Measured,
+        MeshFile as MeshFile,
+        Patterned as Patterned,
+        Placed as Placed,
+        Plane as Plane,
+        Sampling as Sampling,
+        Scene as Scene,
+        Shape as Shape,
+        Sky as Sky,
+        Sphere as Sphere,
+        Spots as Spots,
+        Stripes as Stripes,
+        Suite as Suite,
+        Superquadric as Superquadric,
+        Surroundings as Surroundings,
+        Torus as Torus,
+        Uniform as Uniform,
+        load_suite as load_suite,
+        suite_names as suite_names,
+    )
+
+    __version__: str
+
+_NAMES = {
+    "malus.bench.datasets.export": "export",
+    "malus.bench.datasets.predictions": "PredictionErrors",
+    "malus.bench.datasets.render": "render_dataset",
+    "malus.bench.datasets.score": "score_dataset",
+    "malus.bench.public.doctor": "doctor",
+    "malus.bench.public.gates": "BaselineUpdate GateResult gate update_baseline",
+    "malus.bench.public.lists": "list_lights list_materials list_metals list_methods list_patterns"
+    " list_shapes list_studies list_suites list_surfaces list_swatches",
+    "malus.bench.public.suites": "Plan plan report run",
+    "malus.bench.running.results": "Results read_results",
+    "malus.bench.running.status": "Status status",
+    "malus.bench.scoring.capture_score": "score_capture",
+    "malus.bench.scoring.judge": "Score score",
+    "malus.bench.scoring.observe": "observe",
+    "malus.bench.studies.registry": "run_study",
+    "malus.bench.studies.study": "Findings Study",
+    "malus.reconstruct": "Components Inapplicable Method Observation get_method methods"
+    " polarisation_ratio specular_dolp",
+    "malus.reconstruct.photos.capture": "read_capture",
+    "malus.reconstruct.photos.filter": "filter_picture",
+    "malus.reconstruct.photos.read_picture": "read_picture",
+    "malus.renderers": "Truth render",
+    "malus.renderers.datasets.dataset": "Dataset open_dataset",
+    "malus.scenes": "Area Blob Camera Checker Conductor Dielectric Distant Environment ImageTexture"
+    " InputError Light Measured MeshFile Patterned Placed Plane Sampling Scene Shape Sky Sphere"
+    " Spots Stripes Suite Superquadric Surroundings Torus Uniform load_suite suite_names",
+}
+"""Public names by the module that each comes from; `TYPE_CHECKING` above has the same ones."""
+
+_HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
+
+__all__ = sorted(_HOMES)
+
+
+if not TYPE_CHECKING:  # a type checker would take any name for one that is here
+
+    def __getattr__(name: str) -> Any:
+        """A public name, imported from its module when it is first used."""
+        if name == "__version__":
+            from importlib.metadata import version
+
+            return version("malus")
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES, "__version__"})

@@ -1,5 +1,6 @@
-"""The only place where the stages meet: plan, run, score, gate, time, and the command line.
+"""Plan, run, score, gate and time suites; the command line. Stands on all other packages.
 
+`malus` has the functions that users call; `run` here takes a Suite and writes no report.
 Names are imported when they are first used, so that `malus --help` answers at once.
 """
 

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import signal
 import sys
-from pathlib import Path
 
 import click
 
 from malus.bench.commands.bench import bench_command
 from malus.bench.commands.capture import capture_command
-from malus.bench.commands.dataset import export_command, render_command, score_command
+from malus.bench.commands.doctor import doctor_command
+from malus.bench.commands.export import export_command
 from malus.bench.commands.filter import filter_command
 from malus.bench.commands.gate import gate_command
-from malus.bench.commands.options import PLACE
+from malus.bench.commands.list import list_command
+from malus.bench.commands.plan import plan_command
+from malus.bench.commands.render import render_command
+from malus.bench.commands.report import report_command
+from malus.bench.commands.run import run_command
+from malus.bench.commands.score import score_command
 from malus.bench.commands.status import status_command
 
-STUDIES = ("stress", "precision")
-"""What `malus run` knows besides suites of scenes: see `malus.bench.studies.registry`."""
+BAD_INPUT, INTERRUPTED, TERMINATED = 2, 130, 143
+"""Exit codes, besides 0 and the 1 of a command whose work failed in part."""
 
-DONE, FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 STOPPED = "stopped; the same command goes on where it was"
 
 
@@ -34,140 +38,12 @@ def cli() -> None:
     """
 
 
-@cli.command()
-@click.argument("suite", default="fig5")
-@click.option("--out", type=PLACE, help="Folder or URL [default: results/SUITE].")
-@click.option("--samples", type=int, help="Samples a pixel, instead of the suite's.")
-@click.option("--resolution", type=int, help="Pixels a side, instead of the suite's.")
-@click.option("--seed", type=int, help="Seed, instead of the suite's.")
-@click.option("--method", "methods", multiple=True, help="Methods, instead of the suite's.")
-@click.option("--backend", default="auto", help="auto, cuda, llvm or scalar.")
-@click.option("--workers", type=int, help="Processes to spread over, instead of this one.")
-@click.option("--scheduler", help="Address of a Dask cluster to spread over.")
-@click.option("--timeout", type=float, default=3600, help="Seconds a family may take [3600].")
-@click.option("--retry-failed", is_flag=True, help="Try again what failed in an earlier run.")
-@click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
-def run(
-    suite: str,
-    out: Path | None,
-    samples: int | None,
-    resolution: int | None,
-    seed: int | None,
-    methods: tuple[str, ...],
-    backend: str,
-    workers: int | None,
-    scheduler: str | None,
-    timeout: float,
-    retry_failed: bool,
-    as_json: bool,
-) -> None:
-    """Render, reconstruct, score and report SUITE: one that malus brings, or a TOML file.
-
-    `stress` and `precision` are studies that make tables of their own.
-
-    Stopped half-way, the same command goes on where it was. What fails is recorded and left out,
-    and the exit code is 1 then; `malus status` tells why.
-
-    \b
-    Example:
-      malus run quick --out results/quick
-    """
-    overrides = {"samples": samples, "resolution": resolution, "seed": seed, "methods": methods}
-    if suite in STUDIES:
-        from malus.bench.studies.registry import run_study
-
-        others: dict[str, object] = {
-            **overrides,
-            "workers": workers,
-            "scheduler": scheduler,
-            "json": as_json,
-            "retry-failed": retry_failed,
-        }
-        if not run_study(suite, out, backend, others):
-            sys.exit(FAILED)
-        return
-    from malus.bench.commands.run import How, run_command
-
-    how = How(workers, scheduler, retry_failed, timeout)
-    if run_command(suite, out, overrides, backend, as_json, how):
-        sys.exit(FAILED)
-
-
-@cli.command()
-@click.argument("results", type=PLACE)
-@click.option(
-    "--with",
-    "beside",
-    multiple=True,
-    type=PLACE,
-    metavar="DIR",
-    help="Show the study in DIR (of `malus run precision` or `stress`) too; may be given twice.",
-)
-def report(results: Path, beside: tuple[Path, ...]) -> None:
-    """Make the figures, summary and page of a finished run again, from its folder RESULTS.
-
-    \b
-    Example:
-      malus report results/fig5
-    """
-    from malus.bench.commands.run import report_again
-
-    report_again(results, beside)
-
-
-@cli.command("list")
-@click.argument("what", default="everything")
-def list_command(what: str) -> None:
-    """List suites, methods, materials, metals, surfaces, swatches, patterns, shapes or lights.
-
-    Without WHAT: everything.
-
-    \b
-    Example:
-      malus list materials
-    """
-    from malus.bench.commands.list import list_things
-
-    list_things(what)
-
-
-@cli.command()
-@click.argument("suite")
-@click.option("--backend", default="auto", help="auto, cuda, llvm or scalar.")
-def plan(suite: str, backend: str) -> None:
-    """Say what a run of SUITE will do, what it leaves out and why, and what it will cost.
-
-    A study (`stress`, `precision`) has no scenes to plan: what it does is told instead.
-
-    \b
-    Example:
-      malus plan fig5
-    """
-    if suite in STUDIES:
-        from malus.bench.studies.registry import STUDIES as KNOWN
-
-        click.echo(KNOWN[suite].plan)
-        return
-    from malus.bench.commands.plan import plan_command
-
-    plan_command(suite, backend)
-
-
-@cli.command()
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
-def doctor(as_json: bool) -> None:
-    """Say what this machine renders with, what is missing, and the command that mends it.
-
-    \b
-    Example:
-      malus doctor
-    """
-    from malus.bench.commands.doctor import report as examine
-
-    sys.exit(DONE if examine(as_json) else FAILED)
-
-
 for _command in (
+    run_command,
+    report_command,
+    list_command,
+    plan_command,
+    doctor_command,
     render_command,
     export_command,
     score_command,
@@ -181,7 +57,7 @@ for _command in (
 
 
 def main() -> None:
-    """Entry point: a user's mistake ends in one line and exit code 2, never in a traceback."""
+    """Run the command line; a user's mistake ends in one line and exit code 2, not a traceback."""
     signal.signal(signal.SIGTERM, _terminate)
     try:
         cli.main(standalone_mode=False)
@@ -195,7 +71,7 @@ def main() -> None:
         sys.exit(leaving.exit_code)
     except click.ClickException as mistake:
         message = " ".join(mistake.format_message().split())
-        _stop(f"{message} See `{_path(mistake)} --help`.", BAD_INPUT)
+        _stop(f"{message} See `{_command_path(mistake)} --help`.", BAD_INPUT)
     except ValueError as mistake:
         # Imported here, because `--help` must not wait for it.
         from malus.scenes.core.errors import InputError
@@ -206,7 +82,7 @@ def main() -> None:
     except KeyboardInterrupt:
         _stop(STOPPED, INTERRUPTED)
     except (OSError, MemoryError) as error:
-        _stop(_told(error), BAD_INPUT)
+        _stop(_reason(error), BAD_INPUT)
 
 
 def _terminate(number: int, frame: object) -> None:
@@ -214,13 +90,13 @@ def _terminate(number: int, frame: object) -> None:
     sys.exit(TERMINATED)
 
 
-def _told(error: OSError | MemoryError) -> str:
+def _reason(error: OSError | MemoryError) -> str:
     if isinstance(error, MemoryError):
         return f"expected enough memory, found too little; ask for less at once ({error})"
     return f"{error.strerror or error}{f' {error.filename}' if error.filename else ''}"
 
 
-def _path(mistake: click.ClickException) -> str:
+def _command_path(mistake: click.ClickException) -> str:
     context = getattr(mistake, "ctx", None)
     return context.command_path if context else "malus"
 

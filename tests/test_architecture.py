@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -40,7 +41,9 @@ ROOMS = {
     "reports": (
         "tables templates", "figures viewer", "source page", "sections summary", "write",
     ),
-    "bench": ("scoring", "running", "datasets", "gates", "studies documents", "commands", "cli"),
+    "bench": (
+        "scoring", "running", "datasets", "gates", "studies documents", "public", "commands", "cli",
+    ),
 }  # fmt: skip
 """Folders and modules of each package from the lowest up; those in one line do not meet."""
 
@@ -174,3 +177,35 @@ def test_the_command_line_imports_nothing_heavy() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip().endswith("[]")
+
+
+def messages(path: Path) -> Iterator[str]:
+    """Texts of a module that are no docstrings."""
+    tree = ast.parse(path.read_text("utf-8"))
+    alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
+            yield node.value
+
+
+PRINTS = {"print", "click.echo", "sys.stdout.write", "console.print"}
+
+
+def calls_print(path: Path) -> bool:
+    """Whether a module writes to the terminal; with `file=` it writes elsewhere."""
+    return any(
+        ast.unparse(node.func) in PRINTS and "file" not in {word.arg for word in node.keywords}
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Call)
+    )
+
+
+def test_only_commands_print_and_name_options() -> None:
+    """Errors name parameters; `bench/commands/options.py` tells them as options."""
+    option = re.compile(r"(?:^|[\s`])--[a-z][a-z-]*(?:[\s`;,.]|$)")
+    for path in all_sources():
+        if path.parent.name == "commands" or path.name == "cli.py":
+            continue
+        assert not calls_print(path), path
+        named = [text for text in messages(path) if option.search(text)]
+        assert not named, f"{path.relative_to(ROOT)}: {named}"

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import doctest
 import importlib
 import inspect
 import pkgutil
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+import malus
 import malus.bench
 import malus.reconstruct
 import malus.renderers
@@ -18,9 +24,9 @@ import malus.scenes
 
 PACKAGES = (malus.scenes, malus.renderers, malus.reconstruct, malus.bench, malus.reports)
 MODULES = [
-    importlib.import_module(found.name)
+    importlib.import_module(entry.name)
     for package in PACKAGES
-    for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+    for entry in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
 ]
 
 
@@ -36,10 +42,56 @@ def test_the_examples_were_found() -> None:
     assert examples >= 300  # a finder that misses folders would pass with fewer
 
 
-@pytest.mark.parametrize("package", PACKAGES[:4], ids=lambda p: p.__name__)
-def test_public_names_are_documented(package: ModuleType) -> None:
-    assert package.__all__
-    for name in package.__all__:
-        thing = getattr(package, name)
-        doc = inspect.getdoc(thing)
-        assert doc, name
+UNIONS = ("Light", "Shape")
+"""Annotations of several classes: they have no docstring of their own."""
+
+
+@pytest.mark.parametrize("name", sorted(set(malus.__all__) - set(UNIONS)))
+def test_public_names_are_documented(name: str) -> None:
+    """One sentence, an example that runs, and for functions parameters, results and errors."""
+    value = getattr(malus, name)
+    doc = inspect.getdoc(value) or ""
+    assert doc.split("\n\n")[0].endswith("."), "begins with a sentence"
+    assert "Examples\n--------\n" in doc
+    assert ">>>" in doc
+    if inspect.isfunction(value):
+        signature = inspect.signature(value)
+        for section in ("Parameters", "Returns") if signature.parameters else ():
+            assert f"{section}\n---" in doc, section
+        if any(isinstance(node, ast.Raise) for node in ast.walk(source_of(value))):
+            assert "Raises\n---" in doc
+
+
+def source_of(value: object) -> ast.AST:
+    return ast.parse(textwrap.dedent(inspect.getsource(value)))  # type: ignore[arg-type]
+
+
+def test_public_names_of_packages_are_public_names() -> None:
+    assert {*malus.scenes.__all__, *malus.reconstruct.__all__} <= {*malus.__all__}
+    for package in PACKAGES:
+        for name in package.__all__:
+            assert inspect.getdoc(getattr(package, name)), f"{package.__name__}.{name}"
+
+
+def test_type_checkers_see_the_public_names() -> None:
+    """The imports under TYPE_CHECKING are those that are made when a name is first used."""
+    source = (Path(__file__).parents[1] / "__init__.py").read_text("utf-8")
+    seen = {
+        alias.asname: node.module
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("malus.")
+        for alias in node.names
+    }
+    assert seen == malus._HOMES
+    assert set(malus.__all__) <= set(dir(malus))
+    assert malus.__version__
+
+
+def test_a_bare_import_imports_nothing_of_weight() -> None:
+    """Under 0.1 s: what takes longer is imported when it is used."""
+    script = "import sys, malus; print(sum(m.split('.')[0] == 'malus' for m in sys.modules), "
+    script += "'numpy' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["1", "False"]

@@ -1,19 +1,21 @@
-"""`malus bench`: options and what is printed; the work is elsewhere."""
+"""`malus bench`: a command for each study of the registry."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-_OUT = click.option("--out", type=_FOLDER, help="Write a JSON file with the figures here.")
+from malus.bench.commands.options import FOLDER, Command
+from malus.bench.studies.registry import STUDIES, run_study
+from malus.bench.studies.study import Findings, Study, StudyOption
 
 
 @click.group("bench")
 def bench_command() -> None:
-    """Time and error of one part, beside what a user would do without malus, in one run.
+    """Run a study: time and error of one part beside what a user would do without malus, or cases.
 
     \b
     Example:
@@ -21,115 +23,74 @@ def bench_command() -> None:
     """
 
 
-@bench_command.command("ratio")
-@click.option("--points", type=click.IntRange(1, 10**8), default=1_000_000, show_default=True)
-@_OUT
-def ratio(points: int, out: Path | None) -> None:
-    """Tables of one surface, and R of scattered points, beside dblquad a point.
+def print_findings(findings: Findings) -> None:
+    """Print the table of a study, where it has one, and its figures in words."""
+    if findings.table is not None and findings.cells is not None:
+        from rich.console import Console
 
-    \b
-    Example:
-      malus bench ratio --points 100000
-    """
-    from dataclasses import asdict
+        from malus.bench.commands.printing import plain_table
 
-    from malus.bench.studies.speed_ratio import measure_speed, report_lines
-
-    speeds = measure_speed(points)
-    _tell(report_lines(speeds), out, "ratio", [asdict(speed) for speed in speeds])
-
-
-@bench_command.command("reconstruct")
-@click.option("--megapixels", type=float, default=10.0, show_default=True)
-@click.option("--repeats", type=click.IntRange(min=1), default=5, show_default=True)
-@_OUT
-def reconstruct(megapixels: float, repeats: int, out: Path | None) -> None:
-    """Whole RGB images, beside copying the same bytes.
-
-    \b
-    Example:
-      malus bench reconstruct --megapixels 2
-    """
-    from dataclasses import asdict
-
-    from malus.bench.studies.speed_reconstruct import measure, report_lines
-    from malus.scenes.core.errors import InputError
-
-    if not 1e-5 <= megapixels <= 1000:  # nor NaN, which a click range lets through
-        hint = "choose another size"
-        raise InputError("--megapixels", "a number in 1e-5..1000", f"{megapixels:g}", hint)
-    speeds = measure(megapixels, repeats)
-    figures = [
-        asdict(speed) | {"pixels_a_second": speed.pixels_a_second, "times_copy": speed.times_copy}
-        for speed in speeds
-    ]
-    _tell(report_lines(speeds), out, "reconstruct", figures)
-
-
-@bench_command.command("render")
-@click.option("--resolution", type=click.IntRange(min=2), default=128, show_default=True)
-@click.option("--samples", type=click.IntRange(min=2), default=64, show_default=True)
-@click.option("--backend", default="auto", help="auto, cuda, llvm or scalar.")
-@_OUT
-def render(resolution: int, samples: int, backend: str, out: Path | None) -> None:
-    """Polariser images of 24 materials, 5 surfaces and 8 bands, beside two ways by hand.
-
-    \b
-    Example:
-      malus bench render --resolution 64
-    """
-    from dataclasses import asdict
-
-    from malus.bench.studies.speed_render import LIGHTS, compare, report_lines
-    from malus.renderers.variant import choose
-    from malus.scenes.camera import Camera
-    from malus.scenes.scene import Sampling
-
-    where = "malus bench render"
-    camera = Camera.parse({"resolution": resolution}, where)
-    sampling = Sampling.parse({"samples": samples}, where)
-    variant = choose(backend)
-    lines, figures = [], []
-    for light in LIGHTS:
-        speeds = compare(variant, camera, sampling, light)
-        lines += report_lines(speeds, light)
-        figures += [{"light": light.label, "way": way} | asdict(s) for way, s in speeds.items()]
-    _tell(lines, out, "render", figures)
-
-
-@bench_command.command("scaling")
-@click.option("--most", type=click.IntRange(48, 10**6), default=10_000, show_default=True)
-@_OUT
-def scaling(most: int, out: Path | None) -> None:
-    """What many scenes cost besides rendering: planning, tables, files, memory, the scheduler.
-
-    Up to `--most` scenes are measured with made-up results, in steps of ten; 1e5 and 1e6 are drawn
-    on from there.
-
-    \b
-    Example:
-      malus bench scaling --most 1000
-    """
-    from dataclasses import asdict
-
-    from malus.bench.studies.scaling import measure, messages, report_lines
-
-    scales, carried = measure([max(24, most // 100), most // 10, most]), messages()
-    figures = [asdict(scale) for scale in scales] + [asdict(carried)]
-    _tell(report_lines(scales, carried), out, "scaling", figures)
-
-
-def _tell(lines: list[str], out: Path | None, name: str, figures: list[dict[str, Any]]) -> None:
-    """Print the lines; write the figures as NAME.json."""
-    for line in lines:
+        table = plain_table(*map(str, findings.table.columns))
+        for _, row in findings.table.iterrows():
+            table.add_row(*findings.cells(row))
+        Console().print(table)
+    for line in findings.lines:
         click.echo(line)
-    if out is None:
-        return
-    import json
 
-    from malus.bench.running.output_folder import prepare_folder
-    from malus.scenes.core.files import write_whole
 
-    text = json.dumps(figures, indent=2, sort_keys=True) + "\n"
-    path = prepare_folder(out) / f"{name}.json"
-    write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+def _study_command(study: Study) -> Command:
+    """The command of a study, with its options."""
+
+    def run(out: Path | None, **options: Any) -> None:
+        findings = run_study(study.name, out, **options)
+        print_findings(findings)
+        if not findings.passed:
+            sys.exit(1)
+
+    where = f"[default: results/{study.name}]" if study.has_page else "[default: nowhere]"
+    written = "tables and a page" if study.has_page else "a JSON file with the figures"
+    out = click.Option(["--out"], type=FOLDER, help=f"Write {written} into this folder {where}.")
+    options = [f"--{name} {value}" for name, value in study.example.items()]
+    example = " ".join(["malus bench", study.name, *options])
+    paragraphs = [f"{study.description}.", study.details, f"\b\nExample:\n  {example}"]
+    return Command(
+        study.name,
+        params=[*map(_click_option, study.options), out],
+        callback=run,
+        help="\n\n".join(paragraph for paragraph in paragraphs if paragraph),
+    )
+
+
+def _click_option(option: StudyOption) -> click.Option:
+    flag = f"--{option.flag or option.name.replace('_', '-')}"
+    multiple = isinstance(option.default, tuple)
+    return click.Option(
+        [flag, option.name],
+        type=_click_type(option),
+        default=option.default,
+        multiple=multiple,
+        is_flag=option.default is False,
+        required=option.required,
+        show_default=option.default not in (None, False),
+        help=option.help,
+    )
+
+
+def _click_type(option: StudyOption) -> click.ParamType[Any] | type | None:
+    if option.choices:
+        return click.Choice(option.choices)
+    if option.is_file:
+        return click.Path(dir_okay=False, path_type=Path)
+    if isinstance(option.default, bool):
+        return None
+    if isinstance(option.default, int) and option.least is not None:
+        most = None if option.most is None else int(option.most)
+        return click.IntRange(int(option.least), most)
+    if isinstance(option.default, int):
+        return int
+    # A float's range is checked by the study: click's would let NaN through.
+    return float if isinstance(option.default, float) else str
+
+
+for _study in STUDIES.values():
+    bench_command.add_command(_study_command(_study))

@@ -2,89 +2,47 @@
 
 from __future__ import annotations
 
-import json
-import platform
 import sys
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
+import click
 
-from malus.renderers.variant import BROKEN_LLVM, SCALAR, choose, installed_llvm, llvm_version
-
-PACKAGES = (
-    "malus",
-    "mitsuba",
-    "drjit",
-    "numpy",
-    "scipy",
-    "trimesh",
-    "OpenEXR",
-    "colour-science",
-    "scikit-image",
-    "matplotlib",
-    "pandas",
-    "pyarrow",
-)
+from malus.bench.commands.options import command
 
 
-def findings() -> dict[str, Any]:
-    """Everything `malus doctor` knows, as plain data."""
-    variant = choose()
-    libraries = [
-        {"path": str(path), "version": llvm_version(path), "aborts": _aborts(llvm_version(path))}
-        for path in installed_llvm()
-    ]
-    return {
-        "python": platform.python_version(),
-        "packages": {name: _version(name) for name in PACKAGES},
-        "variant": variant.name,
-        "reason": variant.reason,
-        "llvm": variant.llvm,
-        "libraries": libraries,
-        "advice": _advice(variant.name),
-    }
+@command("doctor")
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+def doctor_command(as_json: bool) -> None:
+    """Say what this machine renders with, what is missing, and the command that mends it.
 
+    \b
+    Example:
+      malus doctor
+    """
+    from malus.bench.commands.printing import print_json
+    from malus.bench.public.doctor import doctor
 
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
-
-
-def _aborts(number: int | None) -> bool:
-    return number in BROKEN_LLVM
-
-
-def _advice(variant: str) -> str | None:
-    if variant != SCALAR:
-        return None
-    return (
-        "rendering works, but about ten times slower than with LLVM 17 or later: "
-        "`apt-get install libllvm19` (Debian, Ubuntu), `dnf install llvm-libs` (Fedora), "
-        "`brew install llvm` (macOS)"
-    )
-
-
-def report(as_json: bool) -> bool:
-    """Print the findings; true where all that malus needs is there."""
-    found = findings()
-    complete = all(found["packages"].values())
+    findings = doctor()
     if as_json:
-        sys.stdout.write(json.dumps(found, indent=2) + "\n")
-        return complete
+        print_json(findings, indent=2)
+    else:
+        _tell(findings)
+    sys.exit(0 if all(findings["packages"].values()) else 1)
+
+
+def _tell(findings: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
     table = Table(show_header=False)
-    table.add_row("Python", found["python"])
-    for name, number in found["packages"].items():
-        table.add_row(name, number or f"missing: pip install {name}")
-    for library in found["libraries"]:
+    table.add_row("Python", findings["python"])
+    for name, version in findings["packages"].items():
+        table.add_row(name, version or f"missing: pip install {name}")
+    for library in findings["libraries"]:
         use = "aborts the process, never loaded" if library["aborts"] else "candidate"
         table.add_row(f"LLVM {library['version'] or '?'}", f"{library['path']}: {use}")
-    table.add_row("variant", f"{found['variant']} ({found['reason']})")
+    table.add_row("variant", f"{findings['variant']} ({findings['reason']})")
     console = Console()
     console.print(table)
-    if found["advice"]:
-        console.print(found["advice"], highlight=False)
-    return complete
+    if findings["advice"]:
+        console.print(findings["advice"], highlight=False)

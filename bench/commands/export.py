@@ -2,27 +2,48 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 
-from rich.console import Console
+import click
 
-from malus.bench.datasets.export import export
-from malus.bench.running.progress import with_progress
-from malus.renderers.datasets.dataset import open_dataset
+from malus.bench.commands.options import FOLDER, command
 
 
-def export_for_command_line(
-    dataset: Path, layout: str, out: Path, pixels: str, as_json: bool
-) -> None:
-    """Export a dataset for the command line."""
+@command("export")
+@click.argument("dataset", type=FOLDER)
+@click.option(
+    "--format",
+    "layout",
+    type=click.Choice(["numpy", "png", "polanalyser"]),
+    required=True,
+    help="numpy: one .npz a scene; png: AoLP and DoLP; polanalyser: one image an angle.",
+)
+@click.option("--out", type=FOLDER, required=True, help="Folder to write to.")
+@click.option(
+    "--pixels",
+    type=click.Choice(["exr", "png"]),
+    default="exr",
+    help="Of polanalyser's images: lossless floats, or 16 bits.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print what was done as JSON.")
+def export_command(dataset: Path, layout: str, out: Path, pixels: str, as_json: bool) -> None:
+    """Write DATASET in the format of other tools; conventions.json beside it says what is what.
+
+    \b
+    Example:
+      malus export quick-dataset --format numpy --out quick-numpy
+    """
+    from rich.console import Console
+
+    from malus.bench.commands.printing import print_json
+    from malus.bench.datasets.export import export
+    from malus.bench.running.progress import with_progress
+
     console = Console(stderr=True)
-    opened = open_dataset(dataset)
     count = with_progress(
-        console, "scenes", lambda show: export(opened, layout, out, pixels, progress=show)
+        console, "scenes", lambda show: export(dataset, layout, out, pixels, show)
     )
     if as_json:
-        sys.stdout.write(json.dumps({"out": str(out), "scenes": count}) + "\n")
+        print_json({"out": str(out), "scenes": count})
     else:
         console.print(f"{count} scenes written to {out}", highlight=False)

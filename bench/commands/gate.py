@@ -1,4 +1,4 @@
-"""`malus gate`: options and what is printed; the judgement is in `gate`."""
+"""`malus gate`: the accuracy of a run against a reviewed baseline."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 
 import click
 
-from malus.bench.commands.options import PLACE
+from malus.bench.commands.options import FOLDER, command
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
 
-@click.command("gate")
-@click.argument("results", type=PLACE)
+@command("gate")
+@click.argument("results", type=FOLDER)
 @click.option("--baseline", required=True, type=_FILE, help="TOML file with rules and values.")
 @click.option("--junit", type=_FILE, help="Write JUnit XML here.")
 @click.option("--summary", type=_FILE, help="Write a Markdown summary here.")
@@ -32,46 +32,36 @@ def gate_command(
     """
     if update:
         _update(results, baseline)
-    elif not _judge(results, baseline, junit, summary):
+    elif not _compare(results, baseline, junit, summary):
         sys.exit(1)
 
 
-def _judge(folder: Path, path: Path, junit: Path | None, summary: Path | None) -> bool:
+def _compare(results: Path, baseline: Path, junit: Path | None, summary: Path | None) -> bool:
     from rich.console import Console
 
-    from malus.bench.gates import gate_report
-    from malus.bench.gates.baseline import read_baseline
-    from malus.bench.gates.gate import gate, passed
-    from malus.bench.running.results import read_results
+    from malus.bench.gates.gate_report import tables
+    from malus.bench.public.gates import gate
 
-    verdicts = gate(read_results(folder), read_baseline(path))
+    compared = gate(results, baseline, junit=junit, summary=summary)
     console = Console()
-    for table in gate_report.tables(verdicts):
+    for table in tables(compared.comparisons):
         console.print(table)
-    console.print(gate_report.headline(verdicts), highlight=False)
-    if junit:
-        gate_report.write_text(junit, gate_report.junit(verdicts))
-    if summary:
-        gate_report.write_text(summary, gate_report.markdown(verdicts))
-    return passed(verdicts)
+    console.print(compared.headline, highlight=False)
+    return compared.passed
 
 
-def _update(folder: Path, path: Path) -> None:
+def _update(results: Path, path: Path) -> None:
     from rich.console import Console
 
-    from malus.bench.gates import gate_report
-    from malus.bench.gates.baseline import DEFAULT_RULES, RunIdentity, read_baseline, write_baseline
-    from malus.bench.gates.gate import gate, updated
-    from malus.bench.running.results import read_results
+    from malus.bench.gates.gate_report import tables
+    from malus.bench.public.gates import update_baseline
 
-    results = read_results(folder)
-    old = read_baseline(path) if path.exists() else None
-    new = updated(results, old, DEFAULT_RULES)
+    update = update_baseline(results, path)
     console = Console()
-    if old and old.origin.scenes == RunIdentity.of(results).scenes:
-        for table in gate_report.tables(gate(results, old)):
+    if update.compared is not None:
+        for table in tables(update.compared.comparisons):
             console.print(table)
-    elif old:
+    elif update.previous is not None:
         console.print("other scenes than before: all values are new", highlight=False)
-    write_baseline(path, new)
-    console.print(f"{len(new.values)} values written to {path}; review them", highlight=False)
+    count = len(update.baseline.values)
+    console.print(f"{count} values written to {path}; review them", highlight=False)

@@ -1,15 +1,17 @@
-"""Folders on the command line: a path, or a URL of a store."""
+"""What the commands share: folders, options of several commands, and the names in messages."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
 
-class Place(click.ParamType[Path]):
-    """A path, or a URL such as s3://bucket/folder."""
+class Folder(click.ParamType[Path]):
+    """A path, or a URL of a store such as s3://bucket/folder."""
 
     name = "path"
 
@@ -25,4 +27,82 @@ class Place(click.ParamType[Path]):
         return as_path(value)
 
 
-PLACE = Place()
+FOLDER = Folder()
+
+
+class Command(click.Command):
+    """A command whose mistakes of input name its options, where a function names its parameters."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run it; an InputError that leaves it is told in the words of the command line."""
+        try:
+            return super().invoke(ctx)
+        except ValueError as mistake:
+            from malus.scenes.core.errors import InputError
+
+            if not isinstance(mistake, InputError):
+                raise
+            raise InputError(*in_options(mistake.args, self.params)) from mistake
+
+
+def in_options(parts: tuple[str, ...], params: list[click.Parameter]) -> list[str]:
+    """The four parts of an InputError with options in place of parameters.
+
+    A parameter stands alone in the first part ("workers", "workers, scheduler"), and in backticks
+    in any ("choose another `out`").
+
+    Examples
+    --------
+    >>> params = [click.Option(["--method", "methods"]), click.Option(["--out"])]
+    >>> in_options(("methods", "some", "none", "name `methods`, or another `out`"), params)
+    ['--method', 'some', 'none', 'name --method, or another --out']
+    """
+    options = {p.name: _told(p) for p in params if p.name is not None}
+    where, *others = parts
+    names = where.split(", ")
+    if all(name in options for name in names):
+        where = ", ".join(options[name] for name in names)
+    return [
+        re.sub(r"`(\w+)`", lambda quoted: options.get(quoted[1], quoted[0]), text)
+        for text in (where, *others)
+    ]
+
+
+def _told(param: click.Parameter) -> str:
+    return param.opts[0] if isinstance(param, click.Option) else str(param.name)
+
+
+def command(name: str) -> Callable[[Callable[..., Any]], Command]:
+    """Decorate a function as a command of that name."""
+    return click.command(name, cls=Command)
+
+
+backend_option = click.option("--backend", default="auto", help="auto, cuda, llvm or scalar.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
+
+
+def size_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that replace a suite's own samples, resolution and seed."""
+    options = (
+        click.option("--samples", type=int, help="Samples a pixel, instead of the suite's."),
+        click.option("--resolution", type=int, help="Pixels a side, instead of the suite's."),
+        click.option("--seed", type=int, help="Seed, instead of the suite's."),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def work_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of time and of earlier failures."""
+    options = (
+        click.option(
+            "--timeout", type=float, default=3600, help="Seconds a family may take [3600]."
+        ),
+        click.option(
+            "--retry-failed", is_flag=True, help="Try again what failed in an earlier run."
+        ),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function

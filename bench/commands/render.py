@@ -2,56 +2,68 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+import click
 
-from malus.bench.datasets.render import render_dataset
-from malus.bench.running.overrides import overridden
-from malus.bench.running.progress import peak_memory, with_progress
-from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess
-from malus.renderers.variant import choose
-from malus.scenes.suite import load_suite
+from malus.bench.commands.options import (
+    FOLDER,
+    backend_option,
+    command,
+    size_options,
+    work_options,
+)
 
 
-def render_for_command_line(
-    name: str,
-    out: Path,
-    overrides: dict[str, Any],
-    backend: str,
-    as_json: bool,
-    timeout: float = TIMEOUT_SECONDS,
-    retry_failed: bool = False,
-) -> int:
-    """Render a suite for the command line; the number of scenes that could not be rendered."""
-    variant = choose(backend)
-    suite = overridden(load_suite(name), overrides, variant)
+@command("render")
+@click.argument("suite")
+@click.option("--out", type=FOLDER, required=True, help="Folder or URL of the dataset.")
+@size_options
+@backend_option
+@work_options
+@click.option("--json", "as_json", is_flag=True, help="Print what was done as JSON.")
+def render_command(suite: str, out: Path, as_json: bool, **options: Any) -> None:
+    """Render SUITE as a dataset: Stokes images of both lobes, normals and errors as OpenEXR.
+
+    Stopped half-way, the same command goes on where it was. A scene that cannot be rendered is
+    recorded and left out, and the exit code is 1 then; `malus status` tells why.
+
+    \b
+    Example:
+      malus render quick --out quick-dataset
+    """
+    from rich.console import Console
+
+    from malus.bench.commands.printing import print_json
+    from malus.bench.datasets.render import render_dataset
+    from malus.bench.running.progress import peak_memory, with_progress
+
     console = Console(stderr=True)
-    with WorkerProcess(timeout) as child:
-        done = with_progress(
-            console,
-            "scenes",
-            lambda show: render_dataset(suite, out, variant, show, child, retry_failed),
-        )
-    done["peak_memory_bytes"] = memory = peak_memory()
-    failed: int = done["failed"]
+    done = with_progress(
+        console, "scenes", lambda show: render_dataset(suite, out, progress=show, **options)
+    )
+    done["peak_memory_bytes"] = peak_memory()
     if as_json:
-        sys.stdout.write(json.dumps(done) + "\n")
-        return failed
+        print_json(done)
+    else:
+        _tell(done, out, console)
+    if done["failed"]:
+        sys.exit(1)
+
+
+def _tell(done: dict[str, Any], out: Path, console: Any) -> None:
     console.print(
         f"{done['scenes']} scenes in {out}: {done['rendered']} rendered, {done['taken_over']} taken"
         f" over; {done['seconds']:.1f} s, {done['bytes'] / 1e6:.1f} MB written,"
-        f" {memory / 1e6:.0f} MB of memory",
+        f" {done['peak_memory_bytes'] / 1e6:.0f} MB of memory",
         highlight=False,
     )
-    if failed:
+    if done["failed"]:
         console.print(
-            f"{failed} scenes could not be rendered; `malus status {out}` tells why; a next run"
-            " leaves them out, with --retry-failed it tries them again",
+            f"{done['failed']} scenes could not be rendered; `malus status {out}` tells why; a next"
+            " run leaves them out, with --retry-failed it tries them again",
             highlight=False,
             soft_wrap=True,
         )
-    return failed

@@ -1,51 +1,106 @@
-"""`malus run`: the suite with the user's overrides, progress, the report and the final table."""
+"""`malus run`: render, reconstruct, score and report a suite, or run a study."""
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
+import click
+from click.core import ParameterSource
 
-from malus.bench.commands.results_table import final_table
-from malus.bench.running.cluster import engine
-from malus.bench.running.overrides import overridden
-from malus.bench.running.progress import with_progress
-from malus.bench.running.results import Results, headline, read_results
-from malus.bench.running.runner import run
-from malus.bench.running.worker_process import TIMEOUT_SECONDS
-from malus.renderers.variant import choose
-from malus.scenes.suite import load_suite
+from malus.bench.commands.bench import print_findings
+from malus.bench.commands.options import (
+    FOLDER,
+    backend_option,
+    command,
+    json_option,
+    size_options,
+    work_options,
+)
+from malus.bench.studies.registry import STUDIES, run_study
 
+if TYPE_CHECKING:
+    from malus.bench.running.results import Results
 
-@dataclass(frozen=True)
-class How:
-    """How a run shall be done: where the work goes, whether earlier failures are tried, seconds
-    that a family may take.
-    """
-
-    workers: int | None = None
-    scheduler: str | None = None
-    retry_failed: bool = False
-    timeout: float = TIMEOUT_SECONDS
+SHARED = ("suite", "out", "backend", "timeout")
+"""Options that every study may be given, of use to it or not."""
 
 
+@command("run")
+@click.argument("suite", default="fig5")
+@click.option("--out", type=FOLDER, help="Folder or URL [default: results/SUITE].")
+@size_options
+@click.option("--method", "methods", multiple=True, help="Methods, instead of the suite's.")
+@backend_option
+@click.option("--workers", type=int, help="Processes to spread over, instead of this one.")
+@click.option("--scheduler", help="Address of a Dask cluster to spread over.")
+@work_options
+@json_option
+@click.pass_context
 def run_command(
-    name: str,
-    out: Path | None,
-    overrides: dict[str, Any],
-    backend: str,
-    as_json: bool,
-    how: How = How(),
-) -> int:
-    """Run a suite for the command line; the number of families of which something failed."""
-    suite = load_suite(name)
-    variant = choose(backend)
-    suite = overridden(suite, overrides, variant)
+    ctx: click.Context, /, suite: str, out: Path | None, as_json: bool, **options: Any
+) -> None:
+    """Render, reconstruct, score and report SUITE: one that malus brings, or a TOML file.
+
+    SUITE may also be a study, which makes tables of its own: see `malus bench`.
+
+    Stopped half-way, the same command goes on where it was. What fails is recorded and left out,
+    and the exit code is 1 then; `malus status` tells why.
+
+    \b
+    Example:
+      malus run quick --out results/quick
+    """
+    failed = _run_study(ctx, suite, out) if suite in STUDIES else _run(suite, out, as_json, options)
+    if failed:
+        sys.exit(1)
+
+
+def _run_study(ctx: click.Context, name: str, out: Path | None) -> bool:
+    """Run a study with those options of this command that are its own too; whether it failed.
+
+    Raises
+    ------
+    InputError
+        If another option was given.
+    """
+    allowed = {option.name for option in STUDIES[name].options}
+    values = {}
+    for param in ctx.command.params:
+        given = ctx.get_parameter_source(str(param.name)) is not ParameterSource.DEFAULT
+        if given and param.name in allowed:
+            values[param.name] = ctx.params[param.name]
+        elif given and param.name not in SHARED:
+            _refuse(name, param.opts[0], allowed)
+    findings = run_study(name, out, **values)
+    print_findings(findings)
+    return not findings.passed
+
+
+def _refuse(name: str, option: str, allowed: set[str]) -> None:
+    from malus.scenes.core.errors import InputError
+
+    known = sorted({"out", "backend", *allowed}, key=lambda word: word != "out")
+    options = [f"--{word}" for word in known]
+    expected = f"no option but {', '.join(options[:-1])} and {options[-1]}"
+    hint = f"leave it out: the cases of {name} are fixed"
+    raise InputError(f"malus run {name}", expected, option, hint)
+
+
+def _run(name: str, out: Path | None, as_json: bool, options: dict[str, Any]) -> int:
+    """Run a suite; the number of families of which something failed."""
+    from rich.console import Console
+
+    from malus.bench.commands.printing import print_json, results_table
+    from malus.bench.public.suites import run
+    from malus.bench.running.overrides import chosen_suite, chosen_variant
+    from malus.bench.running.progress import with_progress
+    from malus.bench.running.results import headline
+
+    changes = {key: options.pop(key) for key in ("samples", "resolution", "seed", "methods")}
+    variant = chosen_variant(options.pop("backend"))
+    suite = chosen_suite(name, variant, **changes)
     folder = out if out is not None else Path("results") / suite.name
     console = Console(stderr=True)
     console.print(f"{suite.name}: {suite.description}", highlight=False)
@@ -54,28 +109,24 @@ def run_command(
         f"{suite.sampling.samples} samples a pixel",
         highlight=False,
     )
-    with engine(variant, how.workers, how.scheduler, how.timeout) as chosen:
-        results = with_progress(
-            console,
-            "families",
-            lambda show: run(suite, folder, variant, show, chosen, how.retry_failed),
-        )
-    from malus.reports.write import write_report
-
-    write_report(results, folder)
+    results = with_progress(
+        console,
+        "families",
+        lambda show: run(suite, folder, backend=variant, progress=show, **options),
+    )
     failed = int(results.run["families_failed"])
     if as_json:
-        numbers = {"out": str(folder), "methods": headline(results), "families_failed": failed}
-        sys.stdout.write(json.dumps(numbers) + "\n")
+        methods = headline(results)
+        print_json({"out": str(folder), "methods": methods, "families_failed": failed})
     else:
-        Console().print(final_table(results))
+        Console().print(results_table(results))
         console.print(f"written to {folder}", highlight=False)
     if failed:
         _tell_failed(failed, results, folder, console)
     return failed
 
 
-def _tell_failed(failed: int, results: Results, folder: Path, console: Console) -> None:
+def _tell_failed(failed: int, results: Results, folder: Path, console: Any) -> None:
     console.print(
         f"{failed} of {results.run['families']} families failed, wholly or for a method; the first:"
         f" {results.run['failures'][0]}. `malus status {folder}` tells all; a next run leaves them"
@@ -84,15 +135,3 @@ def _tell_failed(failed: int, results: Results, folder: Path, console: Console) 
         markup=False,
         soft_wrap=True,
     )
-
-
-def report_again(folder: Path, beside: Sequence[Path] = ()) -> None:
-    """Write the report of finished results or of a study again, with the studies in `beside`."""
-    from malus.reports.source import is_study
-    from malus.reports.write import write_report, write_study
-
-    if is_study(folder):
-        written = write_study(folder)
-    else:
-        written = write_report(read_results(folder), folder, beside)
-    Console().print(f"{len(written)} files written to {folder}", highlight=False)

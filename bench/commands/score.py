@@ -2,81 +2,79 @@
 
 from __future__ import annotations
 
-import json
-import sys
-from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
+import click
 
-from malus.bench.commands.results_table import final_table
-from malus.bench.datasets.predictions import Predictions, check_predictions
-from malus.bench.datasets.score import score_dataset
-from malus.bench.running.output_folder import prepare_folder
-from malus.bench.running.progress import with_progress
-from malus.bench.running.results import (
-    headline,
-    write_results,
-)
-from malus.reconstruct import get_method
-from malus.renderers.datasets.dataset import Dataset, open_dataset
-from malus.scenes.core.errors import InputError
+from malus.bench.commands.options import FOLDER, command, json_option
+
+if TYPE_CHECKING:
+    from malus.bench.running.results import Results
 
 
-def score_for_command_line(
-    path: Path,
-    names: Sequence[str],
-    folder: Path | None,
-    label: str,
-    out: Path,
+@command("score")
+@click.argument("dataset", type=FOLDER)
+@click.option("--method", "methods", multiple=True, help="A method; may be given several times.")
+@click.option("--predictions", type=FOLDER, help="Folder of somebody else's images.")
+@click.option("--name", default="predictions", help="What the predictions are called in tables.")
+@click.option("--out", type=FOLDER, help="Folder of the results [default: results/scores].")
+@json_option
+def score_command(
+    dataset: Path,
+    methods: tuple[str, ...],
+    predictions: Path | None,
+    name: str,
+    out: Path | None,
     as_json: bool,
 ) -> None:
-    """Score for the command line: problems and suspicions on stderr, one a line."""
+    """Score methods, or images that were made elsewhere, on a stored DATASET.
+
+    Predictions are one file a scene, <scene>.npz: `stokes` (height, width, bands, 3), or `i_max`,
+    `i_min` and `phase` (height, width, bands), phase in radians anticlockwise from the vertical.
+    Also <scene>.exr in the spectral layout of the dataset, or a folder <scene>/ with one
+    <degrees>.npy (height, width, bands) for each of three or more polariser angles.
+
+    \b
+    Example:
+      malus score quick-dataset --method eq8 --method shadowed+body
+      malus score quick-dataset --predictions my-network --name mine
+    """
+    from rich.console import Console
+
+    from malus.bench.commands.printing import print_json
+    from malus.bench.datasets.predictions import PredictionErrors
+    from malus.bench.datasets.score import score_dataset
+    from malus.bench.running.progress import with_progress
+    from malus.bench.running.results import headline
+
+    folder = out if out is not None else Path("results") / "scores"
     console = Console(stderr=True, soft_wrap=True)
-    dataset = open_dataset(path)
-    methods = [get_method(name) for name in names]
-    _check_request(dataset, names, folder, label)
-    prepare_folder(out, "scores")
-    predictions = None if folder is None else _checked(dataset, folder, console)
-    results = with_progress(
-        console,
-        "scenes",
-        lambda show: score_dataset(dataset, methods, predictions, label, show),
-    )
-    write_results(out, results)
+    try:
+        results = with_progress(
+            console,
+            "scenes",
+            lambda show: score_dataset(dataset, methods, predictions, name, show, out=folder),
+        )
+    except PredictionErrors as error:
+        for problem in error.problems:
+            console.print(str(problem), highlight=False, markup=False)
+        raise
     for suspicion in results.run.get("predictions", {}).get("suspicions", []):
-        console.print(f"{label}: {suspicion}", style="yellow", highlight=False, markup=False)
+        console.print(f"{name}: {suspicion}", style="yellow", highlight=False, markup=False)
     if as_json:
-        found = {"out": str(out), "methods": headline(results)}
-        sys.stdout.write(json.dumps(found | {"run": results.run}) + "\n")
-        return
-    Console().print(final_table(results))
+        print_json({"out": str(folder), "methods": headline(results), "run": results.run})
+    else:
+        _tell(results, folder, console)
+
+
+def _tell(results: Results, folder: Path, console: Any) -> None:
+    from rich.console import Console
+
+    from malus.bench.commands.printing import results_table
+
+    Console().print(results_table(results))
     invalid = results.table.loc[results.table.metric == "invalid", "value"].sum()
     if invalid > 0:
         console.print(f"{invalid:.0f} pixels with invalid inputs: see the metric `invalid`")
-    console.print(f"written to {out}", highlight=False)
-
-
-def _check_request(dataset: Dataset, names: Sequence[str], folder: Path | None, label: str) -> None:
-    if not names and folder is None:
-        expected, hint = "--method NAME or --predictions DIR", "`malus list methods` shows methods"
-        raise InputError("malus score", expected, "neither", hint)
-    if label in names:
-        raise InputError("--name", "another name than a method's", label, "choose another name")
-    if len(dataset) == 0:
-        hint = "`malus render SUITE --out DIR` goes on with it"
-        raise InputError(str(dataset.path), "a dataset with scenes", "none", hint)
-
-
-def _checked(dataset: Dataset, folder: Path, console: Console) -> Predictions:
-    """Predictions without a problem; all problems are printed before the first is raised."""
-    predictions, problems = with_progress(
-        console, "checking", lambda show: check_predictions(dataset, folder, show)
-    )
-    for problem in problems:
-        console.print(str(problem), highlight=False, markup=False)
-    if problems:
-        expected = f"a good prediction for each of {len(dataset)} scenes"
-        found = f"{len(problems)} problem(s), listed above"
-        raise InputError(str(folder), expected, found, "correct them all, then score again")
-    return predictions
+    console.print(f"written to {folder}", highlight=False)

@@ -1,4 +1,4 @@
-"""Mistakes of convention, suspected from the data: a wrong frame fits, a wrong scale too.
+"""Detect predictions that are rotated, mirrored or rescaled, from the images themselves.
 
 Turning all angles by 90° negates s1 and s2; counting them clockwise, or rows from the bottom,
 negates s2. If predictions fit the truth several times better after such a change than as they
@@ -9,19 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.bench.scoring.metrics import peak
 from malus.renderers.truth import Truth
-
-Image = NDArray[np.floating[Any]]
+from malus.scenes.core.arrays import FloatArray
 
 _BETTER = 4.0
-"""Times by which another convention must fit better. A bad method in the right convention seldom
-fits twice as well in a wrong one; a good method in a wrong convention fits tens of times better."""
+"""Factor by which another convention must fit better before it is suspected. A bad method in the
+right convention seldom fits twice as well in a wrong one; a good method in a wrong convention fits
+tens of times better."""
 _SCALE = (0.8, 1.25)
 """Factors between predicted and true intensity that a method may have without a remark."""
 
@@ -30,11 +28,11 @@ CHANGES = {
     (1.0, -1.0): "with s2 negated: angles are anticlockwise as displayed, rows from the top",
     (-1.0, 1.0): "with s1 negated: angles are anticlockwise from the vertical as displayed",
 }
-"""Signs of s1 and s2 that another convention would have, and ours in words."""
+"""Signs of s1 and s2 in another convention, and what the convention here is."""
 
 
 @dataclass(frozen=True)
-class Fit:
+class ConventionSums:
     """Sums over pixels, bands and scenes of products of predicted and true Stokes vectors.
 
     Attributes
@@ -55,7 +53,7 @@ class Fit:
     true0: float = 0.0
 
     @classmethod
-    def of(cls, predicted: Image, truth: Truth) -> Fit:
+    def of(cls, predicted: FloatArray, truth: Truth) -> ConventionSums:
         """Sums over a scene's mask, relative to the peak so that scenes weigh the same."""
         scale = 1.0 / peak(truth)
         p = predicted[truth.mask].astype(np.float64) * scale
@@ -69,9 +67,10 @@ class Fit:
             true0=float(np.sum(t[..., 0] ** 2)),
         )
 
-    def __add__(self, other: Fit) -> Fit:
+    def __add__(self, other: ConventionSums) -> ConventionSums:
         """Sums over the scenes of both."""
-        return Fit(*(getattr(self, n) + getattr(other, n) for n in self.__dataclass_fields__))
+        names = self.__dataclass_fields__
+        return ConventionSums(*(getattr(self, name) + getattr(other, name) for name in names))
 
     def residual(self, sign1: float = 1.0, sign2: float = 1.0) -> float:
         """Σ of squared differences of s1 and s2, with the prediction's signs changed."""
@@ -83,7 +82,7 @@ class Fit:
 
         Examples
         --------
-        >>> print(*Fit(1, 1, -0.5, -0.5, 2, 1).suspicions(), sep="; ")
+        >>> print(*ConventionSums(1, 1, -0.5, -0.5, 2, 1).suspicions(), sep="; ")
         s1 and s2 fit the truth 1000+ times better turned by 90°: angles are counted from the
         vertical; intensities are 2 times those of the scenes
         """

@@ -1,4 +1,4 @@
-"""`malus export`: a dataset in the formats of other tools, with their conventions spelled out.
+"""Write a dataset in the formats of other tools, with their conventions spelled out.
 
 Every format is a folder a scene, named by its id, and one `conventions.json` beside them.
 
@@ -18,27 +18,31 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
-from malus.renderers.datasets.dataset import Dataset
+from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.datasets.dataset_record import CONVENTIONS
 from malus.renderers.datasets.spectral_exr import write_exr
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
+from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import replace_folder, replace_text
+from malus.scenes.core.registry import lookup
 from malus.scenes.core.remote import as_path
 
-Image = NDArray[np.floating[Any]]
-Write = Callable[[Path, Truth], None]
+WriteScene = Callable[[Path, Truth], None]
+"""Writes one scene to a folder."""
 
 ANGLES_FROM_HORIZONTAL_DEG = (0.0, 45.0, 90.0, 135.0)
 """Polariser angles of a polarisation camera, as polanalyser counts them."""
 
 FROM_VERTICAL_DEG = -90.0
-"""What turns an angle from the horizontal into one of malus, from the vertical."""
+"""Added to an angle from the horizontal it gives one from the vertical, as malus counts."""
+
+PIXELS = ("exr", "png")
+"""Forms of the images for polanalyser."""
 
 NUMPY_WORDS = CONVENTIONS | {
     "truth.npz": "stokes, specular, diffuse (where the lobes are known),"
@@ -63,36 +67,56 @@ POLANALYSER_WORDS = {
 
 
 def export(
-    dataset: Dataset,
+    dataset: Dataset | Path | str,
     layout: str,
     out: Path | str,
     pixels: str = "exr",
     progress: Progress = silent,
 ) -> int:
-    """Write every scene of a dataset in another format; returns how many.
+    """Write every scene of a dataset in another format, and conventions.json beside them.
 
     Parameters
     ----------
-    dataset : Dataset
+    dataset : Dataset, or the path or URL of its folder
     layout : 'numpy', 'png' or 'polanalyser'
-    out : path of a folder
+        One .npz a scene; angle and degree of polarisation; one image a polariser angle.
+    out : path or URL of a folder
     pixels : 'exr' or 'png'
-        Of polanalyser's images.
+        Of polanalyser's images: lossless floats, or 16 bits.
+    progress : function of (scenes done, scenes in all, id of the next)
+
+    Returns
+    -------
+    int
+        The number of scenes.
 
     Raises
     ------
     InputError
-        A damaged dataset, a folder that cannot be written.
+        An unknown layout or form of the pixels, a damaged dataset, a folder that cannot be written
+        or that holds something else.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from malus.bench.datasets.render import render_dataset
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> done = render_dataset("quick", folder / "dataset", resolution=8, samples=2)
+    >>> export(folder / "dataset", "numpy", folder / "numpy")
+    16
     """
-    write, words = _LAYOUTS[layout]
+    write, words = lookup(layout, _LAYOUTS, "layout", f"one of {', '.join(_LAYOUTS)}")
     if layout == "polanalyser":
+        if pixels not in PIXELS:
+            raise InputError("pixels", "exr or png", repr(pixels), "choose one of them")
         write = partial(write_polanalyser, pixels=pixels)
+    opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
     folder = prepare_folder(as_path(out), "an export")
     replace_text(folder / "conventions.json", json.dumps(words, indent=1) + "\n")
-    for done, scene_id in enumerate(dataset.scenes):
-        progress(done, len(dataset), scene_id)
-        replace_folder(folder / scene_id, partial(_write, write, dataset.truth(scene_id)))
-    return len(dataset)
+    for done, scene_id in enumerate(opened.scenes):
+        progress(done, len(opened), scene_id)
+        replace_folder(folder / scene_id, partial(_write, write, opened.truth(scene_id)))
+    return len(opened)
 
 
 def write_numpy(folder: Path, truth: Truth) -> None:
@@ -131,12 +155,12 @@ def write_polanalyser(folder: Path, truth: Truth, pixels: str = "exr") -> None:
         images = folder / f"{wavelength:.10g}nm"
         images.mkdir()
         for index, angle in enumerate(ANGLES_FROM_HORIZONTAL_DEG):
-            seen = polarisation.polarised(truth.stokes[:, :, band], angle + FROM_VERTICAL_DEG)
+            radiance = polarisation.polarised(truth.stokes[:, :, band], angle + FROM_VERTICAL_DEG)
             path = images / f"image{index:05d}.{pixels}"
             if pixels == "png":
-                save_16bit(path, to_16bit(seen / full_scale))
+                save_16bit(path, to_16bit(radiance / full_scale))
             else:
-                write_exr(path, {"Y": seen})
+                write_exr(path, {"Y": radiance})
             facts = {
                 "angle": math.radians(angle),
                 "malus_angle_deg": (angle + FROM_VERTICAL_DEG) % 180.0,
@@ -145,13 +169,13 @@ def write_polanalyser(folder: Path, truth: Truth, pixels: str = "exr") -> None:
             path.with_suffix(".json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
 
 
-def _write(write: Write, truth: Truth, folder: Path) -> None:
+def _write(write: WriteScene, truth: Truth, folder: Path) -> None:
     write(folder, truth)
     record = truth.scene.model_dump(mode="json")
     (folder / "scene.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
-_LAYOUTS: dict[str, tuple[Write, dict[str, str]]] = {
+_LAYOUTS: dict[str, tuple[WriteScene, dict[str, str]]] = {
     "numpy": (write_numpy, NUMPY_WORDS),
     "png": (write_png, PNG_WORDS),
     "polanalyser": (write_polanalyser, POLANALYSER_WORDS),

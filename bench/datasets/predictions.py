@@ -1,4 +1,4 @@
-"""Somebody else's images of the scenes of a dataset: found, checked and hashed.
+"""Read, check and hash images that were predicted elsewhere for the scenes of a dataset.
 
 A folder of predictions has one of these for every scene of the dataset:
 
@@ -21,22 +21,21 @@ import re
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.datasets.dataset import Dataset
 from malus.renderers.datasets.scene_folder import SceneRecord
 from malus.renderers.datasets.spectral_exr import read_spectral
 from malus.scenes import polarisation
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.arrays import FloatArray
+from malus.scenes.core.errors import InputError, first_line
 from malus.scenes.core.files import digest, open_regular
 
-Image = NDArray[np.floating[Any]]
 Shape = tuple[int, ...]
 
 EXTREMES = ("i_max", "i_min", "phase")
@@ -45,7 +44,7 @@ _DAMAGED = (
     zipfile.BadZipFile, zlib.error, ValueError, RuntimeError, EOFError, KeyError, OSError,
     NotImplementedError, MemoryError, tokenize.TokenError,
 )  # fmt: skip
-_HINT = "see `malus score --help`"
+_HINT = "the help of `malus score` tells what is expected"
 
 
 @dataclass(frozen=True)
@@ -55,13 +54,13 @@ class Predictions:
     Attributes
     ----------
     folder : Path
-    found : dict of scene id to file or folder
+    paths : dict of scene id to file or folder
     """
 
     folder: Path
-    found: dict[str, Path]
+    paths: dict[str, Path]
 
-    def stokes(self, record: SceneRecord) -> Image:
+    def stokes(self, record: SceneRecord) -> FloatArray:
         """The predicted Stokes image (height, width, bands, 3) of a scene.
 
         Raises
@@ -69,37 +68,65 @@ class Predictions:
         InputError
             The first problem of this prediction.
         """
-        arrays: dict[str, Image] = {}
-        problems = list(_read(self.found[record.scene.id], record, arrays))
+        arrays: dict[str, FloatArray] = {}
+        problems = list(_read(self.paths[record.scene.id], record, arrays))
         if problems:
             raise problems[0]
         return arrays["stokes"]
 
     def problems(self, record: SceneRecord) -> list[InputError]:
         """Everything that is wrong with the prediction of a scene."""
-        if record.scene.id not in self.found:
+        if record.scene.id not in self.paths:
             expected = f"{record.scene.id}.npz, {record.scene.id}.exr or {record.scene.id}/"
             return [InputError(str(self.folder), expected, "nothing", _HINT)]
-        return list(_read(self.found[record.scene.id], record, {}))
+        return list(_read(self.paths[record.scene.id], record, {}))
 
     def sha256(self) -> str:
         """Hash of the names and contents of all files."""
         total = hashlib.sha256()
-        for path in sorted(self.found.values()):
+        for path in sorted(self.paths.values()):
             for file in sorted(path.glob("*.npy")) if path.is_dir() else [path]:
                 total.update(f"{file.relative_to(self.folder)} {digest(file)[1]}\n".encode())
         return total.hexdigest()
 
 
+class PredictionErrors(InputError):
+    """Predictions that cannot be scored; `problems` lists what is wrong, one InputError each.
+
+    A traceback shows all of them, as notes.
+
+    Examples
+    --------
+    >>> problem = InputError("a.npz", "finite values", "3 that are not", "zero off the object")
+    >>> print(PredictionErrors.of(Path("mine"), 4, [problem]))
+    mine: expected a good prediction for each of 4 scenes, found 1 problem(s); correct them all,
+    then score again
+    """
+
+    problems: tuple[InputError, ...] = ()
+
+    @classmethod
+    def of(cls, folder: Path, scenes: int, problems: Sequence[InputError]) -> PredictionErrors:
+        """The error for the problems of a folder that should predict so many scenes."""
+        expected = f"a good prediction for each of {scenes} scenes"
+        hint = "correct them all, then score again"
+        error = cls(str(folder), expected, f"{len(problems)} problem(s)", hint)
+        error.problems = tuple(problems)
+        for problem in problems:
+            error.add_note(str(problem))
+        return error
+
+
 def find_predictions(folder: Path, dataset: Dataset) -> tuple[Predictions, list[InputError]]:
-    """Predictions in a folder, and what lies there but belongs to no scene of the dataset.
+    """Predictions in a folder, and problems: files that belong to no scene, or a second of one.
 
     Raises
     ------
     InputError
         If the folder cannot be read.
     """
-    known, found, problems = set(dataset.scenes), {}, []
+    scenes, paths = set(dataset.scenes), dict[str, Path]()
+    problems = []
     try:
         entries = sorted(folder.iterdir())
     except OSError as error:
@@ -107,19 +134,25 @@ def find_predictions(folder: Path, dataset: Dataset) -> tuple[Predictions, list[
         raise InputError(str(folder), "a folder of predictions", reason, _HINT) from None
     for path in entries:
         name = path.stem if path.suffix in (".npz", ".exr") else path.name
-        if name in found:
+        if name in paths:
             problems.append(InputError(str(path), "one prediction a scene", "a second", _HINT))
-        elif name in known:
-            found[name] = path
+        elif name in scenes:
+            paths[name] = path
         elif path.suffix in (".npz", ".exr") or _ID.fullmatch(name):
             problems.append(InputError(str(path), "a scene of the dataset", name, _HINT))
-    return Predictions(folder, found), problems
+    return Predictions(folder, paths), problems
 
 
 def check_predictions(
     dataset: Dataset, folder: Path, progress: Callable[[int, int, str], None]
 ) -> tuple[Predictions, list[InputError]]:
-    """Find predictions and name every problem of every one of them, before anything is scored."""
+    """Find predictions and every problem of every one of them, before anything is scored.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be read.
+    """
     predictions, problems = find_predictions(folder, dataset)
     for done, scene_id in enumerate(dataset.scenes):
         progress(done, len(dataset), f"checking {scene_id}")
@@ -127,7 +160,7 @@ def check_predictions(
     return predictions, problems
 
 
-def _read(path: Path, record: SceneRecord, out: dict[str, Image]) -> Iterator[InputError]:
+def _read(path: Path, record: SceneRecord, out: dict[str, FloatArray]) -> Iterator[InputError]:
     """Yield the problems of a prediction; where there is none, `out` gets its Stokes image."""
     shape = (*record.shape, len(record.scene.wavelengths_nm))
     if path.is_symlink():
@@ -146,9 +179,9 @@ def _read(path: Path, record: SceneRecord, out: dict[str, Image]) -> Iterator[In
         yield InputError(str(path), "a .npz, a .exr or a folder", "another file", _HINT)
 
 
-def _read_npz(path: Path, shape: Shape, out: dict[str, Image]) -> Iterator[InputError]:
+def _read_npz(path: Path, shape: Shape, out: dict[str, FloatArray]) -> Iterator[InputError]:
     expected = "arrays stokes, or i_max, i_min and phase"
-    arrays: dict[str, Image] = {}
+    arrays: dict[str, FloatArray] = {}
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             names = {name.removesuffix(".npy") for name in archive.namelist()[:100]}
@@ -163,7 +196,7 @@ def _read_npz(path: Path, shape: Shape, out: dict[str, Image]) -> Iterator[Input
     except InputError as problem:
         yield problem
     except _DAMAGED as error:
-        yield InputError(str(path), "an .npz file", _reason(error), "write it again")
+        yield InputError(str(path), "an .npz file", first_line(error), "write it again")
     if "stokes" in arrays:
         out["stokes"] = arrays["stokes"]
     elif len(arrays) == len(EXTREMES):
@@ -171,9 +204,9 @@ def _read_npz(path: Path, shape: Shape, out: dict[str, Image]) -> Iterator[Input
         out["stokes"] = polarisation.stokes_from_extremes(*(arrays[name] for name in EXTREMES))
 
 
-def _read_angles(folder: Path, shape: Shape, out: dict[str, Image]) -> Iterator[InputError]:
+def _read_angles(folder: Path, shape: Shape, out: dict[str, FloatArray]) -> Iterator[InputError]:
     """A folder of images by polariser angle; least squares where there are more than three."""
-    arrays: dict[str, Image] = {}
+    arrays: dict[str, FloatArray] = {}
     angles: list[float] = []
     clean = True
     for path in sorted(folder.glob("*.npy")):
@@ -191,8 +224,8 @@ def _read_angles(folder: Path, shape: Shape, out: dict[str, Image]) -> Iterator[
     # One row an angle: what a polariser passes of s0, s1 and s2.
     rows = np.array([polarisation.polarised(np.eye(3), angle) for angle in angles])
     if np.linalg.matrix_rank(rows.reshape(-1, 3)) < 3:
-        found = ", ".join(f"{angle:g}" for angle in angles) or "none"
-        yield InputError(str(folder), "three different polariser angles", found, _HINT)
+        listed = ", ".join(f"{angle:g}" for angle in angles) or "none"
+        yield InputError(str(folder), "three different polariser angles", listed, _HINT)
     elif clean:
         images = np.stack(list(arrays.values()), axis=-1)
         out["stokes"] = images @ np.linalg.pinv(rows).T
@@ -207,7 +240,7 @@ def _angle(text: str) -> float | None:
 
 
 def _array(
-    stream: IO[bytes], where: str, shape: Shape, arrays: dict[str, Image], name: str
+    stream: IO[bytes], where: str, shape: Shape, arrays: dict[str, FloatArray], name: str
 ) -> Iterator[InputError]:
     """Read one .npy of a known shape; its header is judged before its data are read."""
     try:
@@ -215,35 +248,31 @@ def _array(
             (1, 0): np.lib.format.read_array_header_1_0,
             (2, 0): np.lib.format.read_array_header_2_0,
         }
-        found, fortran, dtype = readers[np.lib.format.read_magic(stream)](stream)
+        written, fortran, dtype = readers[np.lib.format.read_magic(stream)](stream)
         if dtype.kind != "f" or dtype.itemsize not in (4, 8):
             yield InputError(where, "float32 or float64", str(dtype), "convert it")
             return
-        if found != shape:
-            yield InputError(where, f"shape {shape}", str(found), "height, width, bands")
+        if written != shape:
+            yield InputError(where, f"shape {shape}", str(written), "height, width, bands")
             return
         raw = stream.read(math.prod(shape) * dtype.itemsize)
         flat = np.frombuffer(raw, dtype)
-        array: Image = flat.reshape(shape, order="F" if fortran else "C")
+        array: FloatArray = flat.reshape(shape, order="F" if fortran else "C")
     except _DAMAGED as error:
-        yield InputError(where, "an .npy array", _reason(error), "write it again")
+        yield InputError(where, "an .npy array", first_line(error), "write it again")
         return
     yield from _not_finite(where, array)
     arrays[name] = array
 
 
-def _not_finite(where: str, array: Image) -> Iterator[InputError]:
+def _not_finite(where: str, array: FloatArray) -> Iterator[InputError]:
     wrong = int(np.size(array) - np.isfinite(array).sum())
     if wrong:
         yield InputError(where, "finite values", f"{wrong} that are not", "zero off the object")
 
 
-def _in_degrees(path: Path, phase: Image) -> Iterator[InputError]:
+def _in_degrees(path: Path, phase: FloatArray) -> Iterator[InputError]:
     largest = float(np.abs(phase).max())
     if largest > 2 * math.pi + 0.1:
         where = f"{path}, array phase"
         yield InputError(where, "radians", f"up to {largest:.4g}", "are these degrees?")
-
-
-def _reason(error: BaseException) -> str:
-    return (str(error).splitlines() or [""])[0] or type(error).__name__

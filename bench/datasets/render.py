@@ -1,10 +1,10 @@
-"""`malus render`: the truths of a suite as a dataset, family by family, and nothing else."""
+"""Render the truths of a suite as a dataset, family by family, and nothing else."""
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -12,96 +12,137 @@ from typing import Any
 
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.output_folder import prepare_folder
+from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.work import truths
-from malus.bench.running.worker_process import ATTEMPTS, Died, WorkerProcess
+from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.renderers.datasets.dataset import DatasetWriter
 from malus.renderers.datasets.dataset_record import FailedScene
 from malus.renderers.truth import Truth
-from malus.renderers.variant import Variant, choose
+from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import owned
 from malus.scenes.core.model import content_id
 from malus.scenes.core.remote import as_path
+from malus.scenes.core.versions import versions
 from malus.scenes.scene import Scene
 from malus.scenes.suite import Suite
 
 
 def render_dataset(
-    suite: Suite,
+    suite: Suite | str | Path,
     out: Path | str,
-    variant: Variant | None = None,
+    backend: str | Variant = "auto",
     progress: Progress = silent,
-    child: WorkerProcess | None = None,
+    worker: WorkerProcess | None = None,
     retry_failed: bool = False,
+    *,
+    samples: int | None = None,
+    resolution: int | None = None,
+    seed: int | None = None,
+    timeout: float | None = None,
 ) -> dict[str, Any]:
-    """Write the truths of a suite to a folder; scenes that are there are taken over.
+    """Render a suite as a dataset: Stokes images of both lobes, normals and errors as OpenEXR.
 
-    A scene that cannot be rendered is recorded with the reason, and the others go on.
+    Scenes that the folder holds already are taken over. A scene that cannot be rendered is
+    recorded with the reason, and the others go on.
 
     Parameters
     ----------
-    suite : Suite
-    out : path of a folder
-    variant : Variant, by default the fastest that works
+    suite : Suite, or the name of one that malus brings, or the path of a TOML file
+    out : path or URL of a folder
+    backend : 'auto', 'cuda', 'llvm' or 'scalar'
     progress : function of (scenes done, scenes in all, label of the next family)
-    child : Child, optional
-        Renders, so that a crash costs a family only; by default this process does.
+    worker : WorkerProcess, optional
+        A process that renders; by default this one does.
     retry_failed : bool
         Try again what failed in an earlier run; a wrong input is always tried again.
+    samples, resolution, seed : int, optional
+        Samples a pixel, pixels a side, and seed, in place of the suite's.
+    timeout : float, optional
+        Seconds that a family may take. With it a process of its own renders, so that a crash costs
+        one family; a script that asks for this has to keep its own work under
+        `if __name__ == "__main__":`.
 
     Returns
     -------
-    dict of scenes, rendered, taken_over, failed, seconds and bytes (of what was rendered).
+    dict
+        `out`; numbers of scenes, `scenes`, `rendered`, `taken_over` and `failed`; `seconds`, and
+        `bytes` of what was rendered.
 
     Raises
     ------
     InputError
-        A folder that cannot be written, not a single scene that can be rendered.
+        Unknown suite or backend, a value that is not valid, a folder that cannot be written or
+        that holds something else, not a single scene that can be rendered.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = tempfile.mkdtemp()
+    >>> done = render_dataset("quick", folder, resolution=8, samples=2)
+    >>> done["scenes"], done["rendered"], done["failed"]
+    (16, 16, 0)
     """
     started = time.perf_counter()
-    folder = prepare_folder(as_path(out), "a dataset")
-    chosen = variant or choose()
+    variant = chosen_variant(backend)
+    chosen = chosen_suite(suite, variant, samples=samples, resolution=resolution, seed=seed)
+    with ExitStack() as stack:
+        if timeout is not None and worker is None:
+            worker = stack.enter_context(WorkerProcess(timeout))
+        folder = prepare_folder(as_path(out), "a dataset")
+        done = _render_families(chosen, folder, variant, progress, worker, retry_failed)
+    size = done.pop("bytes")
+    return done | {"seconds": round(time.perf_counter() - started, 3), "bytes": size}
+
+
+def _render_families(
+    suite: Suite,
+    folder: Path,
+    variant: Variant,
+    progress: Progress,
+    worker: WorkerProcess | None,
+    retry_failed: bool,
+) -> dict[str, Any]:
+    """Render and write what the folder lacks; counts of scenes, and bytes that were written."""
     families = plan(suite)
-    planned = {
-        scene.id: _origin(family, suite, chosen) for family in families for scene in family.scenes
+    origins = {
+        scene.id: _origin(family, suite, variant) for family in families for scene in family.scenes
     }
     rendered = size = 0
     with (
-        owned(folder, content_id(planned)),
-        DatasetWriter(folder, planned, about(suite, chosen)) as writer,
+        owned(folder, content_id(origins)),
+        DatasetWriter(folder, origins, about(suite, variant)) as writer,
     ):
         taken_over = len(writer.done)
         for family in families:
-            progress(len(writer.done), len(planned), family.label)
+            progress(len(writer.done), len(origins), family.label)
             missing = [scene for scene in family.scenes if _is_left(scene, writer, retry_failed)]
-            for found in _found(Order(family, missing, suite.renderer, chosen), child):
-                size += _kept(found, family, planned, writer)
-                rendered += isinstance(found, Truth)
-                progress(len(writer.done), len(planned), family.label)
+            task = RenderTask(family, missing, suite.renderer, variant)
+            for outcome in _outcomes(task, worker):
+                size += _write(outcome, family, origins, writer)
+                rendered += isinstance(outcome, Truth)
+                progress(len(writer.done), len(origins), family.label)
     if not writer.done:
         why = next(iter(writer.failed.values())).reason
         raise InputError(f"suite {suite.name}", "a scene that can be rendered", "none", why)
     return {
         "out": str(folder),
-        "scenes": len(planned),
+        "scenes": len(origins),
         "rendered": rendered,
         "taken_over": taken_over,
         "failed": len(writer.failed),
-        "seconds": round(time.perf_counter() - started, 3),
         "bytes": size,
     }
 
 
 def about(suite: Suite, variant: Variant) -> dict[str, Any]:
-    """What `dataset.json` says of where the truths come from."""
-    packages = ("malus", "mitsuba", "drjit", "numpy")
+    """What `dataset.json` says of where the truths come from: suite, versions and variant."""
     return {
         "suite": suite.model_dump(mode="json"),
-        "versions": {name: version(name) for name in packages}
-        | {"python": platform.python_version()},
+        "versions": versions("malus", "mitsuba", "drjit", "numpy"),
         "variant": {"name": variant.name, "reason": variant.reason},
     }
 
@@ -112,8 +153,8 @@ def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
 
 
 @dataclass(frozen=True)
-class Order:
-    """Some scenes of a family that shall be rendered."""
+class RenderTask:
+    """Some scenes of a family that are to be rendered together."""
 
     family: FamilyPlan
     scenes: Sequence[Scene]
@@ -126,56 +167,65 @@ def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
     return scene.id not in writer.done and (failed is None or retry_failed or failed.mendable)
 
 
-def _rendered(order: Order) -> Iterator[Truth | Failure]:
+def _rendered(task: RenderTask) -> Iterator[Truth | Failure]:
     """The truth of each scene, or why there is none."""
-    made = FamilyResult()
-    with made.guard():
-        found = truths(order.family, order.scenes, order.renderer, order.variant, made, errors=True)
-        for _, truth in found:
+    result = FamilyResult()
+    with result.guard():
+        rendered = truths(
+            task.family, task.scenes, task.renderer, task.variant, result, errors=True
+        )
+        for _, truth in rendered:
             yield truth
-    yield from made.failures
+    yield from result.failures
 
 
-def _found(order: Order, child: WorkerProcess | None) -> Iterator[Truth | Failure]:
-    """As `_rendered`, in the child where there is one; what crashes it is tried again."""
-    if not order.scenes:
+def _outcomes(task: RenderTask, worker: WorkerProcess | None) -> Iterator[Truth | Failure]:
+    """Truths and failures of a task, rendered by the worker process where there is one.
+
+    A task that crashes the worker is tried again, without the scenes that are there already.
+    """
+    if not task.scenes:
         return
-    if child is None:
-        yield from _rendered(order)
+    if worker is None:
+        yield from _rendered(task)
         return
-    left, reason = {scene.id: scene for scene in order.scenes}, ""
-    for _ in range(ATTEMPTS):
-        try:
-            for found in child.stream(_rendered, replace(order, scenes=tuple(left.values()))):
-                if isinstance(found, Truth):
-                    del left[found.scene.id]
-                yield found
-            return
-        except Died as death:
-            reason = f"{death}, {ATTEMPTS} times"
-    yield from (Failure(name, None, reason) for name in left)
+    left = {scene.id: scene for scene in task.scenes}
+
+    def attempt() -> Iterator[Truth | Failure]:
+        return worker.stream(_rendered, replace(task, scenes=tuple(left.values())))
+
+    try:
+        for outcome in retried(attempt):
+            if isinstance(outcome, Truth):
+                del left[outcome.scene.id]
+            yield outcome
+    except Died as death:
+        yield from (Failure(name, None, str(death)) for name in left)
 
 
-def _kept(
-    found: Truth | Failure, family: FamilyPlan, planned: Mapping[str, str], writer: DatasetWriter
+def _write(
+    outcome: Truth | Failure,
+    family: FamilyPlan,
+    origins: Mapping[str, str],
+    writer: DatasetWriter,
 ) -> int:
     """Write a truth, or record why there is none; the number of bytes written.
 
     A failure without a scene is one of all scenes of the family that have no truth.
     """
-    if isinstance(found, Truth):
-        writer.add(found, planned[found.scene.id])
-        return sum(file.stat().st_size for file in (writer.folder / found.scene.id).iterdir())
-    names = [scene.id for scene in family.scenes] if found.scene is None else [found.scene]
+    if isinstance(outcome, Truth):
+        writer.add(outcome, origins[outcome.scene.id])
+        return sum(file.stat().st_size for file in (writer.folder / outcome.scene.id).iterdir())
+    names = [scene.id for scene in family.scenes] if outcome.scene is None else [outcome.scene]
     for name in names:
         if name not in writer.done:
             writer.fail(
                 FailedScene(
                     scene=name,
-                    origin=planned[name],
+                    origin=origins[name],
                     label=family.label,
-                    reason=found.reason,
-                    mendable=found.mendable,
+                    reason=outcome.reason,
+                    mendable=outcome.mendable,
                 )
             )
     return 0

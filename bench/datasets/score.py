@@ -1,4 +1,4 @@
-"""`malus score`: methods, or images that were made elsewhere, on a stored dataset."""
+"""Score methods, or images that were made elsewhere, on a stored dataset."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import partial
-from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from malus.bench.datasets.convention_check import Fit
-from malus.bench.datasets.predictions import Image, Predictions
+from malus.bench.datasets.convention_check import ConventionSums
+from malus.bench.datasets.predictions import PredictionErrors, Predictions, check_predictions
+from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import (
     Record,
@@ -22,67 +23,144 @@ from malus.bench.running.results import (
     inapplicable,
     record,
     table_of,
+    write_results,
 )
 from malus.bench.scoring.judge import Judge
-from malus.reconstruct import Components, Inapplicable, Method, Observation
-from malus.renderers.datasets.dataset import Dataset
+from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
+from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
-from malus.scenes.core.errors import printable
+from malus.scenes.core.arrays import FloatArray
+from malus.scenes.core.errors import InputError, printable
+from malus.scenes.core.remote import as_path
+from malus.scenes.core.versions import versions
 
 
 def score_dataset(
-    dataset: Dataset,
-    methods: Sequence[Method],
-    predictions: Predictions | None = None,
-    label: str = "predictions",
+    dataset: Dataset | Path | str,
+    methods: Sequence[Method | str] = (),
+    predictions: Predictions | Path | str | None = None,
+    name: str = "predictions",
     progress: Progress = silent,
+    *,
+    out: Path | str | None = None,
 ) -> Results:
-    """Scores of methods and predictions on every scene, as a table like that of a run.
+    """Score methods, and images that were predicted elsewhere, on every scene of a dataset.
+
+    Parameters
+    ----------
+    dataset : Dataset, or the path or URL of its folder
+    methods : sequence of Method, or of their names
+    predictions : path or URL of a folder, optional
+        One prediction a scene, as `malus.bench.datasets.predictions` describes. All of them are
+        checked before anything is scored.
+    name : str
+        What the predictions are called in the column `method`.
+    progress : function of (scenes done, scenes in all, label of the next)
+    out : path or URL of a folder, optional
+        Where the results are written; by default nowhere.
+
+    Returns
+    -------
+    Results
+        A table like that of a run. `run["predictions"]["suspicions"]` tells what looks as if the
+        predictions counted angles otherwise or had another scale.
 
     Raises
     ------
+    PredictionErrors
+        An InputError whose `problems` are those of all predictions.
     InputError
-        A damaged dataset or prediction.
+        Nothing to score, an unknown method, a method's name for the predictions, a dataset that is
+        damaged or has no scene, a folder that cannot be written or that holds something else.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from malus.bench.datasets.render import render_dataset
+    >>> folder = tempfile.mkdtemp()
+    >>> done = render_dataset("quick", folder, resolution=8, samples=2)
+    >>> results = score_dataset(folder, ["eq8"])
+    >>> sorted(results.table.method.unique())
+    ['eq8']
     """
+    opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    chosen = [get_method(one) if isinstance(one, str) else one for one in methods]
+    names = [one if isinstance(one, str) else one.name for one in methods]
+    _check_request(opened, names, predictions is not None, name)
+    folder = None if out is None else prepare_folder(as_path(out), "scores")
+    if predictions is not None and not isinstance(predictions, Predictions):
+        predictions = _checked(opened, as_path(predictions), progress)
+    results = _score(opened, chosen, predictions, name, progress)
+    if folder is not None:
+        write_results(folder, results)
+    return results
+
+
+def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name: str) -> None:
+    if not names and not predicted:
+        expected, hint = "`methods` NAME or `predictions` DIR", "`malus list methods` shows methods"
+        raise InputError("score", expected, "neither", hint)
+    if name in names:
+        raise InputError("name", "another name than a method's", name, "choose another name")
+    if len(dataset) == 0:
+        hint = "`malus render` with the same suite and folder goes on with it"
+        raise InputError(str(dataset.path), "a dataset with scenes", "none", hint)
+
+
+def _checked(dataset: Dataset, folder: Path, progress: Progress) -> Predictions:
+    """The predictions of a folder; their problems as one exception."""
+    predictions, problems = check_predictions(dataset, folder, progress)
+    if problems:
+        raise PredictionErrors.of(folder, len(dataset), problems)
+    return predictions
+
+
+def _score(
+    dataset: Dataset,
+    methods: Sequence[Method],
+    predictions: Predictions | None,
+    name: str,
+    progress: Progress,
+) -> Results:
     started = time.perf_counter()
-    parts: list[pd.DataFrame] = []
-    fit, worst = Fit(), 0.0
+    tables: list[pd.DataFrame] = []
+    sums, worst = ConventionSums(), 0.0
     for done, scene_id in enumerate(dataset.scenes):
         progress(done, len(dataset), scene_id)
         truth = dataset.truth(scene_id)
-        chosen = list(methods)
+        scored = list(methods)
         if predictions is not None:
             stokes = predictions.stokes(dataset.scene(scene_id))
-            fit += Fit.of(stokes, truth)
-            chosen.append(_as_method(label, stokes, truth))
-        parts.append(_scene_table(truth, chosen))
+            sums += ConventionSums.of(stokes, truth)
+            scored.append(_as_method(name, stokes, truth))
+        tables.append(_scene_table(truth, scored))
         worst = max(worst, truth.interpolation_error.get("rms", 0.0))
     names = [method.name for method in methods]
-    run = _record(dataset, names, time.perf_counter() - started, worst)
+    run = _run_record(dataset, names, time.perf_counter() - started, worst)
     if predictions is not None:
-        run["suite"]["methods"] = [*names, label]
+        run["suite"]["methods"] = [*names, name]
         run["predictions"] = {
-            "name": label,
+            "name": name,
             "folder": str(predictions.folder),
             "sha256": predictions.sha256(),
-            "suspicions": list(fit.suspicions()),
+            "suspicions": list(sums.suspicions()),
         }
-    return Results(pd.concat(parts, ignore_index=True), run)
+    return Results(pd.concat(tables, ignore_index=True), run)
 
 
-def _as_method(label: str, stokes: Image, truth: Truth) -> Method:
+def _as_method(name: str, stokes: FloatArray, truth: Truth) -> Method:
     """A prediction in the form of a method, for the judge that scores methods.
 
     The judge also asks what a method makes of the picture with another draw of the noise. What a
     prediction would have made of it is unknown; its intensity at least is taken to follow the
     picture, as that of every method does, and its s1 and s2 to stay.
     """
-    function = partial(_predicted, stokes=stokes, seen=truth.image)
-    return Method(label, frozenset(), function, "images that were made elsewhere")
+    function = partial(_predicted, stokes=stokes, picture=truth.image)
+    return Method(name, frozenset(), function, "images that were made elsewhere")
 
 
-def _predicted(observation: Observation, stokes: Image, seen: Image) -> Components:
-    intensity = stokes[..., 0] + (observation.image - seen)
+def _predicted(observation: Observation, stokes: FloatArray, picture: FloatArray) -> Components:
+    intensity = stokes[..., 0] + (observation.image - picture)
     return Components(intensity, stokes[..., 1], stokes[..., 2])
 
 
@@ -97,20 +175,17 @@ def _scene_table(truth: Truth, methods: Sequence[Method]) -> pd.DataFrame:
     return table_of(records)
 
 
-def _record(
+def _run_record(
     dataset: Dataset, methods: list[str], seconds: float, interpolation_error: float
 ) -> dict[str, Any]:
-    """The record of a run, with where its truths come from."""
+    """What `run.json` says: where the truths come from, and how the scores came about."""
     record = dataset.record
     suite = dict(record.suite or {"name": printable(dataset.path.name)})
-    packages = ("malus", "numpy", "scipy", "pandas")
     return {
         "suite": suite | {"methods": methods},
         "dataset": {"folder": str(dataset.path), "sha256": dataset.sha256},
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": record.versions
-        | {name: version(name) for name in packages}
-        | {"python": platform.python_version()},
+        "versions": record.versions | versions("malus", "numpy", "scipy", "pandas"),
         "machine": {"system": platform.platform(), "processor": platform.machine()},
         "variant": record.variant,
         "seconds": {"total": round(seconds, 3)},

@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from malus.renderers import Truth, render
 from malus.scenes import Camera, Dielectric, Sampling, Scene, Sphere, Uniform
+from malus.scenes.core.arrays import FloatArray
 from malus.scenes.polarisation import dolp, polarised
-
-Image = NDArray[np.floating[Any]]
 
 PICTURE = Path(__file__).parents[2] / "reports" / "docs" / "conventions.png"
 DIAGONAL = 0.5**0.5
@@ -43,8 +41,9 @@ def picture(truth: Truth) -> Figure:
     figure.colorbar(shown, ax=upper[3], shrink=0.8)
     root = np.sqrt(np.nanpercentile(stokes[..., 0], 99.5) * 0.9)
     for ax, angle, (x, y) in zip(lower, (0.0, 45.0, 90.0, 135.0), _DIRECTIONS, strict=True):
-        seen = np.sqrt(np.maximum(polarised(stokes, angle), 0))  # so that the dark parts show
-        _show(ax, seen, f"polariser at {angle:g}°", vmin=0, vmax=float(root))
+        radiance = np.maximum(polarised(stokes, angle), 0)
+        # The root brings out the dark parts.
+        _show(ax, np.sqrt(radiance), f"polariser at {angle:g}°", vmin=0, vmax=float(root))
         _arrow(ax, (-x, -y), (x, y), "tab:orange")
     return figure
 
@@ -53,7 +52,7 @@ _DIRECTIONS = ((0.0, 1.0), (-DIAGONAL, DIAGONAL), (-1.0, 0.0), (-DIAGONAL, -DIAG
 """Transmission axes at 0, 45, 90 and 135 degrees anticlockwise from the vertical."""
 
 
-def _show(ax: Axes, values: Image, title: str, cmap: str = "gray", **limits: Any) -> Any:
+def _show(ax: Axes, values: FloatArray, title: str, cmap: str = "gray", **limits: Any) -> Any:
     ax.set_title(title, fontsize=9)
     ax.set_axis_off()
     # Row 0 is the top of the picture, so that y points up in the extent.

@@ -1,30 +1,77 @@
-"""A suite with the user's own sizes, seed and methods in place of its own."""
+"""From a user's choices, of sizes, seed, methods and backend, to a Suite and a Variant."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
-from malus.renderers.variant import Variant
-from malus.scenes.suite import Suite
+from malus.renderers.variant import Variant, choose
+from malus.scenes.suite import Suite, load_suite
 
 
-def overridden(suite: Suite, overrides: dict[str, Any], variant: Variant) -> Suite:
-    """The suite with the user's overrides, and its own smaller sizes where no array variant runs.
+def chosen_variant(backend: str | Variant) -> Variant:
+    """The Mitsuba variant of a backend's name; a Variant as it is.
 
     Raises
     ------
     InputError
-        If a value is not valid.
+        Unknown backend, or one that does not work here.
+
+    Examples
+    --------
+    >>> chosen_variant("scalar").name
+    'scalar_spectral_polarized'
     """
-    data = suite.model_dump(mode="json")
-    smaller = suite.scalar if suite.scalar and not variant.vectorised else None
-    if smaller:
-        data["camera"]["resolution"] = smaller.resolution
-        data["sampling"]["samples"] = smaller.samples
-        data["description"] += f" ({smaller.note})"
+    return backend if isinstance(backend, Variant) else choose(backend)
+
+
+def chosen_suite(
+    suite: Suite | str | Path,
+    variant: Variant,
+    *,
+    samples: int | None = None,
+    resolution: int | None = None,
+    seed: int | None = None,
+    methods: Sequence[str] = (),
+) -> Suite:
+    """A suite with some of its values replaced.
+
+    Parameters
+    ----------
+    suite : Suite, or the name of one that malus brings, or the path of a TOML file
+        One that is named takes its own smaller sizes where no array variant renders; a Suite is
+        taken as it is.
+    variant : Variant
+    samples, resolution, seed : int, optional
+        Samples a pixel, pixels a side, and seed, in place of the suite's.
+    methods : sequence of str
+        Names of methods in place of the suite's; empty leaves those.
+
+    Raises
+    ------
+    InputError
+        Unknown suite, unreadable file, or a value that is not valid.
+
+    Examples
+    --------
+    >>> suite = chosen_suite("quick", Variant("scalar_spectral_polarized", "asked for"), seed=7)
+    >>> suite.name, suite.sampling.seed
+    ('quick', 7)
+    """
+    values = {"samples": samples, "resolution": resolution, "seed": seed}
+    given = methods or any(value is not None for value in values.values())
+    if isinstance(suite, Suite) and not given:
+        return suite
+    loaded = suite if isinstance(suite, Suite) else load_suite(suite)
+    data: dict[str, Any] = loaded.model_dump(mode="json")
+    if not isinstance(suite, Suite) and loaded.scalar and not variant.vectorised:
+        data["camera"]["resolution"] = loaded.scalar.resolution
+        data["sampling"]["samples"] = loaded.scalar.samples
+        data["description"] += f" ({loaded.scalar.note})"
     for section, key in (("sampling", "samples"), ("camera", "resolution"), ("sampling", "seed")):
-        if overrides.get(key) is not None:
-            data[section][key] = overrides[key]
-    if overrides.get("methods"):
-        data["methods"] = list(overrides["methods"])
-    return Suite.parse(data, "command line")
+        if values[key] is not None:
+            data[section][key] = values[key]
+    if methods:
+        data["methods"] = list(methods)
+    return Suite.parse(data, f"suite {loaded.name} with the values asked for")

@@ -1,4 +1,4 @@
-"""`malus status`: of a run or a dataset, what is done, what failed and why, and what is left."""
+"""How far a run or a dataset is: what is done, what failed and why, and what is left."""
 
 from __future__ import annotations
 
@@ -34,6 +34,12 @@ class Status:
         One a family and reason.
     finished : bool
         Nothing is left, and the results are written.
+
+    Examples
+    --------
+    >>> half = Status("run of quick", "families", total=8, done=4, left=3)
+    >>> half.failed_families, half.finished
+    (1, False)
     """
 
     what: str
@@ -52,8 +58,13 @@ class Status:
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
         reasons = [
-            {"family": label, "scene": why.scene, "method": why.method, "reason": why.reason}
-            for label, why in self.failed
+            {
+                "family": label,
+                "scene": failure.scene,
+                "method": failure.method,
+                "reason": failure.reason,
+            }
+            for label, failure in self.failed
         ]
         return {
             "what": self.what,
@@ -69,6 +80,14 @@ class Status:
 
 def status(folder: Path | str) -> Status:
     """Read how far a run or a dataset is; nothing is changed, also while it is being made.
+
+    Parameters
+    ----------
+    folder : path or URL of a folder
+
+    Returns
+    -------
+    Status
 
     Raises
     ------
@@ -90,7 +109,9 @@ def status(folder: Path | str) -> Status:
     if (folder / DATASET).exists():
         return _of_dataset(folder)
     expected = f"{PLAN} of a run or {DATASET} of a dataset"
-    raise InputError(str(folder), expected, "neither", "give the --out of `malus run` or `render`")
+    raise InputError(
+        str(folder), expected, "neither", "give the folder that `malus run` or `malus render` wrote"
+    )
 
 
 def _of_run(folder: Path) -> Status:
@@ -98,7 +119,7 @@ def _of_run(folder: Path) -> Status:
     try:
         families = list(_families(planned))
         methods = {str(name) for name in planned["methods"]}
-        found = Status(f"run of {planned['suite']}", "families", total=len(families))
+        progress = Status(f"run of {planned['suite']}", "families", total=len(families))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             str(folder / PLAN), "the plan of a run", repr(error), "give the `malus run` again"
@@ -106,18 +127,20 @@ def _of_run(folder: Path) -> Status:
     parts = Parts(folder)
     for name, label in families:
         lacking = methods - set(parts.methods(name))
-        why = [
-            each for each in parts.failures(name) if each.method is None or each.method in lacking
+        failures = [
+            failure
+            for failure in parts.failures(name)
+            if failure.method is None or failure.method in lacking
         ]
         if not lacking:
-            found.done += 1
-        elif why:
-            found.failed += [(label, failure) for failure in why]
+            progress.done += 1
+        elif failures:
+            progress.failed += [(label, failure) for failure in failures]
         else:
-            found.left += 1
-    expected = {"suite_id": planned.get("suite_id"), "families_failed": found.failed_families}
-    found.finished = not found.left and _written(folder, expected)
-    return found
+            progress.left += 1
+    expected = {"suite_id": planned.get("suite_id"), "families_failed": progress.failed_families}
+    progress.finished = not progress.left and _is_written(folder, expected)
+    return progress
 
 
 def _families(planned: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -128,7 +151,7 @@ def _families(planned: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield family["id"], printable(str(family["label"]))
 
 
-def _written(folder: Path, expected: Mapping[str, Any]) -> bool:
+def _is_written(folder: Path, expected: Mapping[str, Any]) -> bool:
     """Whether the results are those of these parts, not of an earlier run in the folder."""
     try:
         record = read_json(folder / RUN, MAX_PLAN_BYTES)[0]
@@ -143,7 +166,7 @@ def _of_dataset(folder: Path) -> Status:
     done = len(record.scenes)
     left = record.planned - done - len(record.failed)
     failed = [
-        (printable(why.label), Failure(why.scene, None, printable(why.reason)))
-        for why in record.failed
+        (printable(scene.label), Failure(scene.scene, None, printable(scene.reason)))
+        for scene in record.failed
     ]
     return Status(f"dataset of {name}", "scenes", record.planned, done, left, failed, not left)

@@ -1,108 +1,299 @@
-"""What `malus run` does besides suites of scenes: studies that make their own tables."""
+"""Studies: benchmarks and tables of fixed cases, each with its options, in one registry.
+
+`malus bench NAME` and `malus run NAME` run them alike. This module is read for the command line's
+help, so nothing heavy is imported before a study runs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
+from malus.bench.studies.study import Findings, Study, StudyOption
 
-from malus.bench.running.output_folder import prepare_folder
-from malus.bench.running.results import origin, write_run
-from malus.renderers.variant import choose
-from malus.scenes.core.errors import InputError
-from malus.scenes.core.files import write_whole
+if TYPE_CHECKING:
+    import pandas as pd
 
 
-@dataclass(frozen=True)
-class Study:
-    """A study: what it is for, and a function of (folder, backend) that says whether it passed."""
+def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findings:
+    """Run a study: a benchmark, or a table of fixed cases.
 
-    name: str
-    description: str
-    run: Callable[[Path, str], bool]
+    Parameters
+    ----------
+    name : str
+        As `list_studies` has it: stress, precision, ratio, reconstruct, render, scaling or
+        single-image.
+    out : path or URL of a folder, optional
+        Where tables and page, or the figures as JSON, are written. By default results/NAME for a
+        study with a page, nowhere for another.
+    **options
+        As `list_studies()[name].options` has them.
 
-    @property
-    def plan(self) -> str:
-        """What a run of it will do, for `malus plan`."""
-        return (
-            f"{self.name}: {self.description}. A study of fixed cases instead of a suite of scenes:"
-            f" nothing is left out. `malus run {self.name}` writes a table and a page"
-        )
-
-
-def _stress(out: Path, backend: str) -> bool:
-    from malus.bench.studies.stress import stress_table, write_table
-    from malus.reports.tables.text_tables import stress_cells
-
-    table = stress_table()
-    write_table(out, table)
-    _show(table, stress_cells)
-    failed = int((~table.passed).sum())
-    Console().print(f"{len(table)} cases, {failed} failed; written to {out}", highlight=False)
-    return failed == 0
-
-
-def _precision(out: Path, backend: str) -> bool:
-    from malus.bench.studies.precision import precision
-
-    table = precision(choose(backend))
-    write_whole(out / "precision.csv", lambda path: table.to_csv(path, index=False))
-    _show(table, _cells)
-    Console().print(f"written to {out}", highlight=False)
-    return True
-
-
-def _cells(row: pd.Series) -> list[str]:
-    numbers = {"seconds", "spread", "error"}
-    return [f"{value:.2e}" if name in numbers else str(value) for name, value in row.items()]
-
-
-def _show(table: pd.DataFrame, to_cells: Callable[[pd.Series], list[str]]) -> None:
-    shown = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in table.columns:
-        shown.add_column(str(name))
-    for _, row in table.iterrows():
-        shown.add_row(*to_cells(row))
-    Console().print(shown)
-
-
-STUDIES = {
-    study.name: study
-    for study in (
-        Study("stress", "Stiff and extreme cases, each with its error and a verdict", _stress),
-        Study("precision", "Error against run time: R, rendering, whole methods", _precision),
-    )
-}
-
-
-def run_study(
-    name: str, out: Path | None, backend: str, others: Mapping[str, object] | None = None
-) -> bool:
-    """Run a study; its files go to `out`, by default results/NAME. True if it passed.
+    Returns
+    -------
+    Findings
 
     Raises
     ------
     InputError
-        If one of the `others`, options of `malus run` that are for suites, was given.
-    """
-    from malus.reports.write import write_study
+        An unknown study or option, a value out of its range, a folder that cannot be written or
+        that holds something else.
 
-    given = [
-        f"--{key}".replace("methods", "method")
-        for key, value in (others or {}).items()
-        if not (value is None or value is False or value == ())  # a seed of 0 is given
+    Examples
+    --------
+    >>> findings = run_study("reconstruct", megapixels=0.001, repeats=1)
+    >>> findings.passed, sorted({row["method"] for row in findings.figures})[0]
+    (True, 'eq8')
+    """
+    from malus.bench.running.output_folder import prepare_folder
+    from malus.scenes.core.registry import lookup
+    from malus.scenes.core.remote import as_path
+
+    study = lookup(name, STUDIES, "study")
+    values = _values(study, options)
+    if out is None and study.has_page:
+        out = Path("results") / name
+    folder = None
+    if out is not None:
+        folder = prepare_folder(as_path(out), "a study" if study.has_page else "")
+    findings = study.run(folder, **values)
+    if folder is not None:
+        _write(study, folder, findings)
+    return findings
+
+
+def _values(study: Study, options: dict[str, Any]) -> dict[str, Any]:
+    """The options with their defaults, within their bounds."""
+    from malus.scenes.core.errors import InputError
+    from malus.scenes.core.registry import lookup
+
+    known = {option.name: option for option in study.options}
+    for name in options:
+        lookup(name, known, f"study {study.name}", "the name of an option")
+    values = {name: options.get(name, option.default) for name, option in known.items()}
+    for name, value in values.items():
+        option = known[name]
+        if option.choices and value not in option.choices:
+            raise InputError(name, f"one of {', '.join(option.choices)}", str(value), "choose one")
+        least, most = option.least, option.most
+        if (least is not None and not value >= least) or (most is not None and not value <= most):
+            raise InputError(name, _range(least, most), f"{value:g}", "choose another size")
+    return values
+
+
+def _range(least: float | None, most: float | None) -> str:
+    """A range of numbers in words.
+
+    Examples
+    --------
+    >>> _range(1e-5, 1000), _range(2, None)
+    ('a number in 1e-5..1000', 'a number >= 2')
+    """
+    low, high = (str(bound).replace("e-0", "e-") for bound in (least, most))
+    return f"a number >= {low}" if most is None else f"a number in {low}..{high}"
+
+
+def _write(study: Study, folder: Path, findings: Findings) -> None:
+    """run.json and the page of a study that has one; the figures as NAME.json of any other."""
+    import json
+
+    from malus.bench.running.results import origin, write_run
+    from malus.reports.write import write_study
+    from malus.scenes.core.files import replace_text
+
+    if study.has_page:
+        write_run(folder, origin() | {"study": study.name, "description": study.description})
+        write_study(folder)
+        return
+    text = json.dumps(findings.figures, indent=2, sort_keys=True) + "\n"
+    replace_text(folder / f"{study.name}.json", text)
+
+
+def _stress(folder: Path) -> Findings:
+    from malus.bench.studies.stress import stress_table, write_table
+    from malus.reports.tables.text_tables import stress_cells
+
+    table = stress_table()
+    write_table(folder, table)
+    failed = int((~table.passed).sum())
+    line = f"{len(table)} cases, {failed} failed; written to {folder}"
+    return Findings((line,), table=table, cells=stress_cells, passed=failed == 0)
+
+
+def _precision(folder: Path, backend: str) -> Findings:
+    from malus.bench.studies.precision import precision
+    from malus.renderers.variant import choose
+    from malus.scenes.core.files import write_whole
+
+    table = precision(choose(backend))
+    write_whole(folder / "precision.csv", lambda path: table.to_csv(path, index=False))
+    return Findings((f"written to {folder}",), table=table, cells=_precision_cells)
+
+
+def _precision_cells(row: pd.Series) -> list[str]:
+    numbers = {"seconds", "spread", "error"}
+    return [f"{value:.2e}" if name in numbers else str(value) for name, value in row.items()]
+
+
+def _ratio(folder: Path | None, points: int) -> Findings:
+    from malus.bench.studies.speed_ratio import measure_speed, report_lines
+
+    speeds = measure_speed(points)
+    return Findings(tuple(report_lines(speeds)), [asdict(speed) for speed in speeds])
+
+
+def _reconstruct(folder: Path | None, megapixels: float, repeats: int) -> Findings:
+    from malus.bench.studies.speed_reconstruct import measure, report_lines
+
+    speeds = measure(megapixels, repeats)
+    figures = [
+        asdict(speed) | {"pixels_a_second": speed.pixels_a_second, "times_copy": speed.times_copy}
+        for speed in speeds
     ]
-    if given:
-        hint = f"leave it out: the cases of {name} are fixed"
-        raise InputError(f"malus run {name}", "no option but --out and --backend", given[0], hint)
-    folder = prepare_folder(out if out is not None else Path("results") / name, "a study")
-    study = STUDIES[name]
-    passed = study.run(folder, backend)
-    write_run(folder, origin() | {"study": name, "description": study.description})
-    write_study(folder)
-    return passed
+    return Findings(tuple(report_lines(speeds)), figures)
+
+
+def _render(folder: Path | None, resolution: int, samples: int, backend: str) -> Findings:
+    from malus.bench.studies.speed_render import LIGHTS, compare, report_lines
+    from malus.renderers.variant import choose
+    from malus.scenes.camera import Camera
+    from malus.scenes.scene import Sampling
+
+    camera = Camera.parse({"resolution": resolution}, "study render")
+    sampling = Sampling.parse({"samples": samples}, "study render")
+    variant = choose(backend)
+    lines: list[str] = []
+    figures: list[dict[str, Any]] = []
+    for light in LIGHTS:
+        speeds = compare(variant, camera, sampling, light)
+        lines += report_lines(speeds, light)
+        figures += [{"light": light.label, "way": way} | asdict(s) for way, s in speeds.items()]
+    return Findings(tuple(lines), figures)
+
+
+def _scaling(folder: Path | None, most: int) -> Findings:
+    from malus.bench.studies.scaling import measure, messages, report_lines
+
+    scales, messaging = measure([max(24, most // 100), most // 10, most]), messages()
+    figures = [asdict(scale) for scale in scales] + [asdict(messaging)]
+    return Findings(tuple(report_lines(scales, messaging)), figures)
+
+
+def _single_image(
+    folder: Path | None,
+    stage: str,
+    shapes: Sequence[str],
+    every: int,
+    levels: Sequence[str],
+    resolution: int,
+    coloured: bool,
+    rows: Path | str | None,
+) -> Findings:
+    import json
+
+    from malus.bench.studies.single_image import (
+        megapixels_per_second,
+        single_image,
+        summary_lines,
+    )
+
+    if stage == "speed":
+        speeds = megapixels_per_second()
+        return Findings(tuple(json.dumps(speeds, indent=1).splitlines()), speeds)
+    table = single_image(
+        stage, shapes, every, levels, resolution, coloured, None if rows is None else Path(rows)
+    )
+    figures = json.loads(table.to_json(orient="records"))
+    return Findings(tuple(summary_lines(table)), figures)
+
+
+_BACKEND = StudyOption("backend", "auto", "auto, cuda, llvm or scalar.")
+
+STUDIES = {
+    study.name: study
+    for study in (
+        Study(
+            "stress",
+            "Stiff and extreme cases, each with its error and a verdict",
+            _stress,
+            has_page=True,
+        ),
+        Study(
+            "precision",
+            "Error against run time: R, rendering, whole methods",
+            _precision,
+            options=(_BACKEND,),
+            has_page=True,
+        ),
+        Study(
+            "ratio",
+            "Tables of one surface, and R of scattered points, beside dblquad a point",
+            _ratio,
+            example={"points": "100000"},
+            options=(StudyOption("points", 1_000_000, "Points of R.", least=1, most=10**8),),
+        ),
+        Study(
+            "reconstruct",
+            "Whole RGB images, beside copying the same bytes",
+            _reconstruct,
+            example={"megapixels": "2"},
+            options=(
+                StudyOption("megapixels", 10.0, "Size of the images.", least=1e-5, most=1000),
+                StudyOption("repeats", 5, "Runs, of which the median counts.", least=1),
+            ),
+        ),
+        Study(
+            "render",
+            "Polariser images of 24 materials, 5 surfaces and 8 bands, beside two ways by hand",
+            _render,
+            example={"resolution": "64"},
+            options=(
+                StudyOption("resolution", 128, "Pixels a side.", least=2),
+                StudyOption("samples", 64, "Samples a pixel.", least=2),
+                _BACKEND,
+            ),
+        ),
+        Study(
+            "scaling",
+            "What many scenes cost besides rendering: planning, tables, files, memory, scheduler",
+            _scaling,
+            details="Scenes up to the most asked for are measured with made-up results, in steps of"
+            " ten; 1e5 and 1e6 are drawn on from there.",
+            example={"most": "1000"},
+            options=(
+                StudyOption("most", 10_000, "Scenes of the largest run.", least=48, most=10**6),
+            ),
+        ),
+        Study(
+            "single-image",
+            "What one ordinary image tells, stage by stage, on 24 materials, 5 surfaces, 2 bodies",
+            _single_image,
+            details="Stages: separation of the lobes, the whole chain, or speed.",
+            example={"stage": "separation", "every": "24"},
+            options=(
+                StudyOption(
+                    "stage",
+                    None,
+                    "What is measured.",
+                    choices=("separation", "chain", "speed"),
+                    required=True,
+                ),
+                StudyOption("shapes", ("sphere", "blob"), "Shapes.", flag="shape"),
+                StudyOption("every", 1, "Every n-th material.", least=1, most=24),
+                StudyOption("levels", ("blind-light",), "What the chain is told.", flag="level"),
+                StudyOption("resolution", 48, "Pixels a side."),
+                StudyOption("coloured", False, "Coloured bodies for the chain too."),
+                StudyOption(
+                    "rows",
+                    None,
+                    "Write every row as a line of JSON; scenes that the file has are not measured"
+                    " again.",
+                    is_file=True,
+                ),
+            ),
+        ),
+    )
+}
+"""Every study by name."""

@@ -1,6 +1,6 @@
 """Study of the chain for one ordinary image: errors of each stage, against truths.
 
-To run it: `python -m malus.bench.studies.single_image`.
+To run it: `malus bench single-image`.
 
 Separation of the lobes by colour is measured on coloured bodies; shape, parameters and
 polarisation on grey ones, where the separation has to come from the shape, or with `coloured` on
@@ -17,7 +17,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 import pandas as pd
 
@@ -320,37 +319,3 @@ def summary_lines(table: pd.DataFrame) -> list[str]:
     if "failed" in table:
         lines.append(f"failed: {table['failed'].notna().sum()} of {len(table)}")
     return lines
-
-
-class _Refused(click.ClickException):
-    exit_code = 2
-
-
-@click.command()
-@click.option("--stage", type=click.Choice(["separation", "chain", "speed"]), required=True)
-@click.option("--shape", "shapes", multiple=True, default=("sphere", "blob"), show_default=True)
-@click.option("--every", type=click.IntRange(1, 24), default=1, help="Every n-th material.")
-@click.option("--level", "levels", multiple=True, default=("blind-light",), show_default=True)
-@click.option("--resolution", default=48, show_default=True)
-@click.option("--coloured", is_flag=True, help="Coloured bodies for the chain too.")
-@click.option(
-    "--rows",
-    "rows_file",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Write every row as a line of JSON; scenes that the file has are not measured again.",
-)
-def main(stage: str, **options: Any) -> None:
-    """Measure one stage of the single-image chain on 24 materials x 5 surfaces x 2 bodies."""
-    if stage == "speed":
-        click.echo(json.dumps(megapixels_per_second(), indent=1))
-        return
-    try:
-        table = single_image(stage, **options)
-    except InputError as error:
-        raise _Refused(str(error)) from error
-    for line in summary_lines(table):
-        click.echo(line)
-
-
-if __name__ == "__main__":
-    main()

@@ -19,7 +19,7 @@ from runs import NOBODY, SUITE
 
 import malus.bench.running.work
 from malus.bench import run
-from malus.bench.datasets.render import Order, render_dataset
+from malus.bench.datasets.render import RenderTask, render_dataset
 from malus.bench.running.cluster import engine, local_cluster, spread
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
@@ -298,18 +298,18 @@ def test_a_render_in_a_worker_is_the_same_and_survives_its_death(
 ) -> None:
     render_dataset(SUITE, tmp_path / "here", NOBODY)
     with WorkerProcess() as worker:
-        render_dataset(SUITE, tmp_path / "apart", NOBODY, child=worker)
+        render_dataset(SUITE, tmp_path / "apart", NOBODY, worker=worker)
         here, there = open_dataset(tmp_path / "here"), open_dataset(tmp_path / "apart")
         assert [entry.sha256 for entry in here.record.scenes] == [
             entry.sha256 for entry in there.record.scenes
         ]
         monkeypatch.setattr("malus.bench.datasets.render._rendered", dies_after_one)
-        done = render_dataset(SUITE, tmp_path / "dies", NOBODY, child=worker)
+        done = render_dataset(SUITE, tmp_path / "dies", NOBODY, worker=worker)
     # Each of two families has two scenes, and every process dies after one: no scene is lost.
     assert (done["rendered"], done["failed"]) == (4, 0)
 
 
-def dies_after_one(order: Order) -> Iterator[Truth]:
+def dies_after_one(order: RenderTask) -> Iterator[Truth]:
     result = FamilyResult()
     for _, truth in truths(order.family, order.scenes, order.renderer, order.variant, result):
         yield truth

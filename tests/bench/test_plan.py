@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from malus.bench import score
-from malus.bench.commands import plan as command_plan
+from malus.bench.public import suites
 from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
 from malus.renderers import Truth
@@ -98,10 +98,10 @@ def test_convex_shapes_need_no_shadow_rays(shadow_rays: None) -> None:
 
 def test_the_formulas_cost_is_that_of_the_formulas(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is asked of Mitsuba where a suite asks nothing of it."""
-    monkeypatch.setattr(command_plan, "render_family", None)
+    monkeypatch.setattr(suites, "render_family", None)
     families = plan(SUITE.model_copy(update={"bodies": ("unpolarised",)}))[1:]
     assert families[0].scenes[0].light.kind == "distant"
-    first = command_plan.predicted_seconds(families, choose(), "torrance-sparrow")
+    first = suites.predicted_seconds(families, choose(), "torrance-sparrow")
     assert 0 < first < 10  # four scenes of 12² pixels take milliseconds
 
 

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from made_up import made_up_truth
 
 from malus.bench import read_results, run
-from malus.bench.commands.dataset import score_command
+from malus.bench.commands.score import score_command
 from malus.bench.datasets.export import export
 from malus.bench.datasets.predictions import check_predictions
 from malus.bench.datasets.render import render_dataset

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from malus.bench.commands.bench import bench_command
 from malus.bench.studies import single_image
 from malus.bench.studies.single_image import (
     COLOURS,
     chain_row,
-    main,
     photo_scenes,
     separation_row,
 )
 from malus.reconstruct.single_image.separation import SEPARATIONS
 from malus.renderers.families.family import render_family
 from malus.renderers.truth import Truth
-from malus.scenes import Sampling, Scene
+from malus.scenes import InputError, Sampling, Scene
 from malus.scenes.materials.materials import materials
 
 
@@ -81,7 +81,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
 
 def _run(rows: Path) -> str:
     arguments = ["--stage", "chain", "--level", "blind-normals", "--rows", str(rows)]
-    result = CliRunner().invoke(main, arguments)
+    result = CliRunner().invoke(bench_command, ["single-image", *arguments])
     assert result.exit_code == 0, result.output
     return result.output
 
@@ -122,7 +122,7 @@ def test_a_stopped_measurement_goes_on(
 def test_a_file_of_something_else_is_left_alone(tmp_path: Path, text: str) -> None:
     rows = tmp_path / "rows.jsonl"
     rows.write_text(text, "latin-1")
-    result = CliRunner().invoke(main, ["--stage", "chain", "--rows", str(rows)])
-    assert result.exit_code == 2
-    assert "rows.jsonl, line 1: expected a row of this command" in result.output
+    arguments = ["single-image", "--stage", "chain", "--rows", str(rows)]
+    with pytest.raises(InputError, match=r"rows.jsonl, line 1: expected a row of this command"):
+        CliRunner().invoke(bench_command, arguments, catch_exceptions=False)
     assert rows.read_text("latin-1") == text

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from pictures import dome
 
-from malus.bench.commands.dataset import score_command
+from malus.bench.commands.score import score_command
 from malus.bench.scoring.judge import Judge
 from malus.reconstruct import get_method
 from malus.reconstruct.photos.estimate import Knowledge, estimate

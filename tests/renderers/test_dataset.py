@@ -22,7 +22,7 @@ import pytest
 from click.testing import CliRunner
 from made_up import BANDS, made_up_truth
 
-from malus.bench.commands.dataset import render_command
+from malus.bench.commands.render import render_command
 from malus.bench.datasets.render import render_dataset
 from malus.renderers import Truth, render
 from malus.renderers.datasets.dataset import DatasetWriter, open_dataset

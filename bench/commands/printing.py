@@ -1,6 +1,10 @@
-"""The table that a run or a score ends with."""
+"""Tables, progress and JSON that several commands print."""
 
 from __future__ import annotations
+
+import json
+import sys
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
@@ -8,8 +12,21 @@ from rich.table import Table
 from malus.bench.running.results import Results, headline
 
 
-def final_table(results: Results) -> Table:
-    """One row a light, body and method; narrow enough for 80 columns."""
+def print_json(values: dict[str, Any], indent: int | None = None) -> None:
+    """Print values as JSON on standard output."""
+    sys.stdout.write(json.dumps(values, indent=indent) + "\n")
+
+
+def plain_table(*columns: str) -> Table:
+    """An empty table with little space between its columns."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in columns:
+        table.add_column(column)
+    return table
+
+
+def results_table(results: Results) -> Table:
+    """NMSE and skill, one row a light, body and method; narrow enough for 80 columns."""
     title = "skill: 1 is perfect, 0 no better than guessing “unpolarised”"
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("light", "body", "method"):

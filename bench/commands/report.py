@@ -1,0 +1,34 @@
+"""`malus report`: the report of a finished run or study, again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from malus.bench.commands.options import FOLDER, command
+
+
+@command("report")
+@click.argument("results", type=FOLDER)
+@click.option(
+    "--with",
+    "beside",
+    multiple=True,
+    type=FOLDER,
+    metavar="DIR",
+    help="Show the study in DIR (of `malus run precision` or `stress`) too; may be given twice.",
+)
+def report_command(results: Path, beside: tuple[Path, ...]) -> None:
+    """Make the figures, summary and page of a finished run again, from its folder RESULTS.
+
+    \b
+    Example:
+      malus report results/fig5
+    """
+    from rich.console import Console
+
+    from malus.bench.public.suites import report
+
+    written = report(results, beside)
+    Console().print(f"{len(written)} files written to {results}", highlight=False)

@@ -1,0 +1,77 @@
+"""What this machine renders with, what is missing, and the command that mends it."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from malus.renderers.variant import BROKEN_LLVM, SCALAR, choose, installed_llvm, llvm_version
+
+PACKAGES = (
+    "malus",
+    "mitsuba",
+    "drjit",
+    "numpy",
+    "scipy",
+    "trimesh",
+    "OpenEXR",
+    "colour-science",
+    "scikit-image",
+    "matplotlib",
+    "pandas",
+    "pyarrow",
+)
+
+
+def doctor() -> dict[str, Any]:
+    """Examine this machine: Python, packages, LLVM libraries, and the variant that renders.
+
+    Returns
+    -------
+    dict
+        `python`, a version; `packages`, versions by name, None where one is missing; `variant`,
+        Mitsuba's, and the `reason` why; `llvm`, path of the library in use or None; `libraries`,
+        those found, each with path, version and whether it `aborts` the process; `advice`, how to
+        render faster, or None.
+
+    Examples
+    --------
+    >>> doctor()["variant"].endswith("_polarized")
+    True
+    """
+    variant = choose()
+    libraries = [
+        {"path": str(path), "version": llvm_version(path), "aborts": _aborts(llvm_version(path))}
+        for path in installed_llvm()
+    ]
+    return {
+        "python": platform.python_version(),
+        "packages": {name: _version(name) for name in PACKAGES},
+        "variant": variant.name,
+        "reason": variant.reason,
+        "llvm": variant.llvm,
+        "libraries": libraries,
+        "advice": _advice(variant.name),
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def _aborts(number: int | None) -> bool:
+    return number in BROKEN_LLVM
+
+
+def _advice(variant: str) -> str | None:
+    if variant != SCALAR:
+        return None
+    return (
+        "rendering works, but about ten times slower than with LLVM 17 or later: "
+        "`apt-get install libllvm19` (Debian, Ubuntu), `dnf install llvm-libs` (Fedora), "
+        "`brew install llvm` (macOS)"
+    )

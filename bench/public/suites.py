@@ -1,0 +1,267 @@
+"""Plan a suite, run it, and write its report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+from malus.bench.running import runner
+from malus.bench.running.cluster import engine
+from malus.bench.running.overrides import chosen_suite, chosen_variant
+from malus.bench.running.plan import FamilyPlan, OmittedWork, plan_record, savings
+from malus.bench.running.plan import plan as families_of
+from malus.bench.running.progress import Progress, silent
+from malus.bench.running.results import Results, read_results
+from malus.bench.running.worker_process import TIMEOUT_SECONDS
+from malus.bench.scoring.extra_metrics import get_metrics
+from malus.reconstruct import get_method
+from malus.renderers.families.adaptive import Renders, first_samples, relative_error
+from malus.renderers.families.family import render_family
+from malus.renderers.torrance_sparrow import render_torrance_sparrow
+from malus.renderers.variant import Variant
+from malus.reports.source import is_study
+from malus.reports.write import write_report, write_study
+from malus.scenes.core.remote import as_path
+from malus.scenes.scene import Sampling
+from malus.scenes.suite import Suite, load_suite
+
+BYTES_A_VALUE = 4
+IMAGES_A_TRUTH = 5
+"""Stokes images that a stored scene holds: both lobes, both noises, the standard error."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run of a suite will do, what it leaves out, and what that will cost.
+
+    Attributes
+    ----------
+    suite : Suite
+    variant : Variant
+        The Mitsuba variant that will render.
+    families : tuple of FamilyPlan
+        Scenes that differ only in refractive index, and so share their renders.
+    savings : tuple of OmittedWork
+        What is left out, and why nothing is lost.
+    scenes : int
+    renders, renders_without_plan : int
+        Images of one lobe that are rendered, and that one render for every scene, band, polariser
+        angle and lobe would be.
+    seconds, seconds_without_plan : float
+        Predicted time of rendering on this machine.
+    bytes : int
+        Size of the suite as a stored dataset, before compression.
+
+    Examples
+    --------
+    >>> import malus
+    >>> planned = malus.plan("quick")
+    >>> sum(saving.renders for saving in planned.savings) + planned.renders
+    480
+    """
+
+    suite: Suite
+    variant: Variant
+    families: tuple[FamilyPlan, ...]
+    savings: tuple[OmittedWork, ...]
+    scenes: int
+    renders: int
+    renders_without_plan: int
+    seconds: float
+    seconds_without_plan: float
+    bytes: int
+
+
+def plan(suite: Suite | str | Path, backend: str | Variant = "auto") -> Plan:
+    """What a run of a suite will do and cost; one family is rendered in miniature to tell.
+
+    Parameters
+    ----------
+    suite : Suite, or the name of one that malus brings, or the path of a TOML file
+    backend : 'auto', 'cuda', 'llvm' or 'scalar'
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InputError
+        Unknown suite, method, metric or backend, unreadable file, wrong key or value.
+
+    Examples
+    --------
+    >>> planned = plan("quick")
+    >>> planned.scenes, len(planned.families), planned.renders < planned.renders_without_plan
+    (16, 8, True)
+    """
+    variant = chosen_variant(backend)
+    loaded = suite if isinstance(suite, Suite) else load_suite(suite)
+    for reference in loaded.methods:
+        get_method(reference)
+    get_metrics(loaded.metrics)
+    families = families_of(loaded)
+    seconds = predicted_seconds(families, variant, loaded.renderer)
+    record = plan_record(loaded, families, seconds)
+    return Plan(
+        suite=loaded,
+        variant=variant,
+        families=tuple(families),
+        savings=tuple(savings(loaded, families)),
+        scenes=sum(len(family.scenes) for family in families),
+        renders=record["renders"],
+        renders_without_plan=record["without_plan"],
+        seconds=seconds,
+        seconds_without_plan=record["seconds_without"],
+        bytes=dataset_bytes(loaded, families),
+    )
+
+
+def predicted_seconds(
+    families: Sequence[FamilyPlan], variant: Variant, renderer: str = "mitsuba"
+) -> float:
+    """Seconds of rendering, from rendering one family on this machine, in miniature by Mitsuba."""
+    sample = max(families, key=lambda family: family.specular_images)
+    if renderer == "torrance-sparrow":
+        started = time.perf_counter()
+        for scene in sample.scenes:
+            render_torrance_sparrow(scene)
+        return len(families) * (time.perf_counter() - started)
+    few = Sampling(samples=max(2, sample.sampling.samples // 16 // 2 * 2), seed=1)
+    seconds = []
+    for _ in range(2):  # the first one compiles kernels
+        started = time.perf_counter()
+        rendered = render_family(sample.scenes, few, variant, errors=False)
+        seconds.append(time.perf_counter() - started)
+    ratio = _expected_samples(sample, rendered, few) / few.samples
+    # Half of the miniature's time is work that does not grow with the samples (measured).
+    return len(families) * seconds[-1] * 0.5 * (1.0 + ratio)
+
+
+def _expected_samples(family: FamilyPlan, miniature: Renders, few: Sampling) -> float:
+    """Samples a pixel that a family will take; noise falls as the root of their number."""
+    most, target = family.sampling.samples, family.sampling.target
+    if target is None:
+        return most
+    error = relative_error(miniature, family.scenes)
+    return min(most, max(first_samples(family.sampling), few.samples * (error / target) ** 2))
+
+
+def dataset_bytes(suite: Suite, families: Sequence[FamilyPlan]) -> int:
+    """Bytes of the Stokes images of every scene, before compression."""
+    scenes = sum(len(family.scenes) for family in families)
+    values = suite.camera.resolution**2 * len(suite.wavelengths_nm) * 3
+    return scenes * values * IMAGES_A_TRUTH * BYTES_A_VALUE
+
+
+def run(
+    suite: Suite | str | Path,
+    out: Path | str | None = None,
+    *,
+    samples: int | None = None,
+    resolution: int | None = None,
+    seed: int | None = None,
+    methods: Sequence[str] = (),
+    backend: str | Variant = "auto",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    timeout: float | None = None,
+    retry_failed: bool = False,
+    report: bool = True,
+    progress: Progress = silent,
+) -> Results:
+    """Render, reconstruct, score and report a suite; write everything to a folder.
+
+    Families whose results are already there, from the same suite, seed and versions, are taken
+    over: a run that was stopped goes on where it was. What cannot be done is recorded
+    (`Results.run["failures"]`), and the run goes on without it.
+
+    Parameters
+    ----------
+    suite : Suite, or the name of one that malus brings, or the path of a TOML file
+    out : path or URL of a folder, by default results/NAME
+    samples, resolution, seed : int, optional
+        Samples a pixel, pixels a side, and seed, in place of the suite's.
+    methods : sequence of str
+        Names of methods, or `package.module:object`, in place of the suite's.
+    backend : 'auto', 'cuda', 'llvm' or 'scalar'
+    workers : int, optional
+        Processes of this machine to spread over.
+    scheduler : str, optional
+        Address of a Dask cluster to spread over, in place of `workers`.
+    timeout : float, optional
+        Seconds that a family may take. With it the work is done in a process of its own, so that a
+        crash of the renderer costs one family; a script that asks for this or for `workers` has to
+        keep its own work under `if __name__ == "__main__":`. By default this process does all.
+    retry_failed : bool
+        Try again what failed in an earlier run.
+    report : bool
+        Write the figures, the summary and the page too.
+    progress : function of (families done, families in all, label of the next)
+
+    Returns
+    -------
+    Results
+        Its `table`, a DataFrame, has one row a scene, method and metric.
+
+    Raises
+    ------
+    InputError
+        Unknown suite, method, metric or backend, a value that is not valid, a folder that cannot
+        be written or that holds something else, not a single family that can be rendered.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = tempfile.mkdtemp()
+    >>> results = run("quick", folder, resolution=8, samples=2, methods=["eq8"], report=False)
+    >>> sorted(results.table.method.unique()), results.run["families_failed"]
+    (['eq8'], 0)
+    """
+    variant = chosen_variant(backend)
+    chosen = chosen_suite(
+        suite, variant, samples=samples, resolution=resolution, seed=seed, methods=methods
+    )
+    folder = as_path(out) if out is not None else Path("results") / chosen.name
+    apart = timeout is not None or workers is not None or scheduler is not None
+    seconds = TIMEOUT_SECONDS if timeout is None else timeout
+    with engine(variant, workers, scheduler, seconds) if apart else nullcontext() as work:
+        results = runner.run(chosen, folder, variant, progress, work, retry_failed)
+    if report:
+        write_report(results, folder)
+    return results
+
+
+def report(folder: Path | str, beside: Sequence[Path | str] = ()) -> list[Path]:
+    """Write the figures, summary and page of a finished run or study again.
+
+    Parameters
+    ----------
+    folder : path or URL of a folder that `run` or `run_study` wrote
+    beside : paths of folders of studies that a run's page shall show too
+
+    Returns
+    -------
+    list of Path
+        The files, in the order in which they were written.
+
+    Raises
+    ------
+    InputError
+        If the folder holds neither, or its files cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = tempfile.mkdtemp()
+    >>> _ = run("quick", folder, resolution=8, samples=2, methods=["eq8"], report=False)
+    >>> [path.name for path in report(folder)][-1]
+    'report.html'
+    """
+    where = as_path(folder)
+    if is_study(where):
+        return write_study(where)
+    return write_report(read_results(where), where, tuple(as_path(study) for study in beside))

@@ -1,0 +1,116 @@
+"""What a study is: its options, what it finds, and how it is run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class StudyOption:
+    """An option of a study.
+
+    Attributes
+    ----------
+    name : str
+        Of the keyword argument; the command line's is the same, with hyphens.
+    default : Any
+        Also tells the type: int, float, bool, str, or tuple of str for one that may be repeated.
+    help : str
+    choices : tuple of str
+        All values that are allowed, where there are few.
+    least, most : float, optional
+        Bounds of a number, both included.
+    required : bool
+    is_file : bool
+        The value is the path of a file.
+    flag : str
+        The option's name on the command line, without hyphens before it, where that is another.
+    """
+
+    name: str
+    default: Any
+    help: str
+    choices: tuple[str, ...] = ()
+    least: float | None = None
+    most: float | None = None
+    required: bool = False
+    is_file: bool = False
+    flag: str = ""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a study found.
+
+    Attributes
+    ----------
+    lines : tuple of str
+        The figures in words, one line each.
+    figures : list of dict, or dict
+        The figures for machines; written as NAME.json where the study has no page.
+    table : DataFrame, optional
+        Every case, one a row; shown before the lines.
+    cells : function of a row
+        The texts of a table's row.
+    passed : bool
+
+    Examples
+    --------
+    >>> from malus import run_study
+    >>> findings = run_study("ratio", points=10)
+    >>> findings.passed, findings.figures[0]["measure"]
+    (True, 'eq8')
+    """
+
+    lines: tuple[str, ...]
+    figures: Any = None
+    table: pd.DataFrame | None = None
+    cells: Callable[[pd.Series], list[str]] | None = None
+    passed: bool = True
+
+
+@dataclass(frozen=True)
+class Study:
+    """A benchmark, or a table of fixed cases.
+
+    Attributes
+    ----------
+    name, description : str
+    run : function of (folder or None, options as keywords) that returns Findings
+    details : str
+        More for the help, after the description.
+    example : dict of str
+        Values of options in the help's example, as typed.
+    options : tuple of StudyOption
+    has_page : bool
+        It writes tables and a page into a folder, by default results/NAME. Any other writes its
+        figures only where it is given a folder.
+
+    Examples
+    --------
+    >>> from malus import list_studies
+    >>> [option.name for option in list_studies()["render"].options]
+    ['resolution', 'samples', 'backend']
+    """
+
+    name: str
+    description: str
+    run: Callable[..., Findings]
+    details: str = ""
+    example: dict[str, str] = field(default_factory=dict)
+    options: tuple[StudyOption, ...] = ()
+    has_page: bool = False
+
+    @property
+    def plan(self) -> str:
+        """What a run of it will do, for `malus plan`."""
+        written = "writes a table and a page" if self.has_page else "prints its figures"
+        return (
+            f"{self.name}: {self.description}. A study of fixed cases instead of a suite of scenes:"
+            f" nothing is left out. `malus run {self.name}` {written}"
+        )
