@@ -165,7 +165,9 @@ def _local(workers: int, stack: ExitStack) -> Any:
         n_workers=workers,
         threads_per_worker=1,
         processes=True,
-        dashboard_address=None,
+        # Any free port: with none named, Dask takes 8787 and warns where another cluster has it.
+        dashboard_address="127.0.0.1:0",
+        scheduler_kwargs={"dashboard": False},
         silence_logs=logging.CRITICAL,
         preload=__name__,  # every worker calls dask_setup
     )
