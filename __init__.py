@@ -45,13 +45,28 @@ if TYPE_CHECKING:
     from malus.bench.studies.registry import run_study as run_study
     from malus.bench.studies.study import Findings as Findings, Study as Study
     from malus.reconstruct import (
+        ChainResult as ChainResult,
         Components as Components,
+        GivenParameters as GivenParameters,
+        Illuminant as Illuminant,
         Inapplicable as Inapplicable,
         Method as Method,
         Observation as Observation,
+        RecoveredShape as RecoveredShape,
+        Separation as Separation,
+        SurfaceParameters as SurfaceParameters,
+        blind as blind,
+        estimate_direction as estimate_direction,
+        estimate_illuminant as estimate_illuminant,
+        fit_parameters as fit_parameters,
         get_method as get_method,
+        illuminants as illuminants,
         methods as methods,
         polarisation_ratio as polarisation_ratio,
+        recover_shape as recover_shape,
+        run_chain as run_chain,
+        separate as separate,
+        separations as separations,
         specular_dolp as specular_dolp,
     )
     from malus.reconstruct.photos.capture import read_capture as read_capture
@@ -95,6 +110,11 @@ if TYPE_CHECKING:
     __version__: str
 
 _NAMES = {
+    "malus.reconstruct": "ChainResult Components GivenParameters Illuminant Inapplicable Method "
+    "Observation RecoveredShape Separation SurfaceParameters blind "
+    "estimate_direction estimate_illuminant fit_parameters get_method "
+    "illuminants methods polarisation_ratio recover_shape run_chain "
+    "separate separations specular_dolp",
     "malus.bench.datasets.export": "export",
     "malus.bench.datasets.predictions": "PredictionErrors",
     "malus.bench.datasets.render": "render_dataset",
@@ -111,8 +131,6 @@ _NAMES = {
     "malus.bench.scoring.observe": "observe",
     "malus.bench.studies.registry": "run_study",
     "malus.bench.studies.study": "Findings Study",
-    "malus.reconstruct": "Components Inapplicable Method Observation get_method methods"
-    " polarisation_ratio specular_dolp",
     "malus.reconstruct.photos.capture": "read_capture",
     "malus.reconstruct.photos.filter": "filter_picture",
     "malus.reconstruct.photos.read_picture": "read_picture",

@@ -104,6 +104,14 @@ def methods() -> dict[str, Method]:
 def get_method(name: str) -> Method:
     """The method of that name, or the object `package.module:object`.
 
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    Method
+
     Raises
     ------
     InputError

@@ -18,6 +18,10 @@ def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mits
         Samples a pixel and seed; the Torrance-Sparrow renderer ignores it.
     renderer : 'mitsuba' or 'torrance-sparrow'
 
+    Returns
+    -------
+    Truth
+
     Raises
     ------
     InputError

@@ -125,6 +125,11 @@ class Sampling(Model):
     With a `target`, samples are added only until the noise is that small: the standard error of s1
     and s2, rms over the object's pixels and the bands, over the brightest pixel, in the noisiest
     scene of a family of renders. `samples` is then the most that are taken.
+
+    Examples
+    --------
+    >>> Sampling(samples=64, seed=2).samples
+    64
     """
 
     samples: int = Field(default=64, ge=2, le=1 << 20, multiple_of=2)

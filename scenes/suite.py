@@ -158,6 +158,14 @@ def suite_names() -> tuple[str, ...]:
 def load_suite(name_or_path: str | Path) -> Suite:
     """Read and validate a suite, by the name of one that malus brings or by a TOML file's path.
 
+    Parameters
+    ----------
+    name_or_path : str or Path
+
+    Returns
+    -------
+    Suite
+
     Raises
     ------
     InputError

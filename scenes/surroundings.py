@@ -21,6 +21,13 @@ class Placed(Model):
     The shape, which fits the unit sphere, is tilted by `tilt_deg` about +x (its top comes towards
     the viewer), turned by `turn_deg` about the vertical (its front goes to the right), scaled and
     moved to `position`, all in the world, whose unit is the radius of the scene's own shape.
+
+    Examples
+    --------
+    >>> from malus.scenes import Dielectric, Plane
+    >>> paint = Dielectric(eta=1.5, alpha=0.3)
+    >>> Placed(shape=Plane(), surface=paint, position=(0, -1, 0), scale=12).scale
+    12.0
     """
 
     shape: ShapeOrPlane
@@ -49,7 +56,16 @@ class Placed(Model):
 
 
 class Surroundings(Model):
-    """Objects around the scene's own shape; light is reflected between all of them."""
+    """Objects around the scene's own shape; light is reflected between all of them.
+
+    Examples
+    --------
+    >>> from malus.scenes import Dielectric, Plane
+    >>> paint = Dielectric(eta=1.5, alpha=0.3)
+    >>> floor = Placed(shape=Plane(), surface=paint, position=(0, -1, 0))
+    >>> len(Surroundings(name="desk", objects=(floor,)).objects)
+    1
+    """
 
     name: str = Field(min_length=1, max_length=100)
     objects: tuple[Placed, ...] = Field(min_length=1, max_length=64)

@@ -204,7 +204,7 @@ def read_baseline(path: Path) -> Baseline:
         Unreadable or malformed file, wrong key or value.
     """
     where = f"baseline {path}"
-    hint = "`malus gate RESULTS --baseline FILE --update` writes one"
+    hint = "`malus gate` with `update` writes one"
     with reading(where, "a readable file", hint):
         content = path.read_bytes()
     with reading(where, "a TOML file", hint):

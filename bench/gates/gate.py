@@ -120,7 +120,7 @@ def _require_same_scenes(origin: RunIdentity, expected: RunIdentity) -> None:
             "results",
             f"the scenes and samples of the baseline, suite {expected.suite} ({expected.scenes})",
             f"suite {origin.suite} ({origin.scenes})",
-            "run the baseline's suite, or write a new baseline with --update",
+            "run the baseline's suite, or write a new baseline with `update`",
         )
 
 

@@ -69,9 +69,9 @@ def engine(
         no scheduler at the address.
     """
     if workers is not None and scheduler is not None:
-        raise InputError("--workers, --scheduler", "one of the two", "both", "leave one out")
+        raise InputError("workers, scheduler", "one of the two", "both", "leave one out")
     if workers is not None and workers < 1:
-        raise InputError("--workers", "a number of at least 1", str(workers), "leave it out")
+        raise InputError("workers", "a number of at least 1", str(workers), "leave it out")
     with WorkerProcess(timeout) as worker, ExitStack() as stack:
         if workers is None and scheduler is None:
             yield apart(variant, worker)
@@ -186,7 +186,7 @@ def _existing(address: str, stack: ExitStack) -> Any:
     # A scheduler that is lost is reported in one line here, and not once more in Dask's log.
     stack.enter_context(distributed.utils.silence_logging_cmgr(logging.CRITICAL))
     hint = "is `dask scheduler` running there?"
-    with reading("--scheduler", "the address of a Dask scheduler", hint):
+    with reading("scheduler", "the address of a Dask scheduler", hint):
         client = stack.enter_context(distributed.Client(address, timeout=CONNECT_SECONDS))
         client.wait_for_workers(1, timeout=CONNECT_SECONDS)
     return client
@@ -198,6 +198,6 @@ def _distributed() -> Any:
         import distributed
     except ImportError:
         raise InputError(
-            "--workers, --scheduler", "the package distributed", "none", "pip install distributed"
+            "workers, scheduler", "the package distributed", "none", "pip install distributed"
         ) from None
     return distributed

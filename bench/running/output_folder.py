@@ -44,7 +44,7 @@ def prepare_folder(out: Path, what: str = "") -> Path:
         if isinstance(error, InputError) or (is_here(out) and not isinstance(error, OSError)):
             raise
         where, expected = f"output folder {out}", "a folder that can be written"
-        raise InputError(where, expected, first_line(error), "choose another --out") from None
+        raise InputError(where, expected, first_line(error), "choose another `out`") from None
     return out
 
 
@@ -52,7 +52,7 @@ def _check_holds(out: Path, what: str) -> None:
     """Refuse a folder that holds the files of another command."""
     held = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), what)
     if what and held != what:
-        hint = "choose another --out; nothing was changed"
+        hint = "choose another `out`; nothing was changed"
         raise InputError(f"output folder {out}", f"a new folder, or {what}", held, hint)
 
 

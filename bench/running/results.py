@@ -17,6 +17,7 @@ import pandas as pd
 from malus.bench.scoring.judge import MetricValue
 from malus.scenes.core.errors import InputError, first_line
 from malus.scenes.core.files import open_regular, write_whole
+from malus.scenes.core.remote import as_path
 from malus.scenes.core.result_files import HEADLINES, RUN, TABLE
 from malus.scenes.core.versions import versions
 from malus.scenes.scene import Scene
@@ -34,6 +35,16 @@ class Results:
         categories.
     run : dict
         Suite, versions, seeds, machine, seconds of every stage.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import malus
+    >>> folder = tempfile.mkdtemp()
+    >>> options = {"resolution": 8, "samples": 2, "methods": ["eq8"], "report": False}
+    >>> results = malus.run("quick", folder, **options)
+    >>> results.headlines.query("metric == 'skill'").shape[0], results.run["suite"]["name"]
+    (16, 'quick')
     """
 
     table: pd.DataFrame
@@ -225,21 +236,40 @@ def _in_groups(tables: Iterable[pd.DataFrame]) -> Iterator[pd.DataFrame]:
         yield pd.concat(waiting, ignore_index=True)
 
 
-def read_results(folder: Path) -> Results:
+def read_results(folder: Path | str) -> Results:
     """Read the results of a finished run.
+
+    Parameters
+    ----------
+    folder : path or URL of a folder
+
+    Returns
+    -------
+    Results
 
     Raises
     ------
     InputError
         If the folder holds none, or they cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import malus
+    >>> folder = tempfile.mkdtemp()
+    >>> options = {"resolution": 8, "samples": 2, "methods": ["eq8"], "report": False}
+    >>> written = malus.run("quick", folder, **options)
+    >>> read_results(folder).run == written.run
+    True
     """
+    folder = as_path(folder) if isinstance(folder, str) else folder
     try:
         with open_regular(folder / TABLE) as file:
             table = _read_table(file)
         run = json.loads((folder / RUN).read_text("utf-8"))
     except Exception as error:  # also an InputError that names one file instead of the folder
         where, expected = f"results folder {folder}", f"{TABLE} and {RUN} of a finished run"
-        hint = "`malus run SUITE --out DIR` makes them"
+        hint = "`malus run` makes them"
         raise InputError(where, expected, first_line(error), hint) from None
     return Results(table, run)
 

@@ -66,7 +66,7 @@ class WorkerProcess:
     def __init__(self, timeout: float = TIMEOUT_SECONDS) -> None:
         if not 0 < timeout <= LONGEST_SECONDS:
             expected = f"seconds above 0, at most {LONGEST_SECONDS:g}"
-            raise InputError("--timeout", expected, f"{timeout:g}", "leave it out")
+            raise InputError("timeout", expected, f"{timeout:g}", "leave it out")
         self.timeout = timeout
         self._process: Any = None
         self._connection: Connection | None = None
@@ -125,7 +125,7 @@ class WorkerProcess:
         if code < 0:
             return f"the process that did it died of {signal.Signals(-code).name}"
         if seconds >= self.timeout:
-            return f"it took longer than the {self.timeout:g} seconds of --timeout"
+            return f"it took longer than the {self.timeout:g} seconds of its timeout"
         return f"the process that did it ended with code {code}"
 
     def _stop(self) -> None:

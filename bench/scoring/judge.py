@@ -69,6 +69,20 @@ class Score:
         Values of the further metrics that were asked for.
     converged : bool or None
         Whether the method's own search converged; None where it searches nothing.
+
+    Examples
+    --------
+    >>> import malus
+    >>> scene = malus.Scene(
+    ...     shape=malus.Sphere(),
+    ...     surface=malus.Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
+    ...     light=malus.Distant(incidence_deg=60),
+    ...     camera=malus.Camera(resolution=8),
+    ... )
+    >>> truth = malus.render(scene, renderer="torrance-sparrow")
+    >>> result = malus.score(truth, "unpolarised")
+    >>> result.skill, result.violations
+    (0.0, 0)
     """
 
     residuals: Residuals
@@ -230,5 +244,35 @@ def angle_form() -> QuadraticForm:
 
 
 def score(truth: Truth, method: Method | str) -> Score:
-    """Score one method, or the method of that name, on one truth."""
+    """Score one method, or the method of that name, on one truth.
+
+    Parameters
+    ----------
+    truth : Truth
+    method : Method, or the name of one
+
+    Returns
+    -------
+    Score
+
+    Raises
+    ------
+    InputError
+        Unknown method.
+    Inapplicable
+        The method cannot work on this scene.
+
+    Examples
+    --------
+    >>> import malus
+    >>> scene = malus.Scene(
+    ...     shape=malus.Sphere(),
+    ...     surface=malus.Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
+    ...     light=malus.Distant(incidence_deg=60),
+    ...     camera=malus.Camera(resolution=8),
+    ... )
+    >>> truth = malus.render(scene, renderer="torrance-sparrow")
+    >>> round(score(truth, "half_vector").skill, 6)
+    1.0
+    """
     return Judge(truth).score(get_method(method) if isinstance(method, str) else method)

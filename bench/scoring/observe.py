@@ -41,6 +41,10 @@ def observe(truth: Truth, needs: frozenset[str]) -> Observation:
         Attributes of Observation: specular, diffuse, normals, eta, alpha, light. With normals or
         light comes the direction to the camera, which gives them their meaning.
 
+    Returns
+    -------
+    Observation
+
     Raises
     ------
     ValueError

@@ -137,6 +137,16 @@ def polarisation_ratio(
     Parameters, measures and errors are those of `specular_dolp`, from which R = (1 − ρ)/(1 + ρ).
     `tolerance` is that of ρ.
 
+    Parameters
+    ----------
+    zenith, eta, sigma, measure, tolerance
+        As for `specular_dolp`.
+
+    Returns
+    -------
+    ndarray
+        Of the shape that zenith, eta and sigma broadcast to.
+
     Examples
     --------
     >>> round(float(polarisation_ratio(np.radians(50), 1.5, 10.0)), 8)

@@ -77,6 +77,10 @@ def filter_picture(
     out : folder, made if it is missing
     known : what is known besides
 
+    Returns
+    -------
+    Filtered
+
     Raises
     ------
     InputError

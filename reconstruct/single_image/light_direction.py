@@ -28,6 +28,10 @@ def estimate_direction(pixels: Float64Array, normals: Float64Array) -> Float64Ar
     pixels : (n,) radiances
     normals : (n, 3) unit normals, for example those that the outline suggests
 
+    Returns
+    -------
+    ndarray of shape (3,)
+
     Raises
     ------
     Inapplicable

@@ -95,6 +95,10 @@ def fit_parameters(
     eta, alpha : float, optional
         Index and Beckmann roughness, where they are given: they are kept.
 
+    Returns
+    -------
+    SurfaceParameters
+
     Raises
     ------
     Inapplicable

@@ -50,6 +50,16 @@ class Dataset:
     record : DatasetRecord
     sha256 : str
         Hash of `dataset.json`, and through the hashes in it of the whole dataset.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import malus
+    >>> folder = tempfile.mkdtemp()
+    >>> done = malus.render_dataset("quick", folder, resolution=8, samples=2)
+    >>> dataset = malus.open_dataset(folder)
+    >>> len(dataset), next(iter(dataset)).stokes.shape
+    (16, (8, 8, 3, 3))
     """
 
     path: Path
@@ -110,6 +120,14 @@ class Dataset:
 
 def open_dataset(path: Path | str) -> Dataset:
     """Open the dataset in a folder, by path or URL.
+
+    Parameters
+    ----------
+    path : path or URL of a folder
+
+    Returns
+    -------
+    Dataset
 
     Raises
     ------

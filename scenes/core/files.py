@@ -141,7 +141,7 @@ def owned(folder: Path, purpose: str) -> Iterator[None]:
     try:
         for other in _temporary(folder):
             if _PURPOSE in other.name and not other.name.endswith(f"{_PURPOSE}{purpose}"):
-                hint = f"choose another --out, wait, or if that process is gone remove {other}"
+                hint = f"choose another `out`, wait, or if that process is gone remove {other}"
                 raise InputError(
                     str(folder), "a folder that nothing else is made in", "another suite's", hint
                 )

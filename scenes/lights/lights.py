@@ -17,7 +17,13 @@ Strength = Annotated[float, Field(ge=1e-9, le=1e9)]
 
 
 class Uniform(Model):
-    """Unpolarised light of equal radiance from every direction."""
+    """Unpolarised light of equal radiance from every direction.
+
+    Examples
+    --------
+    >>> Uniform().kind
+    'uniform'
+    """
 
     kind: Literal["uniform"] = "uniform"
     radiance: Strength = 1.0
@@ -34,6 +40,11 @@ class Distant(Model):
     `incidence_deg` is the angle between the direction to the light and the viewer, `azimuth_deg`
     that of its projection on the image, anticlockwise from +x. An irradiance of π makes a white
     Lambertian surface that faces the light as bright as under the uniform light of radiance 1.
+
+    Examples
+    --------
+    >>> Distant(incidence_deg=60).label
+    'distant 60°'
     """
 
     kind: Literal["distant"] = "distant"
@@ -82,6 +93,11 @@ class Area(Model):
 
     `half_angle_deg` is the cone's half angle, the other angles are those of its axis as for
     `Distant`.
+
+    Examples
+    --------
+    >>> Area(incidence_deg=60, half_angle_deg=15).label
+    'area 60°'
     """
 
     kind: Literal["area"] = "area"
@@ -106,6 +122,11 @@ class Environment(NamedFile):
 
     Maps are equirectangular with y up: see `malus.scenes.lights.environment`. `turn_deg` turns the
     map about the viewing axis, anticlockwise in the image of an unrolled camera.
+
+    Examples
+    --------
+    >>> Environment().kind
+    'environment'
     """
 
     kind: Literal["environment"] = "environment"
@@ -132,6 +153,11 @@ class Sky(Model):
     2 for clear air, 10 for haze. Like every light the sky is unpolarised and has one radiance for
     all bands, that of its light at `wavelength_nm`: its colours take a scene for every wavelength.
     `turn_deg` turns it about the viewing axis as it does an `Environment`.
+
+    Examples
+    --------
+    >>> Sky().kind
+    'sky'
     """
 
     kind: Literal["sky"] = "sky"

@@ -38,6 +38,11 @@ class Measured(NamedFile):
     `eta` and `alpha` are the refractive index and the Beckmann roughness that methods are given,
     known from elsewhere; without them, methods that need them do not apply either. `path` leads to
     a `.pbsdf` file, and `digest` is its hash, which a suite fills in.
+
+    Examples
+    --------
+    >>> Measured(path="gold.pbsdf", eta=1.5).label
+    'measured'
     """
 
     kind: Literal["measured"] = "measured"

@@ -45,6 +45,11 @@ class Dielectric(RoughSurface):
     band). `alpha` is the Beckmann roughness, `albedo` the reflectance of the body below the
     surface: a number, the name of a swatch, or one number a band. An `unpolarised` body is
     Lambertian: the paper's assumption.
+
+    Examples
+    --------
+    >>> Dielectric(eta=1.5, alpha=0.3, albedo="red", body="polarised").label
+    'alpha 0.3, red'
     """
 
     kind: Literal["dielectric"] = "dielectric"
@@ -119,6 +124,11 @@ class Conductor(RoughSurface):
     """A rough metal: all reflected light is specular, and there is no body.
 
     Either `material`, a metal with dispersion, or one complex index `eta` + i `k` for every band.
+
+    Examples
+    --------
+    >>> Conductor(material="gold", alpha=0.2).body
+    'none'
     """
 
     kind: Literal["conductor"] = "conductor"
@@ -178,7 +188,15 @@ UniformSurface = Annotated[
 
 
 class Patterned(Model):
-    """Several surfaces on one object, distributed by a pattern."""
+    """Several surfaces on one object, distributed by a pattern.
+
+    Examples
+    --------
+    >>> from malus.scenes import Stripes
+    >>> parts = (Dielectric(eta=1.5, alpha=0.1), Dielectric(eta=1.5, alpha=0.4))
+    >>> Patterned(pattern=Stripes(), surfaces=parts).label
+    'stripes y of alpha 0.1 and alpha 0.4'
+    """
 
     kind: Literal["patterned"] = "patterned"
     pattern: Pattern

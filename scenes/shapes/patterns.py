@@ -27,7 +27,13 @@ Size = Annotated[float, Field(ge=1e-3, le=10)]
 
 
 class Checker(Model):
-    """Cubes of edge `size`, of which neighbours have different surfaces in turn."""
+    """Cubes of edge `size`, of which neighbours have different surfaces in turn.
+
+    Examples
+    --------
+    >>> Checker(size=0.4).label
+    'checker'
+    """
 
     kind: Literal["checker"] = "checker"
     size: Size = 0.5
@@ -39,7 +45,13 @@ class Checker(Model):
 
 
 class Stripes(Model):
-    """Slabs across `axis`, `width` thick, which have the surfaces in turn."""
+    """Slabs across `axis`, `width` thick, which have the surfaces in turn.
+
+    Examples
+    --------
+    >>> Stripes(width=0.1, axis="x").label
+    'stripes x'
+    """
 
     kind: Literal["stripes"] = "stripes"
     width: Size = 0.25
@@ -52,7 +64,13 @@ class Stripes(Model):
 
 
 class Spots(Model):
-    """Balls of the second surface in the first, on a cubic lattice; further surfaces in turn."""
+    """Balls of the second surface in the first, on a cubic lattice; further surfaces in turn.
+
+    Examples
+    --------
+    >>> Spots(spacing=0.4, radius=0.1).label
+    'spots'
+    """
 
     kind: Literal["spots"] = "spots"
     spacing: Size = 0.5
@@ -72,6 +90,11 @@ class ImageTexture(NamedFile):
     2π, rows from +y, upright as seen from outside); or it follows a mesh file's own texture
     coordinates (`uv`: from the lower left corner, repeated beyond 0..1). `digest` is the
     file's hash, which a suite fills in.
+
+    Examples
+    --------
+    >>> ImageTexture(path="leaf.png", projection="spherical").file_name
+    'leaf.png'
     """
 
     kind: Literal["image"] = "image"

@@ -13,7 +13,13 @@ Shading = Literal["smooth", "flat", "file"]
 
 
 class Sphere(Model):
-    """The unit sphere, intersected analytically."""
+    """The unit sphere, intersected analytically.
+
+    Examples
+    --------
+    >>> Sphere().label
+    'sphere'
+    """
 
     kind: Literal["sphere"] = "sphere"
 
@@ -24,7 +30,13 @@ class Sphere(Model):
 
 
 class Torus(Model):
-    """A torus about the viewing axis, tilted; radii before scaling to the unit sphere."""
+    """A torus about the viewing axis, tilted; radii before scaling to the unit sphere.
+
+    Examples
+    --------
+    >>> Torus(tilt_deg=30).label
+    'torus'
+    """
 
     kind: Literal["torus"] = "torus"
     major: float = Field(default=0.7, gt=0, le=1)
@@ -44,7 +56,13 @@ class Torus(Model):
 
 
 class Blob(Model):
-    """A smooth closed star-shaped blob with exact normals."""
+    """A smooth closed star-shaped blob with exact normals.
+
+    Examples
+    --------
+    >>> Blob(seed=2).label
+    'blob-2'
+    """
 
     kind: Literal["blob"] = "blob"
     seed: int = Field(default=0, ge=0)
@@ -56,7 +74,13 @@ class Blob(Model):
 
 
 class Superquadric(Model):
-    """A superquadric with exact normals; exponents of 1 make a sphere."""
+    """A superquadric with exact normals; exponents of 1 make a sphere.
+
+    Examples
+    --------
+    >>> Superquadric(e1=0.5, e2=1).label
+    'superquadric-0.5-1'
+    """
 
     kind: Literal["superquadric"] = "superquadric"
     e1: float = Field(default=0.5, ge=0.1, le=2)
@@ -69,7 +93,13 @@ class Superquadric(Model):
 
 
 class MeshFile(NamedFile):
-    """A mesh file, centred and scaled to the unit sphere; `digest` is the hash of its bytes."""
+    """A mesh file, centred and scaled to the unit sphere; `digest` is the hash of its bytes.
+
+    Examples
+    --------
+    >>> MeshFile(path="vase.obj").label
+    'vase'
+    """
 
     kind: Literal["mesh"] = "mesh"
     path: str = Field(min_length=1)
@@ -88,7 +118,13 @@ class MeshFile(NamedFile):
 
 
 class Plane(Model):
-    """A square of half width 1 that faces up (+y): a floor, or tilted by 90° a wall."""
+    """A square of half width 1 that faces up (+y): a floor, or tilted by 90° a wall.
+
+    Examples
+    --------
+    >>> Plane().label
+    'plane'
+    """
 
     kind: Literal["plane"] = "plane"
 

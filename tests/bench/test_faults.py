@@ -224,7 +224,7 @@ def tells_and_sleeps() -> Iterator[int]:
 
 
 def test_a_hang_that_holds_the_lock_of_python_ends_too() -> None:
-    with WorkerProcess(timeout=1) as worker, pytest.raises(Died, match="1 seconds of --timeout"):
+    with WorkerProcess(timeout=1) as worker, pytest.raises(Died, match="1 seconds of its timeout"):
         list(worker.stream(holds_the_lock))
 
 

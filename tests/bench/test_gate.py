@@ -345,7 +345,7 @@ def test_bad_baselines_end_in_one_line(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=expected) as caught:
             read_baseline(path)
         assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match="--update"):
+    with pytest.raises(InputError, match="`update`"):
         read_baseline(tmp_path / "none.toml")
 
 

@@ -137,9 +137,9 @@ def test_two_suites_at_once_in_one_folder_are_refused(tmp_path: Path) -> None:
     other = SUITE.model_copy(update={"methods": ("eq8",)})
 
     def meanwhile(tasks: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-        with pytest.raises(InputError, match="found another suite's; choose another --out"):
+        with pytest.raises(InputError, match="found another suite's; choose another `out`"):
             run(other, tmp_path, NOBODY)
-        with pytest.raises(InputError, match="found a run; choose another --out"):
+        with pytest.raises(InputError, match="found a run; choose another `out`"):
             render_dataset(SUITE, tmp_path, NOBODY)
         run(SUITE, tmp_path, NOBODY)
         yield from here(NOBODY)(tasks)
