@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from malus.bench.commands.filter import knowledge_options
+from malus.bench.commands.filter import knowledge_of, knowledge_options
 
 
 @click.command("capture")
@@ -43,7 +43,7 @@ def capture_command(
     out: Path | None,
     fit_only: bool,
     as_json: bool,
-    **known: Any,
+    **given: Any,
 ) -> None:
     """Fit pictures of FOLDER through a rotated polariser, and score a reconstruction.
 
@@ -58,24 +58,21 @@ def capture_command(
 
     from malus.bench.scoring.capture_score import score_capture, write_fit
     from malus.reconstruct.photos.capture import read_capture
-    from malus.reconstruct.photos.capture_fit import capture_summary, fit_sinusoid
-    from malus.reconstruct.photos.estimate import gather
+    from malus.reconstruct.photos.capture_fit import capture_summary, fit_capture
 
     capture = read_capture(folder, zero, sense, linear, offset)
-    known["material_name"] = known.pop("material")
-    height, width = capture.clipped.shape
-    knowledge = gather((height, width), **known)
-    fit = fit_sinusoid(capture)
+    knowledge = knowledge_of(capture.clipped.shape, given)
+    fit = fit_capture(capture)
     results: dict[str, Any] = {"fit": capture_summary(capture, fit)}
     if not fit_only:
         results["score"] = score_capture(capture, fit, knowledge, str(folder))
     if out is not None:
         write_fit(out, fit, results)
-    click.echo(json.dumps(results, indent=1) if as_json else _told(results))
+    click.echo(json.dumps(results, indent=1) if as_json else _report(results))
 
 
-def _told(results: dict[str, Any]) -> str:
-    """The numbers for people."""
+def _report(results: dict[str, Any]) -> str:
+    """The results as lines of text."""
     fit = results["fit"]
     lines = [
         f"{fit['pictures']} pictures, residual {fit['relative_residual']:.2%} of the mean, "
@@ -94,9 +91,9 @@ def _told(results: dict[str, Any]) -> str:
             f"skill {score['skill']:.3f}, best gain {score['best_gain']:.2f}"
         )
         for name, (mean, deviation) in score["delta_e76"].items():
-            nothing = score["delta_e76_trivial"][name][0]
+            trivial = score["delta_e76_trivial"][name][0]
             label = name if name.startswith("i_") else f"{name}°"
             lines.append(
-                f"ΔE76 {label:6s} {mean:.2f} ± {deviation:.2f} (doing nothing: {nothing:.2f})"
+                f"ΔE76 {label:6s} {mean:.2f} ± {deviation:.2f} (doing nothing: {trivial:.2f})"
             )
     return "\n".join(lines)

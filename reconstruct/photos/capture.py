@@ -1,4 +1,4 @@
-"""Folders of real pictures through a rotated polariser, and the conventions of their angles."""
+"""Read real pictures through a rotated polariser, and turn their angles into those of malus."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from malus.reconstruct.photos.picture import MAX_PIXELS, Image
+from malus.reconstruct.photos.picture import MAX_PIXELS
 from malus.reconstruct.photos.read_picture import SUFFIXES, read_picture
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.arrays import BoolArray, Float32Array
+from malus.scenes.core.errors import InputError, first_line
 
-Mask = NDArray[np.bool_]
 Zero = Literal["vertical", "horizontal"]
 Sense = Literal["anticlockwise", "clockwise"]
 
@@ -34,18 +33,18 @@ class Capture(NamedTuple):
     angles_deg : degrees from the vertical, anticlockwise
     clipped : (height, width) bool, any picture at its largest value
     names : file names
-    assumption : how values became light
+    assumption : a sentence on how the files' values were turned into light
     """
 
-    pictures: Image
+    pictures: Float32Array
     angles_deg: tuple[float, ...]
-    clipped: Mask
+    clipped: BoolArray
     names: tuple[str, ...]
     assumption: str
 
 
 def read_capture(
-    folder: Path,
+    folder: Path | str,
     zero: Zero = "vertical",
     sense: Sense = "anticlockwise",
     linear: bool = False,
@@ -62,26 +61,38 @@ def read_capture(
         An offset that is not finite, fewer than three different angles modulo 180°, a name
         without an angle, pictures of
         different sizes, an unreadable one, or no light that is not clipped.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import PIL.Image
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> for angle, code in ((0, 60), (60, 90), (120, 90)):
+    ...     PIL.Image.new("L", (2, 2), code).save(folder / f"pol_{angle:03d}.png")
+    >>> capture = read_capture(folder, zero="horizontal", linear=True)
+    >>> capture.pictures.shape, capture.angles_deg
+    ((3, 2, 2, 1), (-90.0, -30.0, 30.0))
     """
     if not math.isfinite(offset_deg):
-        raise InputError("--offset", "finite degrees", f"{offset_deg}", "correct this value")
-    found = _angles(folder)
-    angles = tuple(conventional(angle, zero, sense) + offset_deg for angle in found.values())
+        raise InputError("offset", "finite degrees", f"{offset_deg}", "correct this value")
+    folder = Path(folder)
+    stated = _stated_angles(folder)
+    angles = tuple(conventional(angle, zero, sense) + offset_deg for angle in stated.values())
     if len({round(angle % 180.0, 3) % 180.0 for angle in angles}) < 3:
-        listed = ", ".join(f"{angle:g}" for angle in found.values())
+        listed = ", ".join(f"{angle:g}" for angle in stated.values())
         raise InputError(
             str(folder),
             "pictures at three or more angles, different modulo 180°",
             listed or "none",
             "a sinusoid has three unknowns",
         )
-    planes: list[Image] = []
-    clipped: Mask | None = None
+    planes: list[Float32Array] = []
+    clipped: BoolArray | None = None
     assumption = ""
-    for name in found:
+    for name in stated:
         picture = read_picture(folder / name, linear)
         if not planes:
-            _check_total(folder, len(found), picture.linear.shape)
+            _check_total(folder, len(stated), picture.linear.shape)
         if planes and picture.linear.shape != planes[0].shape:
             expected = f"{planes[0].shape[1]} x {planes[0].shape[0]}, as the first"
             size = f"{picture.linear.shape[1]} x {picture.linear.shape[0]}"
@@ -93,7 +104,7 @@ def read_capture(
         assumption = picture.assumption
     assert clipped is not None
     _check_light(folder, planes, clipped)
-    return Capture(np.stack(planes), angles, clipped, tuple(found), assumption)
+    return Capture(np.stack(planes), angles, clipped, tuple(stated), assumption)
 
 
 def _check_total(folder: Path, count: int, shape: tuple[int, ...]) -> None:
@@ -109,7 +120,7 @@ def _check_total(folder: Path, count: int, shape: tuple[int, ...]) -> None:
         )
 
 
-def _check_light(folder: Path, planes: list[Image], clipped: Mask) -> None:
+def _check_light(folder: Path, planes: list[Float32Array], clipped: BoolArray) -> None:
     if clipped.all() or not max(float(plane[~clipped].max()) for plane in planes) > 0:
         raise InputError(
             str(folder),
@@ -131,31 +142,32 @@ def conventional(angle_deg: float, zero: Zero, sense: Sense) -> float:
     return turned - 90.0 if zero == "horizontal" else turned
 
 
-def _angles(folder: Path) -> dict[str, float]:
-    """Angle by file name, as written."""
+def _stated_angles(folder: Path) -> dict[str, float]:
+    """Degrees by file name, as they are written there."""
     if not folder.is_dir():
         raise InputError(str(folder), "a folder of pictures", "none", "check the path")
     listing = folder / _ANGLES_FILE
     if listing.is_file():
-        found = _listed(listing)
+        angles = _listed(listing)
     else:
         files = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
-        found = {name: _angle_in(folder, name) for name in files}
-    if len(found) > _MAX_PICTURES:
+        angles = {name: _angle_in(folder, name) for name in files}
+    if len(angles) > _MAX_PICTURES:
         raise InputError(
-            str(folder), f"at most {_MAX_PICTURES} pictures", f"{len(found)}", "leave some out"
+            str(folder), f"at most {_MAX_PICTURES} pictures", f"{len(angles)}", "leave some out"
         )
-    return found
+    return angles
 
 
 def _listed(path: Path) -> dict[str, float]:
+    """Degrees by file name, from `angles.json`."""
     try:
         data = json.loads(path.read_text("utf-8"))
-        found = {str(name): float(angle) for name, angle in data.items()}
+        angles = {str(name): float(angle) for name, angle in data.items()}
     except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
         example = '{"a.png": 0, "b.png": 60, "c.png": 120}'
-        raise InputError(str(path), example, str(error).split("\n")[0], "correct it") from None
-    for name, angle in found.items():
+        raise InputError(str(path), example, first_line(error), "correct it") from None
+    for name, angle in angles.items():
         if not np.isfinite(angle) or Path(name).name != name:
             raise InputError(
                 str(path),
@@ -163,7 +175,7 @@ def _listed(path: Path) -> dict[str, float]:
                 f"{name}: {angle}",
                 "correct it",
             )
-    return found
+    return angles
 
 
 def _angle_in(folder: Path, name: str) -> float:

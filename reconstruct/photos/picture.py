@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct.photos.tone_curves import (
     Transfer,
@@ -15,17 +14,15 @@ from malus.reconstruct.photos.tone_curves import (
     linear_transfer,
     srgb_transfer,
 )
+from malus.scenes.core.arrays import AnyArray, Float32Array, FloatArray
 from malus.scenes.core.errors import InputError
-
-Image = NDArray[np.float32]
-
 
 MAX_PIXELS = 64_000_000
 """Largest picture: about 13 GB of working memory for its light and polarisation, measured at
 2.1 GB for 10 megapixels."""
 
-
 ORIENTATION = 274
+"""The tag of EXIF and TIFF that says how a picture is to be turned."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +42,10 @@ class Picture:
         What the format's writer puts back.
     """
 
-    linear: Image
+    linear: Float32Array
     kind: str
     transfer: Transfer | None
-    alpha: NDArray[Any] | None = None
+    alpha: AnyArray | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -58,7 +55,7 @@ class Picture:
 
     @property
     def assumption(self) -> str:
-        """How values became light, in words."""
+        """A sentence on how the file's values were turned into light."""
         if self.transfer is None:
             return "values are linear light"
         if self.transfer.source == "sRGB":
@@ -72,8 +69,8 @@ class Picture:
             return 0.0
         return float(np.mean(np.any(self.linear >= self.transfer.table.max(), axis=-1)))
 
-    def showing(self, linear: NDArray[np.floating[Any]]) -> Picture:
-        """The same picture with other light."""
+    def with_light(self, linear: FloatArray) -> Picture:
+        """A picture of the same form with other light (height, width, channels)."""
         return replace(self, linear=linear.astype(np.float32, copy=False))
 
 
@@ -89,13 +86,13 @@ def check_size(path: Path, width: int, height: int) -> None:
 
 
 def transfer_of(profile: bytes | None, bits: int, linear: bool, path: Path) -> Transfer:
-    """Tone curves of a file with that profile."""
+    """Tone curves of a file of integers: its own profile's, sRGB's, or none for linear light."""
     if linear:
         return linear_transfer(bits)
     return icc_transfer(profile, bits, str(path)) if profile else srgb_transfer(bits)
 
 
-def upright(codes: NDArray[Any], orientation: int) -> NDArray[Any]:
+def upright(codes: AnyArray, orientation: int) -> AnyArray:
     """A picture as it is displayed, for a value of the EXIF tag Orientation (1 to 8).
 
     Examples
@@ -112,9 +109,7 @@ def upright(codes: NDArray[Any], orientation: int) -> NDArray[Any]:
     return np.ascontiguousarray(codes)
 
 
-def from_codes(
-    codes: NDArray[Any], kind: str, transfer: Transfer, metadata: dict[str, Any]
-) -> Picture:
+def from_codes(codes: AnyArray, kind: str, transfer: Transfer, metadata: dict[str, Any]) -> Picture:
     """A picture from codes (height, width) or (height, width, channels), alpha last if any."""
     planes = codes if codes.ndim == 3 else codes[..., None]
     colours = 3 if planes.shape[-1] >= 3 else 1

@@ -24,7 +24,7 @@ from malus.reconstruct.photos.picture import (
     upright,
 )
 from malus.reconstruct.photos.read_tiff_exr import read_exr, read_tiff
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, first_line
 
 SUFFIXES = {
     ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF", ".tiff": "TIFF", ".exr": "EXR",
@@ -40,12 +40,12 @@ _REFUSED = {
 }
 
 
-def read_picture(path: Path, linear: bool = False) -> Picture:
-    """Read a picture.
+def read_picture(path: Path | str, linear: bool = False) -> Picture:
+    """Read a picture as linear light, with what is needed to write another one like it.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
     linear : bool
         Take the codes of an integer file for linear light, whatever its profile says.
 
@@ -54,15 +54,28 @@ def read_picture(path: Path, linear: bool = False) -> Picture:
     InputError
         Missing, damaged or truncated file, an unknown format, too many pixels, CMYK, a palette or
         1 bit a pixel: one line that says what to do.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import PIL.Image
+    >>> path = Path(tempfile.mkdtemp()) / "grey.png"
+    >>> PIL.Image.new("L", (3, 2), 188).save(path)
+    >>> picture = read_picture(path)
+    >>> picture.linear.shape, round(float(picture.linear[0, 0, 0]), 2)
+    ((2, 3, 1), 0.5)
     """
+    path = Path(path)
     readers: dict[str, Callable[[Path, bool], Picture]] = {
         "EXR": read_exr,
         "TIFF": read_tiff,
     }
     kind = SUFFIXES.get(path.suffix.lower())
     if kind is None:
-        known = ", ".join(sorted(SUFFIXES))
-        raise InputError(str(path), f"a file of {known}", path.suffix or "no suffix", "convert it")
+        suffixes = ", ".join(sorted(SUFFIXES))
+        raise InputError(
+            str(path), f"a file of {suffixes}", path.suffix or "no suffix", "convert it"
+        )
     if not path.is_file():
         raise InputError(str(path), "a picture", "no such file", "check the path")
     if kind in readers:
@@ -94,7 +107,7 @@ def _read_common(path: Path, linear: bool) -> Picture:
     except InputError:
         raise
     except (OSError, SyntaxError, ValueError, EOFError, MemoryError) as error:
-        reason = str(error).split("\n")[0]
+        reason = first_line(error)
         raise InputError(str(path), "a whole PNG or JPEG file", reason, "save it again") from None
     if bits == 16 and codes.dtype == np.uint8:
         codes = _deep_png(path)
@@ -104,12 +117,12 @@ def _read_common(path: Path, linear: bool) -> Picture:
 
 def _check_mode(path: Path, mode: str) -> None:
     if mode not in _MODES:
-        found = _REFUSED.get(mode, f"mode {mode}")
-        raise InputError(str(path), "grey or RGB of 8 or 16 bits", found, "convert it to RGB")
+        form = _REFUSED.get(mode, f"mode {mode}")
+        raise InputError(str(path), "grey or RGB of 8 or 16 bits", form, "convert it to RGB")
 
 
 def _metadata(image: Any) -> dict[str, Any]:
-    """What Pillow's writers take: profile, EXIF (upright), resolution, comments."""
+    """Profile, EXIF (upright), resolution and comments, as Pillow's writers take them."""
     exif = image.getexif()
     exif.pop(ORIENTATION, None)
     kept = {

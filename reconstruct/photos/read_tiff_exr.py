@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct.photos.picture import (
     ORIENTATION,
@@ -17,7 +16,8 @@ from malus.reconstruct.photos.picture import (
     transfer_of,
     upright,
 )
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.arrays import AnyArray
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.quiet import quiet
 
 _TIFF_TEXT_TAGS = (271, 272, 306, 315, 33432)
@@ -36,19 +36,16 @@ def read_tiff(path: Path, linear: bool) -> Picture:
     import tifffile
 
     logging.getLogger("tifffile").addHandler(_NOWHERE)
-    try:
-        with tifffile.TiffFile(path) as file:
-            page = file.pages.first
-            check_size(path, page.imagewidth, page.imagelength)
-            _check_tiff(path, page)
-            orientation = int(page.tags[ORIENTATION].value) if ORIENTATION in page.tags else 1
-            codes = upright(page.asarray(), orientation)
-            metadata = _tiff_metadata(page)
-    except InputError:
-        raise
-    except Exception as error:  # a foreign parser raises anything on a broken file
-        reason = str(error).split("\n")[0]
-        raise InputError(str(path), "a whole TIFF file", reason, "save it again") from None
+    with (
+        reading(str(path), "a whole TIFF file", "save it again"),
+        tifffile.TiffFile(path) as file,
+    ):
+        page = file.pages.first
+        check_size(path, page.imagewidth, page.imagelength)
+        _check_tiff(path, page)
+        orientation = int(page.tags[ORIENTATION].value) if ORIENTATION in page.tags else 1
+        codes = upright(page.asarray(), orientation)
+        metadata = _tiff_metadata(page)
     if codes.dtype.kind == "f":
         planes = codes if codes.ndim == 3 else codes[..., None]
         _check_finite(path, planes)
@@ -68,14 +65,14 @@ def _check_tiff(path: Path, page: Any) -> None:
         (len(page.shape) not in (2, 3) or channels > 4, f"shape {page.shape}"),
         (channels > 1 and page.planarconfig != 1, "separate planes"),
     ]
-    for is_wrong, found in wrong:
+    for is_wrong, form in wrong:
         if is_wrong:
             expected = "grey or RGB of 8, 16 or float bits"
-            raise InputError(str(path), expected, found, "convert it to RGB")
+            raise InputError(str(path), expected, form, "convert it to RGB")
 
 
 def _tiff_metadata(page: Any) -> dict[str, Any]:
-    """What tifffile's writer takes."""
+    """Profile, resolution and texts of a page, as tifffile's writer takes them."""
     tags = page.tags
     kept: dict[str, Any] = {}
     if _ICC_TAG in tags:
@@ -95,7 +92,7 @@ def read_exr(path: Path, linear: bool) -> Picture:
     """An OpenEXR picture: R, G, B or Y, of half or float. Raises InputError."""
     import OpenEXR
 
-    try:
+    with reading(str(path), "a whole OpenEXR file", "save it again"):
         with quiet(), OpenEXR.File(str(path), header_only=True) as file:
             window = file.header()["dataWindow"]
         width, height = (int(b) - int(a) + 1 for a, b in zip(*window, strict=True))
@@ -103,22 +100,17 @@ def read_exr(path: Path, linear: bool) -> Picture:
         with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
             header = {k: v for k, v in file.header().items() if k not in _EXR_STRUCTURE}
-    except InputError:
-        raise
-    except Exception as error:  # a foreign parser raises anything on a broken file
-        reason = str(error).split("\n")[0]
-        raise InputError(str(path), "a whole OpenEXR file", reason, "save it again") from None
     names = next((n for n in (("R", "G", "B"), ("Y",)) if set(n) <= set(channels)), None)
     if names is None:
-        found = ", ".join(sorted(channels))
-        raise InputError(str(path), "channels R, G, B or Y", found, "choose another file")
+        listed = ", ".join(sorted(channels))
+        raise InputError(str(path), "channels R, G, B or Y", listed, "choose another file")
     values = np.stack([channels[name] for name in names], axis=-1)
     _check_finite(path, values)
     metadata = {"header": header, "names": names, "dtype": values.dtype}
     return Picture(values.astype(np.float32), "EXR", None, channels.get("A"), metadata)
 
 
-def _check_finite(path: Path, values: NDArray[Any]) -> None:
+def _check_finite(path: Path, values: AnyArray) -> None:
     bad = int(np.count_nonzero(~np.isfinite(values)))
     if bad:
         raise InputError(str(path), "finite values", f"{bad} others", "clean the picture")

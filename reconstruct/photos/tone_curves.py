@@ -14,9 +14,9 @@ import colour
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import Float32Array, Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
 
-Floats = NDArray[np.float64]
 Codes = NDArray[np.integer[Any]]
 
 _SIGNATURE = slice(36, 40)
@@ -37,16 +37,16 @@ class Transfer(NamedTuple):
     True
     """
 
-    table: Floats
+    table: Float64Array
     source: str
 
-    def linear(self, codes: Codes) -> NDArray[np.float32]:
+    def linear(self, codes: Codes) -> Float32Array:
         """Linear light (height, width, channels) of codes of that shape, 0 to 1."""
         table = self.table.astype(np.float32)
         planes = [table[min(i, len(table) - 1)][codes[..., i]] for i in range(codes.shape[-1])]
         return np.stack(planes, axis=-1)
 
-    def encoded(self, linear: NDArray[np.floating[Any]]) -> Codes:
+    def encoded(self, linear: FloatArray) -> Codes:
         """Codes of linear light; what is brighter than white is clipped."""
         levels = np.arange(self.table.shape[1], dtype=np.float64)
         if len(levels) != _COARSE:
@@ -62,7 +62,7 @@ class Transfer(NamedTuple):
             result[..., i] = codes[:, i][scaled.astype(np.uint16)]
         return result
 
-    def _interpolated(self, linear: NDArray[np.floating[Any]], levels: Floats) -> Floats:
+    def _interpolated(self, linear: FloatArray, levels: Float64Array) -> Float64Array:
         """Codes + ½, so that truncation rounds; interpolation never leaves the range of levels."""
         curves = [self.table[min(i, len(self.table) - 1)] for i in range(linear.shape[-1])]
         planes = [np.interp(linear[..., i], curve, levels) for i, curve in enumerate(curves)]
@@ -121,17 +121,19 @@ def icc_transfer(profile: bytes, bits: int, where: str) -> Transfer:
 
 
 def _tags(profile: bytes) -> dict[bytes, bytes]:
+    """Content of a profile's tags by their four letters."""
     if profile[_SIGNATURE] != b"acsp":
         raise ValueError("not a profile")
     (count,) = struct.unpack_from(">I", profile, _TAG_TABLE)
-    found = {}
+    tags = {}
     for i in range(min(count, 1000)):
         name, start, length = struct.unpack_from(">4sII", profile, _TAG_TABLE + 4 + 12 * i)
-        found[name] = profile[start : start + length]
-    return found
+        tags[name] = profile[start : start + length]
+    return tags
 
 
-def _curve(tag: bytes, x: Floats) -> Floats:
+def _curve(tag: bytes, x: Float64Array) -> Float64Array:
+    """Light for the codes x in 0 to 1, by a tag that holds a tone curve."""
     if tag[:4] == b"para":
         return _parametric(tag, x)
     if tag[:4] != b"curv":
@@ -145,11 +147,12 @@ def _curve(tag: bytes, x: Floats) -> Floats:
     return np.interp(x, np.linspace(0.0, 1.0, count), values / 65535.0)
 
 
-def _parametric(tag: bytes, x: Floats) -> Floats:
+def _parametric(tag: bytes, x: Float64Array) -> Float64Array:
+    """Light for the codes x in 0 to 1, by one of the five formulas of ICC profiles."""
     (kind,) = struct.unpack_from(">H", tag, 8)
     count = _PARAMETRIC_LENGTHS[kind]
-    given = np.frombuffer(tag, dtype=">i4", count=count, offset=12) / 65536.0
-    g, a, b, c, d, e, f = np.concatenate([given, np.zeros(7 - count)]).tolist()
+    stored = np.frombuffer(tag, dtype=">i4", count=count, offset=12) / 65536.0
+    g, a, b, c, d, e, f = np.concatenate([stored, np.zeros(7 - count)]).tolist()
     if kind == 0:
         return np.asarray(x**g)
     if kind < 3:

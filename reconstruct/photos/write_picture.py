@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct.photos.picture import (
-    Picture,
-)
+from malus.reconstruct.photos.picture import Picture
+from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.files import replace_file
 
 _JPEG_QUALITY = 95
@@ -30,7 +29,7 @@ def write_picture(path: Path, picture: Picture) -> None:
     replace_file(path, lambda temporary: writers[picture.kind](temporary, picture))
 
 
-def _codes(picture: Picture) -> NDArray[Any]:
+def _codes(picture: Picture) -> AnyArray:
     """Codes of the picture's light, with the alpha that it came with."""
     assert picture.transfer is not None
     codes = picture.transfer.encoded(picture.linear)

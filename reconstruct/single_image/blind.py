@@ -87,14 +87,17 @@ def blind(observation: Observation) -> Components:
     return run_chain(observation).components
 
 
-def run_chain(observation: Observation, calibrated: bool = True) -> Chain:
+def run_chain(
+    observation: Observation, calibrated: bool = True, separation: str = "ratio"
+) -> Chain:
     """The same as `blind`, with everything that was found on the way; raises the same.
 
     Radiances of an ordinary photograph have no unit: `calibrated` is False where the irradiance
-    of a given light says nothing about them, and then η must be given or is assumed.
+    of a given light says nothing about them, and then η must be given or is assumed. `separation`
+    names one of `SEPARATIONS`.
     """
     _require_light(observation)
-    specular, statements = _by_colour(observation)
+    specular, statements = _by_colour(observation, separation)
     direction, irradiance, said = _light(observation)
     irradiance = irradiance if calibrated else None
     known = Known(irradiance, _mean_or_none(observation.eta), _mean_or_none(observation.alpha))
@@ -132,12 +135,12 @@ def _require_light(observation: Observation) -> None:
         )
 
 
-def _by_colour(observation: Observation) -> tuple[Image | None, tuple[str, ...]]:
+def _by_colour(observation: Observation, separation: str) -> tuple[Image | None, tuple[str, ...]]:
     """I_s by colour where the picture has any, otherwise None and the reason."""
     bands = observation.wavelengths_nm
     tint = specular_tint(bands) if bands is not None and len(bands) > 1 else None
     try:
-        parts = separate(observation.image, observation.mask, tint=tint)
+        parts = separate(observation.image, observation.mask, method=separation, tint=tint)
     except Inapplicable as reason:
         return None, (f"separated by the fitted model, not by colour: {reason}",)
     return parts.specular, ("separated by colour, under white light",)
