@@ -70,14 +70,13 @@ class Knowledge:
 
     def __post_init__(self) -> None:
         """Refuse unknown names."""
-        choices = {
-            "illuminant": (self.illuminant, ILLUMINANTS),
-            "separation": (self.separation, SEPARATIONS),
-        }
-        for parameter, (name, registered) in choices.items():
-            if name not in registered:
-                names = ", ".join(registered)
-                raise InputError(parameter, f"one of {names}", name, "choose one of them")
+        for parameter, name, names in (
+            ("illuminant", self.illuminant, tuple(ILLUMINANTS)),
+            ("separation", self.separation, tuple(SEPARATIONS)),
+        ):
+            if name not in names:
+                expected = f"one of {', '.join(names)}"
+                raise InputError(parameter, expected, name, "choose one of them")
 
 
 class Estimate(NamedTuple):

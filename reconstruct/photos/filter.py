@@ -229,7 +229,8 @@ def _sweep(path: Path, picture: Picture, components: Components, gain: np.float3
     import PIL.Image
 
     planes = (components.image, components.s1, components.s2)
-    small = Components(*(reduced(plane, SWEEP_SIDE) for plane in planes))
+    image, s1, s2 = (reduced(plane, SWEEP_SIDE) for plane in planes)
+    small = Components(image, s1, s2)
     angles = np.arange(SWEEP_FRAMES) * (180.0 / SWEEP_FRAMES)
     frames = [
         PIL.Image.fromarray(thumbnail(gain * polarised(small, float(a)), picture, SWEEP_SIDE))
