@@ -82,6 +82,9 @@ def knowledge_of(shape: tuple[int, ...], given: dict[str, Any]) -> Any:
 )
 @knowledge_options
 @click.option("--linear", is_flag=True, help="The file's values are linear light.")
+@click.option(
+    "--part", help="Which picture of IMAGE: an OpenEXR part's name, a TIFF page's number."
+)
 @click.option("--sweep", is_flag=True, help="Also an animation through 180°.")
 @click.option("--physical", is_flag=True, help="Lose the light that a real filter takes away.")
 def filter_command(
@@ -89,6 +92,7 @@ def filter_command(
     angles: tuple[float, ...],
     out: Path | None,
     linear: bool,
+    part: str | None,
     sweep: bool,
     physical: bool,
     **given: Any,
@@ -104,7 +108,7 @@ def filter_command(
     from malus.reconstruct.photos.filter import FilterOutput, filter_picture
     from malus.reconstruct.photos.read_picture import read_picture
 
-    picture = read_picture(image, linear)
+    picture = read_picture(image, linear, part)
     knowledge = knowledge_of(picture.linear.shape, given)
     folder = out or image.with_name(f"{image.stem}_polarised")
     output = FilterOutput(angles or FilterOutput.angles_deg, sweep, physical)

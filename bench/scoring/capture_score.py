@@ -116,7 +116,10 @@ def colour_differences(
     """Mean and standard deviation over pixels of ΔE76, for I_max, I_min and the paper's angles.
 
     Stokes vectors (pixels, 1 or 3, 3) in linear sRGB primaries, `white` the radiance of white.
+    Other channels have no colour: nothing is compared then.
     """
+    if true.shape[-2] not in (1, 3):
+        return {}  # bands of a spectrum, whose light is not that of three primaries
     images: dict[str, Callable[[FloatArray], FloatArray]] = {
         "i_max": lambda stokes: polarisation.extremes(stokes)[0],
         "i_min": lambda stokes: polarisation.extremes(stokes)[1],
@@ -133,8 +136,12 @@ def colour_differences(
     return differences
 
 
-def write_fit(out: Path | str, fit: CaptureFit, results: dict[str, Any]) -> None:
+def write_fit(
+    out: Path | str, fit: CaptureFit, results: dict[str, Any], channels: tuple[str, ...] = ()
+) -> None:
     """Write capture.json and maps of the fit: I_max, I_min as EXR, DoLP and AoLP as 16-bit PNG.
+
+    `channels` names the channels of the EXR files where they are bands of a spectrum.
 
     Raises
     ------
@@ -144,9 +151,14 @@ def write_fit(out: Path | str, fit: CaptureFit, results: dict[str, Any]) -> None
     i_max, i_min = polarisation.extremes(fit.stokes)
     summed = fit.stokes.sum(axis=2)
 
+    metadata = {"names": channels} if channels else {}
+
     def write(folder: Path) -> None:
         for name, light in (("i_max", i_max), ("i_min", i_min), ("residual", fit.residual)):
-            write_picture(folder / f"{name}.exr", Picture(light.astype(np.float32), "EXR", None))
+            write_picture(
+                folder / f"{name}.exr",
+                Picture(light.astype(np.float32), "EXR", None, None, metadata),
+            )
         save_16bit(folder / "dolp.png", to_16bit(polarisation.dolp(summed)))
         save_16bit(folder / "aolp.png", aolp_16bit(summed))
         (folder / "capture.json").write_text(json.dumps(results, indent=1), encoding="utf-8")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import cmath
+import itertools
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -289,7 +290,7 @@ def _spans_angles(values: Sequence[float]) -> bool:
 def _counts(values: Sequence[float]) -> bool:
     """Whether numbers go up in ones, as numbers of frames do."""
     ordered = sorted(set(values))
-    return all(b - a == 1.0 for a, b in zip(ordered, ordered[1:], strict=False))
+    return all(b - a == 1.0 for a, b in itertools.pairwise(ordered))
 
 
 def _require_one_set(folder: Path, names: Sequence[str], column: Column) -> None:
@@ -307,7 +308,7 @@ def _require_one_set(folder: Path, names: Sequence[str], column: Column) -> None
         )
 
 
-def check_angles(where: str, angles: Mapping[str, float]) -> None:
+def check_angles(where: str, angles: Sequence[float]) -> None:
     """Refuse fewer than three different angles in degrees, modulo 180°.
 
     Raises
@@ -315,8 +316,8 @@ def check_angles(where: str, angles: Mapping[str, float]) -> None:
     InputError
         With the angles that there are.
     """
-    if len({round(angle % 180.0, 3) % 180.0 for angle in angles.values()}) < 3:
-        listed = ", ".join(f"{angle:g}" for angle in angles.values())
+    if len({round(angle % 180.0, 3) % 180.0 for angle in angles}) < 3:
+        listed = ", ".join(f"{angle:g}" for angle in angles)
         raise InputError(
             where,
             "pictures at three or more angles, different modulo 180°",

@@ -10,11 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from malus.reconstruct.photos.capture import Capture, read_capture
+from malus.reconstruct.photos.movement import (
+    MOVED,
+    Shift,
+    analyser,
+    is_sub_grids,
+    measure_shifts,
+)
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray, Float32Array
 
-MOVED = 0.25
-"""Pixels of shift between two pictures from which edges look polarised."""
 CLIPPED = 0.002
 """Share of clipped pixels that is worth a warning."""
 UNSTEADY = 0.02
@@ -70,8 +75,7 @@ def fit_capture(capture: Capture | Path | str) -> CaptureFit:
     """
     if not isinstance(capture, Capture):
         capture = read_capture(capture)
-    stokes_basis = np.eye(3)
-    matrix = np.stack([polarisation.polarised(stokes_basis, a) for a in capture.angles_deg])
+    matrix = analyser(capture.angles_deg)
     inverse = np.linalg.pinv(matrix).astype(np.float32)
     stokes = np.tensordot(capture.pictures, inverse, axes=(0, 1))
     square = np.zeros(stokes.shape[:-1], dtype=np.float32)
@@ -81,33 +85,28 @@ def fit_capture(capture: Capture | Path | str) -> CaptureFit:
     good = ~capture.clipped
     mean = float(capture.pictures[:, good].mean())
     relative = float(np.sqrt(np.mean(square[good]) / len(matrix))) / mean
-    shifts = _shifts(capture.pictures)
-    return CaptureFit(
-        stokes, residual, relative, shifts, _warnings(capture, stokes, relative, shifts)
-    )
-
-
-def _shifts(pictures: Float32Array) -> tuple[float, ...]:
-    """Pixels by which every picture moved against the first, by phase correlation."""
-    from skimage.registration import phase_cross_correlation
-
-    grey = pictures.mean(axis=-1)
-    shifts = [0.0]
-    for picture in grey[1:]:
-        shift, _, _ = phase_cross_correlation(grey[0], picture, upsample_factor=20)
-        shifts.append(float(np.hypot(*shift)))
-    return tuple(shifts)
+    shifts = [Shift(0.0, 0.0) for _ in capture.names]
+    if not capture.one_exposure:
+        shifts = list(measure_shifts(capture.pictures, capture.angles_deg))
+    warnings = _warnings(capture, stokes, relative, shifts)
+    return CaptureFit(stokes, residual, relative, tuple(s.length for s in shifts), warnings)
 
 
 def _warnings(
-    capture: Capture, stokes: Float32Array, relative: float, shifts: Sequence[float]
+    capture: Capture, stokes: Float32Array, relative: float, shifts: Sequence[Shift]
 ) -> tuple[str, ...]:
     warnings = []
     if capture.clipped.mean() > CLIPPED:
         warnings.append(f"{capture.clipped.mean():.1%} of the pixels are clipped and left out")
-    moved = [n for n, shift in zip(capture.names, shifts, strict=True) if shift > MOVED]
-    if moved:
-        warnings.append(f"moved by up to {max(shifts):.1f} pixels: {', '.join(moved)}")
+    lengths = [shift.length for shift in shifts]
+    moved = [n for n, length in zip(capture.names, lengths, strict=True) if length > MOVED]
+    if is_sub_grids(shifts):
+        warnings.append(
+            "the pictures stand half a pixel apart, as those taken out of one frame of a "
+            "polarisation camera: give the frame itself, with mosaic"
+        )
+    elif moved:
+        warnings.append(f"moved by up to {max(lengths):.1f} pixels: {', '.join(moved)}")
     if len(capture.pictures) == 3:
         warnings.append("three pictures leave no residual: take a fourth to check the fit")
     elif relative > UNSTEADY:
@@ -178,5 +177,6 @@ def capture_summary(capture: Capture, fit: CaptureFit) -> dict[str, Any]:
         "median_dolp": float(np.median(dolp)),
         "dolp_99": float(np.quantile(dolp, 0.99)),
         "assumption": capture.assumption,
+        "hints": list(capture.hints),
         "warnings": list(fit.warnings),
     }

@@ -142,7 +142,7 @@ def _check_angles(angles_deg: Sequence[float]) -> None:
 
 
 def _statements(picture: Picture, result: Estimate, output: FilterOutput) -> tuple[str, ...]:
-    statements = [picture.assumption, *result.statements]
+    statements = [picture.assumption, *picture.notes, *result.statements]
     if not output.physical:
         statements.append("exposure makes up for the filter's one stop, which physical leaves out")
     return tuple(statements)

@@ -6,6 +6,7 @@ Colour cameras have a colour filter over every such square too, four squares mak
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -19,8 +20,8 @@ _NOISE = 1e-4
 """Share of the brightest light below which a difference in the guide is no structure."""
 
 
-def check_mosaic(mosaic: Sequence[float], bayer: str | None, shape: Sequence[int]) -> None:
-    """Refuse what is no mosaic: not four angles, an unknown order of colours, too few pixels.
+def check_mosaic(mosaic: Sequence[float], bayer: str | None) -> None:
+    """Refuse what is no mosaic: not four angles, or an unknown order of colours.
 
     Raises
     ------
@@ -28,16 +29,20 @@ def check_mosaic(mosaic: Sequence[float], bayer: str | None, shape: Sequence[int
         With what is wrong.
     """
     listed = ", ".join(f"{angle:g}" for angle in mosaic)
-    if len(mosaic) != 4 or len({round(angle % 180.0, 3) % 180.0 for angle in mosaic}) < 3:
+    if len(mosaic) != 4:
         expected = "the four angles of a 2 x 2 square, row by row, such as 90,45,135,0"
         raise InputError("mosaic", expected, listed or "none", "see the camera's data sheet")
     if bayer is not None and bayer not in BAYER_ORDERS:
         raise InputError("bayer", f"one of {', '.join(BAYER_ORDERS)}", bayer, "choose one of them")
-    least = 4 if bayer is None else 8
-    if len(shape) != 2 or min(shape) < least:
-        size = " x ".join(str(side) for side in shape)
-        raise InputError("mosaic", f"a grey frame of {least} x {least} pixels or more", size,
-                         "give the frame as the sensor wrote it")  # fmt: skip
+
+
+def check_frame(path: Path, frame: Float32Array, bayer: str | None) -> None:
+    """Refuse frames (height, width) that are too small for a mosaic. Raises InputError."""
+    least = 4 if bayer is None else 12
+    if min(frame.shape) < least:
+        size = f"{frame.shape[1]} x {frame.shape[0]}"
+        expected = f"a frame of {least} x {least} pixels or more"
+        raise InputError(str(path), expected, size, "give the frame as the sensor wrote it")
 
 
 def demosaic(frame: Float32Array, bayer: str | None = None) -> Float32Array:

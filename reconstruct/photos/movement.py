@@ -59,8 +59,9 @@ def measure_shifts(pictures: Float32Array, angles_deg: Sequence[float]) -> tuple
 
     Examples
     --------
-    >>> noise = np.random.default_rng(0).random((32, 33)).cumsum(axis=0).cumsum(axis=1) % 7
-    >>> three = np.stack([noise[:, 1:], noise[:, :-1], noise[:, 1:]])[..., None]
+    >>> y, x = np.mgrid[:48, :49]
+    >>> waves = 2 + np.sin(x * 0.9) * np.cos(y * 0.7) + np.sin(0.6 * (x + y))
+    >>> three = np.stack([waves[:, 1:], waves[:, :-1], waves[:, 1:]])[..., None]
     >>> [round(shift.right, 1) for shift in measure_shifts(three, (0.0, 45.0, 90.0))]
     [0.0, 1.0, 0.0]
     """

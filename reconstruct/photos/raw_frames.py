@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct.photos.picture import Picture, check_size
-from malus.reconstruct.photos.tone_curves import scaled_transfer
+from malus.reconstruct.photos.tone_curves import linear_transfer
 from malus.scenes.core.errors import InputError, reading
 
 PACKINGS = (
@@ -46,7 +46,11 @@ def read_raw(path: Path, size: tuple[int, int], packing: str) -> Picture:
                 "check size and packing; cut off what a header adds",
             )
         codes = unpack(np.fromfile(path, dtype=np.uint8), bits, layout)
-    transfer = scaled_transfer(16 if bits > 8 else 8, (1 << bits) - 1)
+    largest = int(codes.max())
+    if largest >= 1 << bits:
+        hint = "check the packing: mono16 reads codes that are shifted to the high bits"
+        raise InputError(str(path), f"codes of {bits} bits", f"{largest}", hint)
+    transfer = linear_transfer(bits)
     return Picture(transfer.linear(codes.reshape(height, width, 1)), "TIFF", transfer)
 
 

@@ -42,9 +42,40 @@ class Transfer(NamedTuple):
 
     def linear(self, codes: Codes) -> Float32Array:
         """Linear light (height, width, channels) of codes of that shape, 0 to 1."""
-        table = self.table.astype(np.float32)
-        planes = [table[min(i, len(table) - 1)][codes[..., i]] for i in range(codes.shape[-1])]
-        return np.stack(planes, axis=-1)
+        light = np.empty(codes.shape, dtype=np.float32)
+        for i, curve in enumerate(self._curves(codes.shape[-1])):
+            light[..., i] = curve.astype(np.float32)[codes[..., i]]
+        return light
+
+    def linear_between(self, codes: FloatArray) -> Float32Array:
+        """Linear light of codes (height, width, channels) that need not be whole numbers.
+
+        Beyond the largest code light goes on in proportion, as glow over a transparent pixel does.
+        """
+        levels = np.arange(self.table.shape[1], dtype=np.float64)
+        light = np.empty(codes.shape, dtype=np.float32)
+        for i, curve in enumerate(self._curves(codes.shape[-1])):
+            over = np.maximum(codes[..., i] / levels[-1], 1.0)
+            light[..., i] = np.interp(codes[..., i], levels, curve) * over
+        return light
+
+    def encoded_between(self, linear: FloatArray) -> FloatArray:
+        """The inverse of `linear_between`: codes that need not be whole numbers."""
+        levels = np.arange(self.table.shape[1], dtype=np.float64)
+        codes = np.empty(linear.shape, dtype=np.float32)
+        for i, curve in enumerate(self._curves(linear.shape[-1])):
+            over = np.maximum(linear[..., i] / curve[-1], 1.0)
+            codes[..., i] = np.interp(linear[..., i], curve, levels) * over
+        return codes
+
+    def light_of(self, code: float) -> float:
+        """Linear light of one code, mean over the channels."""
+        levels = np.arange(self.table.shape[1], dtype=np.float64)
+        return float(np.mean([np.interp(code, levels, curve) for curve in self.table]))
+
+    def _curves(self, channels: int) -> list[Float64Array]:
+        """The curve of every channel; a profile of one curve has it for all."""
+        return [self.table[min(i, len(self.table) - 1)] for i in range(channels)]
 
     def encoded(self, linear: FloatArray) -> Codes:
         """Codes of linear light; what is brighter than white is clipped."""
@@ -64,13 +95,13 @@ class Transfer(NamedTuple):
 
     def _interpolated(self, linear: FloatArray, levels: Float64Array) -> Float64Array:
         """Codes + ½, so that truncation rounds; interpolation never leaves the range of levels."""
-        curves = [self.table[min(i, len(self.table) - 1)] for i in range(linear.shape[-1])]
+        curves = self._curves(linear.shape[-1])
         planes = [np.interp(linear[..., i], curve, levels) for i, curve in enumerate(curves)]
         return np.stack(planes, axis=-1) + 0.5
 
 
 def srgb_transfer(bits: int) -> Transfer:
-    """The curve of sRGB (IEC 61966-2-1) for codes of 8 or 16 bits."""
+    """The curve of sRGB (IEC 61966-2-1) for codes of that many bits."""
     codes = np.linspace(0.0, 1.0, 1 << bits)
     return Transfer(np.asarray(colour.models.eotf_sRGB(codes))[None], "sRGB")
 
@@ -87,7 +118,7 @@ def linear_transfer(bits: int) -> Transfer:
 
 
 def icc_transfer(profile: bytes, bits: int, where: str) -> Transfer:
-    """The tone curves of an ICC profile, for codes of 8 or 16 bits.
+    """The tone curves of an ICC profile, for codes of that many bits.
 
     Source: ICC.1:2022, types curveType and parametricCurveType.
 
