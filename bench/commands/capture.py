@@ -7,7 +7,11 @@ from typing import Any
 
 import click
 
-from malus.bench.commands.filter import knowledge_of, knowledge_options
+from malus.bench.commands.filter import (
+    in_words_of_options,
+    knowledge_of,
+    knowledge_options,
+)
 
 
 class Angles(click.ParamType[tuple[float, ...]]):
@@ -154,4 +158,4 @@ def _report(results: dict[str, Any]) -> str:
             lines.append(
                 f"ΔE76 {label:6s} {mean:.2f} ± {deviation:.2f} (doing nothing: {trivial:.2f})"
             )
-    return "\n".join(lines)
+    return in_words_of_options("\n".join(lines))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,11 @@ def knowledge_of(shape: tuple[int, ...], given: dict[str, Any]) -> Any:
     return read_knowledge((height, width), material_name=given["material"], **others)
 
 
+def in_words_of_options(text: str) -> str:
+    """A text with options in place of the parameters that stand in backticks."""
+    return re.sub(r"`(\w+)`", r"--\1", text)
+
+
 @click.command("filter")
 @click.argument("image", type=click.Path(path_type=Path))
 @click.option(
@@ -117,7 +123,7 @@ def filter_command(
             picture, folder, knowledge, output, stem=image.stem, progress=progress
         )
     for statement in filtered.statements:
-        click.echo(f"- {statement}")
+        click.echo(f"- {in_words_of_options(statement)}")
     for warning in filtered.warnings:
         click.echo(f"warning: {warning}", err=True)
     click.echo(f"{len(filtered.files)} files in {folder}")

@@ -87,12 +87,12 @@ def in_degrees(angles: Sequence[float], unit: Unit | None, where: str) -> tuple[
             where,
             "angles in degrees",
             listed,
-            "are they radians? Say unit radians (or unit degrees); numbers that only count "
+            "are they radians? Say which with `unit`; numbers that only count "
             f"pictures are no angles: name the angles in {ANGLES_FILE}",
         )
     if unit == "radians":
         if largest > 2 * _FULL_TURN:
-            raise InputError(where, "radians", listed, "say unit degrees")
+            raise InputError(where, "radians", listed, "say degrees as `unit`")
         return tuple(round(math.degrees(angle), 10) for angle in angles)
     return tuple(float(angle) for angle in angles)
 

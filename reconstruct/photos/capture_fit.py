@@ -103,7 +103,7 @@ def _warnings(
     if is_sub_grids(shifts):
         warnings.append(
             "the pictures stand half a pixel apart, as those taken out of one frame of a "
-            "polarisation camera: give the frame itself, with mosaic"
+            "polarisation camera: give the frame itself, with `mosaic`"
         )
     elif moved:
         warnings.append(f"moved by up to {max(lengths):.1f} pixels: {', '.join(moved)}")
@@ -142,7 +142,7 @@ class AngleConvention(NamedTuple):
         sense = "the other way" if reverse else "as given"
         return (
             f"mirrored light on these normals fits better if the angles count {sense} and the "
-            f"pictures' polarisation is turned by {-best:.0f}°: check zero, sense and offset"
+            f"pictures' polarisation is turned by {-best:.0f}°: check `zero`, `sense` and `offset`"
         )
 
 

@@ -76,9 +76,8 @@ def read_black(
     for frame in paths:
         dark = read(frame).linear
         if dark.shape != total.shape:
-            size = " x ".join(str(side) for side in dark.shape)
-            expected = " x ".join(str(side) for side in total.shape)
-            raise InputError(f"black, {frame}", expected, size, "take it with the same camera")
+            size, expected = (f"{s[1]} x {s[0]} x {s[2]}" for s in (dark.shape, total.shape))
+            raise InputError(str(frame), expected, size, "take it with the same camera")
         total += dark
     return (total / len(paths)).astype(np.float32)
 
@@ -142,7 +141,7 @@ def level_hints(
     if np.isfinite(piled).any():
         levels = ", ".join(f"{level:.4g}" for level in piled[np.isfinite(piled)])
         hints.append(
-            f"values pile up at {levels} of the range: taken for clipped; white says where"
+            f"values pile up at {levels} of the range: taken for clipped; `white` says where"
         )
     good = pictures[:, ~clipped]
     if not black_is_known and good.size:
@@ -151,7 +150,7 @@ def level_hints(
         if low > _PEDESTAL * high:
             hints.append(
                 f"no value is below {low / high:.0%} of the largest: if that is the camera's dark "
-                "level, degrees of polarisation come out too low; give it as black"
+                "level, degrees of polarisation come out too low; give it as `black`"
             )
     return hints
 
@@ -161,16 +160,18 @@ def linearity_hints(pictures: Float32Array, clipped: BoolArray, matrix: Float64A
     from colour.models import eotf_inverse_sRGB
 
     good = pictures[:, ~clipped].reshape(len(pictures), -1)
-    good = good[:, :: max(1, good.shape[1] // 100_000)].astype(np.float64)
+    sample: Float64Array = good[:, :: max(1, good.shape[1] // 100_000)].astype(np.float64)
     if len(pictures) < 4 or good.size == 0:
         return []
-    as_srgb = _residual(good, matrix)
-    as_light = _residual(np.asarray(eotf_inverse_sRGB(np.clip(good, 0, 1))), matrix)
+    as_srgb = _residual(sample, matrix)
+    as_light = _residual(
+        np.asarray(eotf_inverse_sRGB(np.clip(sample, 0, 1)), dtype=np.float64), matrix
+    )
     if as_srgb < _SRGB_DOUBT or as_light > 0.5 * as_srgb:
         return []
     return [
         f"the sinusoid fits to {as_light:.1%} if the files' values are linear light, and only to "
-        f"{as_srgb:.1%} as sRGB: say linear if they are raw"
+        f"{as_srgb:.1%} as sRGB: say `linear` if they are raw"
     ]
 
 

@@ -71,14 +71,14 @@ def open_stack(path: Path, linear: bool, angles: Sequence[float] | None, apart: 
         return _of_array(path, angles)
     if SUFFIXES.get(path.suffix.lower()) == "TIFF":
         return _of_pages(path, linear, angles)
-    hint = "a frame of a polarisation camera needs mosaic, such as 90,45,135,0"
+    hint = "a frame of a polarisation camera needs `mosaic`, such as 90,45,135,0"
     raise InputError(str(path), "a folder, a TIFF of pages or a .npy stack", "one picture", hint)
 
 
 def _matched(where: str, angles: Sequence[float] | None, count: int) -> tuple[float, ...]:
     """Angles for so many pictures, as the user gave them."""
     if angles is None:
-        hint = "give angles, one for each, in their order"
+        hint = "give `angles`, one for each, in their order"
         raise InputError(where, f"angles of {count} pictures", "none", hint)
     if len(angles) != count:
         raise InputError("angles", f"{count} angles, one a picture", f"{len(angles)}", "correct it")
@@ -88,7 +88,7 @@ def _matched(where: str, angles: Sequence[float] | None, count: int) -> tuple[fl
 def _of_pages(path: Path, linear: bool, angles: Sequence[float] | None) -> Stack:
     count = count_pages(path)
     if count == 1:
-        hint = "a frame of a polarisation camera needs mosaic, such as 90,45,135,0"
+        hint = "a frame of a polarisation camera needs `mosaic`, such as 90,45,135,0"
         raise InputError(str(path), "a TIFF of several pages", "one picture", hint)
     names = tuple(f"page {number}" for number in range(1, count + 1))
 
@@ -128,7 +128,9 @@ def _of_values(path: Path, values: AnyArray) -> Picture:
     """A picture of linear light from an array; codes of 8 or 16 bits are of that range."""
     planes = values if values.ndim == 3 else values[..., None]
     if planes.ndim != 3 or planes.shape[-1] not in (1, 3):
-        raise InputError(str(path), "(height, width) or 1 or 3 channels", f"{values.shape}", "…")
+        raise InputError(
+            str(path), "(height, width) or 1 or 3 channels", f"{values.shape}", "arrange it so"
+        )
     check_size(path, planes.shape[1], planes.shape[0])
     if planes.dtype in (np.uint8, np.uint16):
         transfer = linear_transfer(8 * planes.dtype.itemsize)

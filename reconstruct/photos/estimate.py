@@ -111,9 +111,9 @@ def read_knowledge(
         raise InputError("preset", f"one of {', '.join(PRESETS)}", preset, "choose one of them")
     if typical is not None and typical.mirror and (normals is None or light is not None):
         raise InputError(
-            f"preset {preset}",
-            "normals and no light, as a mirror shows what is around it",
-            "no normals" if normals is None else "a light",
+            "preset",
+            f"`normals` and no `light` for {preset}, as a mirror shows what is around it",
+            "no `normals`" if normals is None else "`light`",
             "a mirror's shading tells neither shape nor light",
         )
     if alpha is not None and not 0 < alpha <= 1:
@@ -183,7 +183,8 @@ def estimate(image: Float32Array, knowledge: Knowledge, where: str) -> Estimate:
 
 def _advice(knowledge: Knowledge) -> str:
     missing = [name for name in ("normals", "mask", "light") if getattr(knowledge, name) is None]
-    return f"give {', '.join(missing)}" if missing else "give another picture or light"
+    listed = ", ".join(f"`{name}`" for name in missing)
+    return f"give {listed}" if missing else "give another picture or light"
 
 
 def _surrounded(

@@ -138,13 +138,15 @@ def filter_picture(
 def _check_angles(angles_deg: Sequence[float]) -> None:
     for angle in angles_deg:
         if not math.isfinite(angle):
-            raise InputError("angle", "degrees from the vertical", f"{angle}", "correct it")
+            raise InputError("angles", "degrees from the vertical", f"{angle}", "correct it")
 
 
 def _statements(picture: Picture, result: Estimate, output: FilterOutput) -> tuple[str, ...]:
     statements = [picture.assumption, *picture.notes, *result.statements]
     if not output.physical:
-        statements.append("exposure makes up for the filter's one stop, which physical leaves out")
+        statements.append(
+            "exposure makes up for the filter's one stop, which `physical` leaves out"
+        )
     return tuple(statements)
 
 

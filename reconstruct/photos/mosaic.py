@@ -115,7 +115,8 @@ def intensity_guide(frame: Float32Array) -> Float32Array:
             part = np.s_[dy : dy + height, dx : dx + width]
             total += weights[part] * squares[part]
             total_weight += weights[part]
-    return total / np.maximum(total_weight, np.finfo(np.float32).tiny)
+    guide = total / np.maximum(total_weight, np.finfo(np.float32).tiny)
+    return np.asarray(guide, dtype=np.float32)
 
 
 def _residual_interpolation(

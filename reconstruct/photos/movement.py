@@ -115,6 +115,8 @@ def _details(grey: FloatArray) -> Float64Array:
     around = gaussian_filter(values, width)
     floor = 0.02 * float(np.abs(values).mean()) + 1e-30
     details = (fine - around) / (np.abs(around) + floor)
+    # Once more, because what is left of a smooth curve is a smooth curve again.
+    details -= gaussian_filter(details, width)
     return details[margin:-margin, margin:-margin]
 
 
@@ -136,7 +138,8 @@ def _align(first: Float64Array, other: Float64Array) -> Alignment:
     tried = [_refine(first, other, start) for start in starts]
     offset, error, alike = max(tried, key=lambda result: result[2])
     still = _correlation(first, other, (2, 2))
-    if alike < max(_ALIKE, still) or np.hypot(*offset) < _SURE * np.hypot(*error):
+    is_far = np.abs(offset).max() > min(first.shape) / 4
+    if is_far or alike < max(_ALIKE, still) or np.hypot(*offset) < _SURE * np.hypot(*error):
         return NOT_MOVED
     # Shares of the details that stay unlike, after the shift and before it.
     left_over = np.sqrt((1 - min(alike, 1.0) ** 2) / max(1 - max(still, 0.0) ** 2, 1e-12))
@@ -172,7 +175,7 @@ def _step(
 
     Source: Lucas and Kanade, 1981; the gain between the two is fitted with it.
     """
-    down, right = np.gradient(first)
+    down, right = np.gradient(first, axis=0), np.gradient(first, axis=1)
     inside = _inside(first, margin)
     columns = np.stack([-down[inside].ravel(), -right[inside].ravel(), first[inside].ravel()], -1)
     values = aligned[inside].ravel()

@@ -43,12 +43,12 @@ def read_raw(path: Path, size: tuple[int, int], packing: str) -> Picture:
                 str(path),
                 f"{expected} bytes: {width} x {height} pixels of {packing}",
                 f"{length} bytes",
-                "check size and packing; cut off what a header adds",
+                "check `size` and `packing`; cut off what a header adds",
             )
         codes = unpack(np.fromfile(path, dtype=np.uint8), bits, layout)
     largest = int(codes.max())
     if largest >= 1 << bits:
-        hint = "check the packing: mono16 reads codes that are shifted to the high bits"
+        hint = "check `packing`: mono16 reads codes that are shifted to the high bits"
         raise InputError(str(path), f"codes of {bits} bits", f"{largest}", hint)
     transfer = linear_transfer(bits)
     return Picture(transfer.linear(codes.reshape(height, width, 1)), "TIFF", transfer)

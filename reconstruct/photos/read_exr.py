@@ -92,7 +92,7 @@ def _chosen(path: Path, headers: list[dict[str, Any]], part: str | None) -> int:
     """Index of the part that is meant."""
     names = [str(header.get("name", number)) for number, header in enumerate(headers, 1)]
     if part is None and len(headers) > 1:
-        hint = "choose one by its name with part"
+        hint = "choose one by its name with `part`"
         raise InputError(str(path), "one picture", f"parts {', '.join(names)}", hint)
     if part is not None and part not in names:
         raise InputError("part", f"one of {', '.join(names)}", part, "choose one of them")
@@ -115,9 +115,8 @@ def _colours(
 ) -> tuple[tuple[str, ...], AnyArray, tuple[str, ...]]:
     """Names of the colour channels, their values (height, width, 1 or 3), and notes."""
     if {"Y", "RY", "BY"} <= set(channels):
-        values = from_luminance_chroma(
-            *(channels[name] for name in ("Y", "RY", "BY")), _luminance_weights(header)
-        )
+        weights = _luminance_weights(header)
+        values = from_luminance_chroma(channels["Y"], channels["RY"], channels["BY"], weights)
         notes = ("luminance and chroma are written as R, G, B",)
         return ("Y", "RY", "BY"), values.astype(channels["Y"].dtype), notes
     names = next((n for n in (("R", "G", "B"), ("Y",)) if set(n) <= set(channels)), None)

@@ -38,7 +38,7 @@ SUFFIXES = {
     ".heic": "HEIF", ".heif": "HEIF", ".hif": "HEIF", ".bmp": "BMP", ".ppm": "PPM",
     ".pgm": "PPM", ".pnm": "PPM",
 }  # fmt: skip
-_FORMATS = ("PNG", "JPEG", "MPO", "WEBP", "AVIF", "HEIF", "BMP", "PPM")
+_FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "HEIF", "BMP", "PPM")
 """What Pillow is asked for; a file may bear the suffix of another one of them."""
 _KINDS = {"MPO": "JPEG"}
 _MODES = {"L": 8, "LA": 8, "RGB": 8, "RGBA": 8, "I;16": 16, "I;16B": 16}
@@ -155,10 +155,11 @@ def _opened(path: Path) -> Any:
     """The file as Pillow opens it, without its own limit of pixels."""
     import PIL.Image
 
+    PIL.Image.init()  # readers that Pillow loads only where the usual ones fail
     limit, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, None
     try:
-        known = tuple(name for name in _FORMATS if name != "HEIF" or name in PIL.Image.OPEN)
-        return PIL.Image.open(path, formats=known)
+        formats = tuple(name for name in _FORMATS if name in PIL.Image.OPEN)
+        return PIL.Image.open(path, formats=formats)
     finally:
         PIL.Image.MAX_IMAGE_PIXELS = limit
 
@@ -181,7 +182,7 @@ def _check_form(path: Path, image: Any) -> tuple[str, ...]:
     gamma = image.info.get("gamma")
     if gamma and "icc_profile" not in image.info and abs(gamma - _SRGB_GAMMA) > 0.02:
         notes.append(
-            f"the file's gamma of {gamma:g} is not used: linear or a profile tells the curve"
+            f"the file's gamma of {gamma:g} is not used: `linear` or a profile tells the curve"
         )
     _check_depth(path, image)
     return tuple(notes)

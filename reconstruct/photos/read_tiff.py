@@ -84,7 +84,7 @@ def _page(path: Path, file: Any, part: str | None) -> tuple[Any, tuple[str, ...]
             raise InputError("part", f"a page from 1 to {len(pages)}", part, "choose one of them")
         return pages[int(part) - 1], (f"page {part} of {len(pages)} is read",)
     if len(pages) > 1:
-        hint = "choose a page with part; a stack of polariser angles is a capture with angles"
+        hint = "choose a page with `part`; pictures through a polariser are a capture"
         raise InputError(str(path), "one picture", f"{len(pages)} pages", hint)
     copies = len(file.pages) - 1
     return pages[0], (f"{copies} small copies in the file are left out",) if copies else ()

@@ -89,7 +89,7 @@ def test_a_smooth_picture_does_not_pile_up() -> None:
 
 def test_a_dark_level_is_hinted_at_or_taken_from_dark_frames(tmp_path: Path) -> None:
     capture, fit = fitted("capture_dark_offset")
-    assert any("give it as black" in hint for hint in capture.hints)
+    assert any("give it as `black`" in hint for hint in capture.hints)
     assert float(np.median(polarisation.dolp(fit.stokes))) == pytest.approx(0.149, abs=1e-3)
     folder = tmp_path / "dark"
     folder.mkdir()
@@ -251,9 +251,9 @@ def test_bad_arrays_are_refused(tmp_path: Path, array: np.ndarray, words: str) -
 
 
 def test_one_file_that_is_no_stack_is_told_what_it_may_be() -> None:
-    with pytest.raises(InputError, match="found none; give angles, one for each"):
+    with pytest.raises(InputError, match="found none; give `angles`, one for each"):
         read_capture(CASES / "capture_pages/frame.tif")
-    with pytest.raises(InputError, match="mosaic, such as 90,45,135,0"):
+    with pytest.raises(InputError, match="`mosaic`, such as 90,45,135,0"):
         read_capture(CASES / "capture_mosaic/frame_mono8.png")
 
 
@@ -320,9 +320,9 @@ def test_exported_maps_are_refused_with_the_reason(tmp_path: Path, truth) -> Non
 
 def test_values_that_are_light_and_not_srgb_are_hinted_at() -> None:
     capture, _ = fitted("capture_bits_in_name", linear=False)
-    assert any("say linear" in hint for hint in capture.hints)
+    assert any("say `linear`" in hint for hint in capture.hints)
     capture, _ = fitted("capture_bits_in_name")
-    assert not any("say linear" in hint for hint in capture.hints)
+    assert not any("say `linear`" in hint for hint in capture.hints)
 
 
 def test_the_command_names_what_it_assumed() -> None:
