@@ -69,8 +69,16 @@ if TYPE_CHECKING:
         separations as separations,
         specular_dolp as specular_dolp,
     )
-    from malus.reconstruct.photos.capture import read_capture as read_capture
+    from malus.reconstruct.photos.capture import (
+        Capture as Capture,
+        read_capture as read_capture,
+    )
+    from malus.reconstruct.photos.capture_fit import (
+        CaptureFit as CaptureFit,
+        fit_capture as fit_capture,
+    )
     from malus.reconstruct.photos.filter import filter_picture as filter_picture
+    from malus.reconstruct.photos.picture import Picture as Picture
     from malus.reconstruct.photos.read_picture import read_picture as read_picture
     from malus.renderers import Truth as Truth, render as render
     from malus.renderers.datasets.dataset import Dataset as Dataset, open_dataset as open_dataset
@@ -110,6 +118,9 @@ if TYPE_CHECKING:
     __version__: str
 
 _NAMES = {
+    "malus.reconstruct.photos.picture": "Picture",
+    "malus.reconstruct.photos.capture": "Capture read_capture",
+    "malus.reconstruct.photos.capture_fit": "CaptureFit fit_capture",
     "malus.reconstruct": "ChainResult Components GivenParameters Illuminant Inapplicable Method "
     "Observation RecoveredShape Separation SurfaceParameters blind "
     "estimate_direction estimate_illuminant fit_parameters get_method "
@@ -131,7 +142,6 @@ _NAMES = {
     "malus.bench.scoring.observe": "observe",
     "malus.bench.studies.registry": "run_study",
     "malus.bench.studies.study": "Findings Study",
-    "malus.reconstruct.photos.capture": "read_capture",
     "malus.reconstruct.photos.filter": "filter_picture",
     "malus.reconstruct.photos.read_picture": "read_picture",
     "malus.renderers": "Truth render",

@@ -156,6 +156,48 @@ def capture(folder: Path, content: bytes) -> object:
     return read_capture(folder)
 
 
+def capture_properties(folder: Path, content: bytes) -> object:
+    """polanalyser's layout, with one JSON file in question."""
+    for index, angle in enumerate((0.0, 0.785, 1.571)):
+        (folder / f"image{index}.png").write_bytes(picture("png")())
+        (folder / f"image{index}.json").write_text(json.dumps({"angle": angle}), "utf-8")
+    (folder / "image1.json").write_bytes(content)
+    return read_capture(folder)
+
+
+def jpeg2000() -> bytes:
+    import imagecodecs
+
+    codes = np.random.default_rng(1).integers(0, 1 << 16, (8, 8, 3), np.uint16)
+    data = imagecodecs.jpeg2k_encode(codes, level=0, codecformat="jp2", reversible=True)
+    return bytes(data)
+
+
+def pages(path: Path) -> None:
+    import tifffile
+
+    codes = np.random.default_rng(1).integers(1, 1 << 16, (4, 8, 8, 3), np.uint16)
+    tifffile.imwrite(path, codes, photometric="rgb")
+
+
+def associated_alpha(path: Path) -> None:
+    import tifffile
+
+    codes = np.full((8, 8, 4), 99, np.uint8)
+    tifffile.imwrite(path, codes, photometric="rgb", extrasamples=["assocalpha"])
+
+
+def stack(path: Path) -> None:
+    np.save(path, np.random.default_rng(1).random((4, 8, 8, 3), np.float32))
+
+
+def chroma(path: Path) -> None:
+    write_exr(path, dict.fromkeys(("Y", "RY", "BY", "A"), np.full((4, 8), 0.5, np.float32)))
+
+
+FOUR = (0.0, 45.0, 90.0, 135.0)
+
+
 # --- datasets and predictions ---
 
 
@@ -302,6 +344,30 @@ READERS = {
     "capture-angles": Reader(
         capture, lambda: b'{"pol_0.png": 0, "pol_60.png": 60.0, "pol_120.png": 120}'
     ),
+    "capture-polanalyser": Reader(capture_properties, lambda: b'{"angle": 0.8, "full_scale": 2.0}'),
+    "capture-pages": Reader(
+        of_file("a.tif", lambda path: read_capture(path, angles=FOUR)), written("a.tif", pages)
+    ),
+    "capture-npy": Reader(
+        of_file("a.npy", lambda path: read_capture(path, angles=FOUR)), written("a.npy", stack)
+    ),
+    "capture-mosaic": Reader(
+        of_file("a.png", lambda path: read_capture(path, mosaic=FOUR)), deep_grey
+    ),
+    "capture-raw": Reader(
+        of_file(
+            "a.raw",
+            lambda path: read_capture(path, mosaic=FOUR, size=(16, 8), packing="mono12p"),
+        ),
+        lambda: bytes(range(192)),
+    ),
+    "jpeg-2000": Reader(of_file("a.jp2", read_picture), jpeg2000),
+    **{
+        f"picture-{kind}": Reader(of_file(f"a.{kind}", read_picture), picture(kind))
+        for kind in ("webp", "bmp", "ppm")
+    },
+    "tiff-alpha": Reader(of_file("a.tif", read_picture), written("a.tif", associated_alpha)),
+    "exr-chroma": Reader(of_file("a.exr", read_picture), written("a.exr", chroma)),
     "spectral-exr": Reader(
         of_file("a.exr", lambda path: read_spectral(path, (SIDE, SIDE), BANDS)),
         written("a.exr", spectral),

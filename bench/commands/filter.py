@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,14 @@ import click
 
 
 class Direction(click.ParamType[tuple[float, float, float]]):
-    """X,Y,Z: three numbers with commas."""
+    """A direction X,Y,Z: three numbers with commas."""
 
     name = "X,Y,Z"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[float, float, float]:
-        """Three finite numbers, or click's one-line complaint."""
+        """Three numbers of a text, or click's one-line complaint."""
         try:
             x, y, z = (float(part) for part in str(value).split(","))
         except ValueError:
@@ -26,7 +27,7 @@ class Direction(click.ParamType[tuple[float, float, float]]):
 
 
 def knowledge_options(command: Callable[..., None]) -> Callable[..., None]:
-    """The options of what is known besides the picture, shared by filter and capture."""
+    """Add the options that say what is known besides the picture; filter and capture share them."""
     path = click.Path(path_type=Path)
     options = [
         click.option(
@@ -46,10 +47,31 @@ def knowledge_options(command: Callable[..., None]) -> Callable[..., None]:
             show_default=True,
             help="How the colour of the light is told.",
         ),
+        click.option(
+            "--separation",
+            type=click.Choice(["chromaticity", "suv", "ratio"]),
+            default="ratio",
+            show_default=True,
+            help="How glare is told from the body's colour.",
+        ),
     ]
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def knowledge_of(shape: tuple[int, ...], given: dict[str, Any]) -> Any:
+    """Knowledge about a picture of `shape` (height, width, …) from the values of those options."""
+    from malus.reconstruct.photos.estimate import read_knowledge
+
+    height, width = shape[:2]
+    others = {name: value for name, value in given.items() if name != "material"}
+    return read_knowledge((height, width), material_name=given["material"], **others)
+
+
+def in_words_of_options(text: str) -> str:
+    """A text with options in place of the parameters that stand in backticks."""
+    return re.sub(r"`(\w+)`", r"--\1", text)
 
 
 @click.command("filter")
@@ -66,6 +88,9 @@ def knowledge_options(command: Callable[..., None]) -> Callable[..., None]:
 )
 @knowledge_options
 @click.option("--linear", is_flag=True, help="The file's values are linear light.")
+@click.option(
+    "--part", help="Which picture of IMAGE: an OpenEXR part's name, a TIFF page's number."
+)
 @click.option("--sweep", is_flag=True, help="Also an animation through 180°.")
 @click.option("--physical", is_flag=True, help="Lose the light that a real filter takes away.")
 def filter_command(
@@ -73,9 +98,10 @@ def filter_command(
     angles: tuple[float, ...],
     out: Path | None,
     linear: bool,
+    part: str | None,
     sweep: bool,
     physical: bool,
-    **known: Any,
+    **given: Any,
 ) -> None:
     """Look at IMAGE through a virtual polariser.
 
@@ -85,27 +111,26 @@ def filter_command(
     Example:
       malus filter vase.jpg --mask vase_mask.png --light 1,1,2 --angle 60
     """
-    from malus.reconstruct.photos.estimate import gather
-    from malus.reconstruct.photos.filter import Output, filter_picture
+    from malus.reconstruct.photos.filter import FilterOutput, filter_picture
     from malus.reconstruct.photos.read_picture import read_picture
 
-    picture = read_picture(image, linear)
-    known["material_name"] = known.pop("material")
-    height, width = picture.linear.shape[:2]
-    knowledge = gather((height, width), **known)
+    picture = read_picture(image, linear, part)
+    knowledge = knowledge_of(picture.linear.shape, given)
     folder = out or image.with_name(f"{image.stem}_polarised")
-    output = Output(angles or Output.angles_deg, sweep, physical)
-    with _progress() as tell:
-        done = filter_picture(picture, image.stem, folder, knowledge, output, tell)
-    for statement in done.statements:
-        click.echo(f"- {statement}")
-    for warning in done.warnings:
+    output = FilterOutput(angles or FilterOutput.angles_deg, sweep, physical)
+    with _progress() as progress:
+        filtered = filter_picture(
+            picture, folder, knowledge, output, stem=image.stem, progress=progress
+        )
+    for statement in filtered.statements:
+        click.echo(f"- {in_words_of_options(statement)}")
+    for warning in filtered.warnings:
         click.echo(f"warning: {warning}", err=True)
-    click.echo(f"{len(done.files)} files in {folder}")
+    click.echo(f"{len(filtered.files)} files in {folder}")
 
 
 def _progress() -> Any:
-    """Progress on standard error with time left; silent where that is no terminal."""
+    """A progress bar on standard error with time left; silent where that is no terminal."""
     import contextlib
 
     @contextlib.contextmanager
@@ -117,6 +142,6 @@ def _progress() -> Any:
         columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
         with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
             task = bar.add_task("reading", total=1.0)
-            yield lambda what, share: bar.update(task, description=what, completed=share)
+            yield lambda step, share: bar.update(task, description=step, completed=share)
 
     return shown()

@@ -1,51 +1,94 @@
-"""A reconstruction from the mean of a capture against the capture: Table I on real pictures."""
+"""Compare a reconstruction from a capture's unpolarised image with the capture itself.
+
+Table I of the paper, on real pictures.
+"""
 
 from __future__ import annotations
 
 import functools
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.bench.scoring.metrics import Error, Residuals, skill
-from malus.reconstruct.photos.capture import Capture
-from malus.reconstruct.photos.capture_fit import Fit, convention
+from malus.reconstruct.photos.capture import Capture, read_capture
+from malus.reconstruct.photos.capture_fit import CaptureFit, check_convention, fit_capture
 from malus.reconstruct.photos.estimate import Knowledge, estimate
+from malus.reconstruct.photos.picture import Picture
+from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
+from malus.reconstruct.photos.write_picture import write_picture
 from malus.scenes import polarisation
 from malus.scenes.colour import lab_of_linear_srgb
+from malus.scenes.core.arrays import FloatArray
+from malus.scenes.core.files import add_to_folder
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
-Image = NDArray[np.floating[Any]]
-Floats = NDArray[np.float64]
 
-
-def score_capture(capture: Capture, fit: Fit, known: Knowledge, where: str) -> dict[str, Any]:
-    """NMSE, skill and ΔE76 of what is told from the unpolarised image, against the fit.
+def score_capture(
+    capture: Capture | Path | str,
+    fit: CaptureFit | None = None,
+    knowledge: Knowledge | None = None,
+    where: str = "capture",
+) -> dict[str, Any]:
+    """NMSE, skill and ΔE76 of a reconstruction from the unpolarised image, against the fit.
 
     The unpolarised image is s0, twice the mean of the pictures. Clipped pixels and those off the
     mask are left out; the noise of the capture is in both errors.
+
+    Parameters
+    ----------
+    capture : Capture, or path of a folder, which `read_capture` reads as it does by default
+    fit : CaptureFit, from `fit_capture`; fitted here where it is None
+    knowledge : Knowledge, what the reconstruction is told besides the unpolarised image
+    where : name of the capture in errors
+
+    Returns
+    -------
+    dict of plain values: `pixels`, `nmse`, `nmse_trivial`, `skill`, `best_gain`; `delta_e76` and
+    `delta_e76_trivial`, mean and standard deviation by image; `convention`, `statements` and
+    `warnings` in words.
 
     Raises
     ------
     InputError
         Where no method works on this picture.
+
+    Examples
+    --------
+    A mirror of η = 1.5 at 60°, tilted to the top, which mirrors the same light everywhere:
+
+    >>> normals = np.tile(np.array([0, np.sin(np.pi / 3), 0.5], np.float32), (4, 4, 1))
+    >>> mirror = Knowledge(normals, eta=1.5, alpha=0.01, mirror=True)
+    >>> stokes = np.array([0.5, 0.45, 0.0])
+    >>> angles = (0.0, 45.0, 90.0, 135.0)
+    >>> pictures = [np.full((4, 4, 3), polarisation.polarised(stokes, a)) for a in angles]
+    >>> clipped = np.zeros((4, 4), bool)
+    >>> capture = Capture(np.stack(pictures), angles, clipped, tuple("abcd"), "linear")
+    >>> score_capture(capture, knowledge=mirror)["skill"] > 0.99
+    True
     """
+    if not isinstance(capture, Capture):
+        where, capture = str(capture), read_capture(capture)
+    fit = fit or fit_capture(capture)
+    knowledge = knowledge or Knowledge()
     image = np.maximum(fit.stokes[..., 0], 0)
-    found = estimate(image, known, where)
-    components = found.components
-    mask = ~capture.clipped if known.mask is None else known.mask & ~capture.clipped
-    if known.normals is not None:
-        mask = mask & (known.normals[..., 2] > 0)
+    result = estimate(image, knowledge, where)
+    components = result.components
+    mask = ~capture.clipped if knowledge.mask is None else knowledge.mask & ~capture.clipped
+    if knowledge.normals is not None:
+        mask = mask & (knowledge.normals[..., 2] > 0)
     estimated = np.stack([image[mask], components.s1[mask], components.s2[mask]], axis=-1)
     true = fit.stokes[mask]
     trivial = true * np.array([1, 0, 0], dtype=true.dtype)
     peak = max(float(image[mask].max(initial=0.0)), 1e-30)
     errors = [Residuals.of(guess - true, peak) for guess in (estimated, trivial)]
     nmse, guess = (error.nmse() for error in errors)
-    doubt = convention(fit, known.normals, mask).doubt if known.normals is not None else None
+    doubt = None
+    if knowledge.normals is not None:
+        doubt = check_convention(fit, knowledge.normals, mask).doubt
     return {
         "convention": doubt,
         "pixels": int(mask.sum()),
@@ -55,59 +98,69 @@ def score_capture(capture: Capture, fit: Fit, known: Knowledge, where: str) -> d
         "best_gain": _best_gain(estimated, true),
         "delta_e76": colour_differences(estimated, true, peak),
         "delta_e76_trivial": colour_differences(trivial, true, peak),
-        "statements": list(found.statements),
-        "warnings": list(found.warnings),
+        "statements": list(result.statements),
+        "warnings": list(result.warnings),
     }
 
 
-def _best_gain(estimated: Image, true: Image) -> float:
-    """Factor on the estimated polarisation that would fit best: < 0 is a turn by 90°."""
+def _best_gain(estimated: FloatArray, true: FloatArray) -> float:
+    """Factor on the estimated polarisation that fits best; below 0 it is turned by 90°."""
     a, b = estimated[..., 1:].astype(np.float64), true[..., 1:].astype(np.float64)
     power = float((a * a).sum())
     return float((a * b).sum()) / power if power > 0 else float("nan")
 
 
-def colour_differences(estimated: Image, true: Image, white: float) -> dict[str, list[float]]:
+def colour_differences(
+    estimated: FloatArray, true: FloatArray, white: float
+) -> dict[str, list[float]]:
     """Mean and standard deviation over pixels of ΔE76, for I_max, I_min and the paper's angles.
 
     Stokes vectors (pixels, 1 or 3, 3) in linear sRGB primaries, `white` the radiance of white.
+    Other channels have no colour: nothing is compared then.
     """
-    views: dict[str, Callable[[Image], Image]] = {
+    if true.shape[-2] not in (1, 3):
+        return {}  # bands of a spectrum, whose light is not that of three primaries
+    images: dict[str, Callable[[FloatArray], FloatArray]] = {
         "i_max": lambda stokes: polarisation.extremes(stokes)[0],
         "i_min": lambda stokes: polarisation.extremes(stokes)[1],
     }
     for angle in PAPER_ANGLES_DEG:
-        views[f"{angle:g}"] = functools.partial(polarisation.polarised, angle_deg=angle)
-    found = {}
-    for name, view in views.items():
+        images[f"{angle:g}"] = functools.partial(polarisation.polarised, angle_deg=angle)
+    differences = {}
+    for name, light in images.items():
         difference = np.linalg.norm(
-            lab_of_linear_srgb(view(estimated), white) - lab_of_linear_srgb(view(true), white),
+            lab_of_linear_srgb(light(estimated), white) - lab_of_linear_srgb(light(true), white),
             axis=-1,
         )
-        found[name] = [float(difference.mean()), float(difference.std())]
-    return found
+        differences[name] = [float(difference.mean()), float(difference.std())]
+    return differences
 
 
-def write_fit(out: Path, fit: Fit, results: dict[str, Any]) -> None:
-    """capture.json and maps of the fit: I_max, I_min as EXR, DoLP and AoLP as 16-bit PNG.
+def write_fit(
+    out: Path | str, fit: CaptureFit, results: dict[str, Any], channels: tuple[str, ...] = ()
+) -> None:
+    """Write capture.json and maps of the fit: I_max, I_min as EXR, DoLP and AoLP as 16-bit PNG.
+
+    `channels` names the channels of the EXR files where they are bands of a spectrum.
 
     Raises
     ------
     InputError
         If the folder cannot be written. Then nothing is.
     """
-    import json
-
-    from malus.reconstruct.photos.filter import all_or_nothing
-    from malus.reconstruct.photos.picture import Picture
-    from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
-    from malus.reconstruct.photos.write_picture import write_picture
-
     i_max, i_min = polarisation.extremes(fit.stokes)
     summed = fit.stokes.sum(axis=2)
-    with all_or_nothing(out) as folder:
+
+    metadata = {"names": channels} if channels else {}
+
+    def write(folder: Path) -> None:
         for name, light in (("i_max", i_max), ("i_min", i_min), ("residual", fit.residual)):
-            write_picture(folder / f"{name}.exr", Picture(light.astype(np.float32), "EXR", None))
+            write_picture(
+                folder / f"{name}.exr",
+                Picture(light.astype(np.float32), "EXR", None, None, metadata),
+            )
         save_16bit(folder / "dolp.png", to_16bit(polarisation.dolp(summed)))
         save_16bit(folder / "aolp.png", aolp_16bit(summed))
         (folder / "capture.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
+
+    add_to_folder(Path(out), write)

@@ -1,26 +1,46 @@
-"""Folders of real pictures through a rotated polariser, and the conventions of their angles."""
+"""Read real pictures through a rotated polariser, or a frame of a polarisation camera."""
 
 from __future__ import annotations
 
-import json
 import math
-import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from malus.reconstruct.photos.picture import MAX_PIXELS, Image
-from malus.reconstruct.photos.read_picture import SUFFIXES, read_picture
+from malus.reconstruct.photos.capture_angles import (
+    Sense,
+    Unit,
+    Zero,
+    check_angles,
+    conventional,
+    in_degrees,
+)
+from malus.reconstruct.photos.capture_levels import (
+    check_light,
+    dark_files,
+    level_hints,
+    level_of,
+    linearity_hints,
+    over,
+    read_black,
+    saturation,
+)
+from malus.reconstruct.photos.capture_stacks import Stack, open_stack, read_frame
+from malus.reconstruct.photos.mosaic import (
+    check_frame,
+    check_mosaic,
+    demosaic,
+    spread_over_neighbours,
+)
+from malus.reconstruct.photos.movement import analyser
+from malus.reconstruct.photos.picture import MAX_PIXELS, Picture
+from malus.reconstruct.photos.raw_frames import read_raw
+from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
 from malus.scenes.core.errors import InputError
 
-Mask = NDArray[np.bool_]
-Zero = Literal["vertical", "horizontal"]
-Sense = Literal["anticlockwise", "clockwise"]
-
-_ANGLES_FILE = "angles.json"
-_MAX_PICTURES = 72
 MAX_CAPTURE_PIXELS = 4 * MAX_PIXELS
 """Of all pictures together: 6 GB for those of three channels, while they are put into one array."""
 
@@ -32,148 +52,260 @@ class Capture(NamedTuple):
     ----------
     pictures : (pictures, height, width, channels) float32, linear light
     angles_deg : degrees from the vertical, anticlockwise
-    clipped : (height, width) bool, any picture at its largest value
+    clipped : (height, width) bool, any picture at the largest value that the sensor gives
     names : file names
-    assumption : how values became light
+    assumption : a sentence on how the files' values were turned into light
+    hints : what may be wrong with levels, and the option that would mend it
+    one_exposure : whether all pictures are one frame, between which nothing can move
+    channels : names of the channels where they are bands of a spectrum
     """
 
-    pictures: Image
+    pictures: Float32Array
     angles_deg: tuple[float, ...]
-    clipped: Mask
+    clipped: BoolArray
     names: tuple[str, ...]
     assumption: str
+    hints: tuple[str, ...] = ()
+    one_exposure: bool = False
+    channels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """What `read_capture` was told of the dark level and the white level."""
+
+    black: float | str | Path | None
+    white: float | None
+    read_dark: Callable[[Path], Picture]
+
+    def black_of(self, picture: Picture) -> Float32Array | float:
+        """Light of the dark level in the scale of a picture."""
+        return 0.0 if self.black is None else read_black(self.black, picture, self.read_dark)
+
+    def white_of(self, picture: Picture) -> float | None:
+        """Light of the white level in the scale of a picture."""
+        return None if self.white is None else level_of(picture, self.white, "white")
 
 
 def read_capture(
-    folder: Path,
-    zero: Zero = "vertical",
+    path: Path | str,
+    zero: Zero | None = None,
     sense: Sense = "anticlockwise",
     linear: bool = False,
     offset_deg: float = 0.0,
+    *,
+    angles: Sequence[float] | None = None,
+    unit: Unit | None = None,
+    black: float | str | Path | None = None,
+    white: float | None = None,
+    mosaic: Sequence[float] | None = None,
+    bayer: str | None = None,
+    size: tuple[int, int] | None = None,
+    packing: str | None = None,
 ) -> Capture:
-    """Read a folder of pictures whose names end in the polariser's angle, or with `angles.json`.
+    """Read pictures through a rotated polariser.
 
-    `angles.json` maps file names to degrees. Angles count from `zero` in the `sense` that a viewer
-    of the pictures sees; `offset_deg` is how far the mark of 0 stands anticlockwise of `zero`.
+    Parameters
+    ----------
+    path : folder or file
+        A folder of pictures with the angle in their names (the number that varies), with
+        `angles.json` (file names to degrees) or with a JSON file beside each, as polanalyser and
+        `malus export` write; a TIFF of pages or a .npy stack, with `angles`; a frame of a
+        polarisation camera, with `mosaic`.
+    zero : 'vertical' or 'horizontal'
+        Where angles count from: the vertical unless the layout says otherwise; cameras and
+        polanalyser count from the horizontal.
+    sense : 'anticlockwise' or 'clockwise', as seen in the pictures
+    linear : the files' values are linear light
+    offset_deg : how far the mark of 0 stands anticlockwise of `zero`
+    angles : one for each picture, in their order
+    unit : 'degrees' or 'radians'
+        Asked for where all angles are so small that they could be radians.
+    black : number, or path of a dark frame or of a folder of them
+        A code of the file, below 1 a share of its largest code; light in files of floats.
+    white : likewise; what the sensor gives where it is full, which becomes 1
+    mosaic : the four angles of a 2 x 2 square of pixels, row by row, such as (90, 45, 135, 0)
+    bayer : order of the colours of the 2 x 2 squares: 'rggb', 'bggr', 'grbg' or 'gbrg'
+    size, packing : (width, height) and pixel format of a frame without a header, see `read_raw`
 
     Raises
     ------
     InputError
-        An offset that is not finite, fewer than three different angles modulo 180°, a name
-        without an angle, pictures of
-        different sizes, an unreadable one, or no light that is not clipped.
+        An offset that is not finite, fewer than three different angles modulo 180°, names without
+        an angle or with several, angles in an unknown unit, pictures of different sizes, an
+        unreadable one, or no light that is not clipped.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import PIL.Image
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> for angle, code in ((0, 60), (60, 90), (120, 90)):
+    ...     PIL.Image.new("L", (2, 2), code).save(folder / f"pol_{angle:03d}.png")
+    >>> capture = read_capture(folder, zero="horizontal", linear=True)
+    >>> capture.pictures.shape, capture.angles_deg
+    ((3, 2, 2, 1), (-90.0, -30.0, 30.0))
     """
+    path = Path(path)
     if not math.isfinite(offset_deg):
-        raise InputError("--offset", "finite degrees", f"{offset_deg}", "correct this value")
-    found = _angles(folder)
-    angles = tuple(conventional(angle, zero, sense) + offset_deg for angle in found.values())
-    if len({round(angle % 180.0, 3) % 180.0 for angle in angles}) < 3:
-        listed = ", ".join(f"{angle:g}" for angle in found.values())
-        raise InputError(
-            str(folder),
-            "pictures at three or more angles, different modulo 180°",
-            listed or "none",
-            "a sinusoid has three unknowns",
-        )
-    planes: list[Image] = []
-    clipped: Mask | None = None
-    assumption = ""
-    for name in found:
-        picture = read_picture(folder / name, linear)
-        if not planes:
-            _check_total(folder, len(found), picture.linear.shape)
-        if planes and picture.linear.shape != planes[0].shape:
-            expected = f"{planes[0].shape[1]} x {planes[0].shape[0]}, as the first"
-            size = f"{picture.linear.shape[1]} x {picture.linear.shape[0]}"
-            raise InputError(str(folder / name), expected, size, "take them with one camera")
-        full = np.inf if picture.transfer is None else picture.transfer.table.max()
-        over = np.any(picture.linear >= full, axis=-1)
-        clipped = over if clipped is None else clipped | over
-        planes.append(picture.linear)
-        assumption = picture.assumption
-    assert clipped is not None
-    _check_light(folder, planes, clipped)
-    return Capture(np.stack(planes), angles, clipped, tuple(found), assumption)
+        raise InputError("offset", "finite degrees", f"{offset_deg}", "correct this value")
+    if (size is None) != (packing is None) or (bayer is not None and mosaic is None):
+        told = "one of them" if bayer is None else "bayer alone"
+        raise InputError("mosaic", "size with packing, and bayer with mosaic", told, "add it")
+
+    def read_one(file: Path) -> Picture:
+        if size is not None and packing is not None:
+            return read_raw(file, size, packing)
+        return read_frame(file, linear or mosaic is not None)
+
+    levels = _Levels(black, white, read_one)
+    if mosaic is not None:
+        check_mosaic(mosaic, bayer)
+        turn = _Convention(unit, zero or "horizontal", sense, offset_deg)
+        return _read_mosaic(path, mosaic, turn.from_vertical("mosaic", mosaic), bayer, levels)
+    stack = open_stack(path, linear, angles, dark_files(black))
+    turn = _Convention(unit or stack.unit, zero or stack.zero or "vertical", sense, offset_deg)
+    where = str(path) if angles is None else "angles"
+    return _read_stack(path, stack, turn.from_vertical(where, stack.angles), levels)
 
 
-def _check_total(folder: Path, count: int, shape: tuple[int, ...]) -> None:
+@dataclass(frozen=True)
+class _Convention:
+    """How the angles of a capture are counted."""
+
+    unit: Unit | None
+    zero: Zero
+    sense: Sense
+    offset_deg: float
+
+    def from_vertical(self, where: str, angles: Sequence[float]) -> tuple[float, ...]:
+        """The angles in degrees, anticlockwise from the vertical; three or more different ones."""
+        degrees = in_degrees(angles, self.unit, where)
+        check_angles(where, degrees)
+        return tuple(conventional(a, self.zero, self.sense) + self.offset_deg for a in degrees)
+
+
+def _read_stack(
+    path: Path, stack: Stack, angles_deg: tuple[float, ...], levels: _Levels
+) -> Capture:
+    """A capture from pictures that are read one after the other."""
+    first = _joined(stack.read(0))
+    _check_total(path, len(stack.names), first.linear.shape)
+    black, white = levels.black_of(first), levels.white_of(first)
+    pictures, clipped = _read_all(path, stack, first)
+    piled = np.full(pictures.shape[-1], np.inf)
+    if white is not None:
+        clipped |= np.any([over(light, white) for light in pictures], axis=0)
+    elif not stack.never_clipped:
+        clipped, piled = _with_pile_up(pictures, clipped, first.full_scale)
+    _shift_and_scale(pictures, black, white)
+    for light, scale in zip(pictures, stack.scales, strict=bool(stack.scales)):
+        light *= np.float32(scale)
+    check_light(str(path), list(pictures), clipped)
+    is_dark_known = levels.black is not None or stack.never_clipped
+    hints = level_hints(pictures, clipped, piled, is_dark_known)
+    if first.transfer is not None and first.transfer.source == "sRGB" and levels.black is None:
+        hints += linearity_hints(pictures, clipped, analyser(angles_deg))
+    return Capture(
+        pictures, angles_deg, clipped, stack.names, first.assumption, tuple(hints),
+        channels=stack.channels,
+    )  # fmt: skip
+
+
+def _read_all(path: Path, stack: Stack, first: Picture) -> tuple[Float32Array, BoolArray]:
+    """Light of all pictures (pictures, height, width, channels), and their clipped pixels."""
+    shape = first.linear.shape
+    pictures = np.empty((len(stack.names), *shape), dtype=np.float32)
+    clipped = np.zeros(shape[:2], dtype=bool)
+    for index, name in enumerate(stack.names):
+        picture = first if index == 0 else _joined(stack.read(index))
+        light = picture.linear
+        if light.shape != shape:
+            expected, hint = f"{_size(shape)}, as the first", "take them with one camera"
+            raise InputError(str(path / name), expected, _size(light.shape), hint)
+        pictures[index] = light
+        if not stack.never_clipped:
+            clipped |= over(light, picture.full_scale)
+    return pictures, clipped
+
+
+def _read_mosaic(
+    path: Path,
+    mosaic: Sequence[float],
+    angles_deg: tuple[float, ...],
+    bayer: str | None,
+    levels: _Levels,
+) -> Capture:
+    """A capture from one frame of a polarisation camera."""
+    if not path.is_file():
+        raise InputError(str(path), "one frame of the camera", "none", "name the frame's file")
+    picture = levels.read_dark(path)
+    frame = picture.linear
+    if frame.shape[-1] != 1:
+        hint = "give the frame as the sensor wrote it"
+        raise InputError(str(path), "a grey frame", f"{frame.shape[-1]} channels", hint)
+    check_frame(path, frame[..., 0], bayer)
+    _check_total(path, 4 if bayer is None else 12, frame.shape)
+    white, black = levels.white_of(picture), levels.black_of(picture)
+    clipped, piled = over(frame, white or picture.full_scale), np.full(1, np.inf)
+    if white is None:
+        clipped, piled = _with_pile_up(frame[None], clipped, picture.full_scale)
+    frame = frame.copy()
+    _shift_and_scale(frame, black, white)
+    clipped = spread_over_neighbours(clipped, bayer)
+    check_light(str(path), [frame], clipped)
+    hints = level_hints(frame[None], clipped, piled, levels.black is not None)
+    names = tuple(f"{angle:g}°" for angle in mosaic)
+    return Capture(
+        demosaic(frame[..., 0], bayer), angles_deg, clipped, names, picture.assumption,
+        tuple(hints), one_exposure=True,
+    )  # fmt: skip
+
+
+def _joined(bands: list[Picture]) -> Picture:
+    """One picture whose channels are those of several of one size."""
+    if len(bands) == 1:
+        return bands[0]
+    light = np.concatenate([band.linear for band in bands], axis=-1)
+    return bands[0].with_light(light)
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    colours = "" if shape[-1] == 1 else f" in {shape[-1]} channels"
+    return f"{shape[1]} x {shape[0]}{colours}"
+
+
+def _with_pile_up(
+    pictures: Float32Array, clipped: BoolArray, full_scale: float
+) -> tuple[BoolArray, Float64Array]:
+    """Clipped pixels with those at a level where values pile up, and that level by channel."""
+    piled = saturation(pictures)
+    piled[piled >= full_scale] = np.inf  # which the file's own range has told already
+    extended = clipped.copy()
+    for light in pictures:
+        extended |= over(light, piled)
+    # Where nearly all would be clipped, it was a flat scene and no saturation.
+    return (clipped, np.full_like(piled, np.inf)) if extended.all() else (extended, piled)
+
+
+def _shift_and_scale(light: Float32Array, black: Float32Array | float, white: float | None) -> None:
+    """Take the dark level away, in place, and make the white level 1 if it was given."""
+    light -= np.asarray(black, dtype=np.float32)
+    if white is not None:
+        span = np.float32(white) - np.asarray(black, dtype=np.float32)
+        if not (span > 0).all():
+            raise InputError("white", "a level above black", f"{white:g}", "correct one of them")
+        light /= span
+
+
+def _check_total(path: Path, count: int, shape: tuple[int, ...]) -> None:
     """Refuse more pictures than memory holds, before all are decoded."""
     height, width = shape[:2]
     total = count * height * width
     if total > MAX_CAPTURE_PIXELS:
         raise InputError(
-            str(folder),
+            str(path),
             f"at most {MAX_CAPTURE_PIXELS / 1e6:g} megapixels together",
             f"{count} pictures of {width} x {height} = {total / 1e6:.0f} megapixels",
             "make them smaller, or take fewer angles",
         )
-
-
-def _check_light(folder: Path, planes: list[Image], clipped: Mask) -> None:
-    if clipped.all() or not max(float(plane[~clipped].max()) for plane in planes) > 0:
-        raise InputError(
-            str(folder),
-            "pictures with unclipped light",
-            "black or clipped ones",
-            "expose them again",
-        )
-
-
-def conventional(angle_deg: float, zero: Zero, sense: Sense) -> float:
-    """Degrees from the vertical, anticlockwise.
-
-    Examples
-    --------
-    >>> conventional(90.0, "horizontal", "anticlockwise"), conventional(30, "vertical", "clockwise")
-    (0.0, -30)
-    """
-    turned = angle_deg if sense == "anticlockwise" else -angle_deg
-    return turned - 90.0 if zero == "horizontal" else turned
-
-
-def _angles(folder: Path) -> dict[str, float]:
-    """Angle by file name, as written."""
-    if not folder.is_dir():
-        raise InputError(str(folder), "a folder of pictures", "none", "check the path")
-    listing = folder / _ANGLES_FILE
-    if listing.is_file():
-        found = _listed(listing)
-    else:
-        files = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
-        found = {name: _angle_in(folder, name) for name in files}
-    if len(found) > _MAX_PICTURES:
-        raise InputError(
-            str(folder), f"at most {_MAX_PICTURES} pictures", f"{len(found)}", "leave some out"
-        )
-    return found
-
-
-def _listed(path: Path) -> dict[str, float]:
-    try:
-        data = json.loads(path.read_text("utf-8"))
-        found = {str(name): float(angle) for name, angle in data.items()}
-    except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
-        example = '{"a.png": 0, "b.png": 60, "c.png": 120}'
-        raise InputError(str(path), example, str(error).split("\n")[0], "correct it") from None
-    for name, angle in found.items():
-        if not np.isfinite(angle) or Path(name).name != name:
-            raise InputError(
-                str(path),
-                "names of files in the folder and degrees",
-                f"{name}: {angle}",
-                "correct it",
-            )
-    return found
-
-
-def _angle_in(folder: Path, name: str) -> float:
-    numbers = re.findall(r"-?\d+(?:\.\d+)?", Path(name).stem)
-    if not numbers:
-        raise InputError(
-            str(folder / name),
-            "a name that ends in the polariser's angle, such as pol_045.png",
-            "no number",
-            f"rename it, or write {_ANGLES_FILE}",
-        )
-    # A hyphen before the last number joins words; an angle and its negative differ, so ask.
-    return float(numbers[-1].lstrip("-"))

@@ -1,22 +1,25 @@
-"""The sinusoid of Equation 1 through real pictures, and what looks wrong with them."""
+"""Fit the sinusoid of Equation 1 to real pictures, and warn of what looks wrong with them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from malus.reconstruct.photos.capture import Capture
-from malus.reconstruct.photos.picture import Image
+from malus.reconstruct.photos.capture import Capture, read_capture
+from malus.reconstruct.photos.movement import (
+    MOVED,
+    Shift,
+    analyser,
+    is_sub_grids,
+    measure_shifts,
+)
 from malus.scenes import polarisation
+from malus.scenes.core.arrays import BoolArray, Float32Array
 
-Mask = NDArray[np.bool_]
-
-MOVED = 0.25
-"""Pixels of shift between two pictures from which edges look polarised."""
 CLIPPED = 0.002
 """Share of clipped pixels that is worth a warning."""
 UNSTEADY = 0.02
@@ -26,7 +29,7 @@ _STEEP = 0.6
 
 
 @dataclass(frozen=True)
-class Fit:
+class CaptureFit:
     """The sinusoid of Equation 1 at every pixel and channel, by least squares.
 
     Attributes
@@ -41,20 +44,38 @@ class Fit:
     warnings : tuple of str
     """
 
-    stokes: Image
-    residual: Image
+    stokes: Float32Array
+    residual: Float32Array
     relative_residual: float
     shifts: tuple[float, ...]
     warnings: tuple[str, ...]
 
 
-def fit_sinusoid(capture: Capture) -> Fit:
-    """Least-squares Stokes vectors of a capture, with residuals and what looks wrong.
+def fit_capture(capture: Capture | Path | str) -> CaptureFit:
+    """Stokes vectors of a capture by least squares, with residuals and warnings.
 
-    I(ϑ) = ½ (s0 − s1 cos 2ϑ − s2 sin 2ϑ) is linear in the Stokes vector.
+    I(ϑ) = ½ (s0 − s1 cos 2ϑ − s2 sin 2ϑ) is linear in the Stokes vector: Equation 1 of the paper.
+
+    Parameters
+    ----------
+    capture : Capture, or path of a folder, which `read_capture` reads as it does by default
+
+    Raises
+    ------
+    InputError
+        From `read_capture`.
+
+    Examples
+    --------
+    >>> i = np.array([0.75, 0.5, 0.25, 0.5], np.float32).reshape(4, 1, 1, 1)
+    >>> clipped = np.zeros((1, 1), bool)
+    >>> capture = Capture(i, (0.0, 45.0, 90.0, 135.0), clipped, tuple("abcd"), "linear")
+    >>> fit_capture(capture).stokes.round(6).tolist()
+    [[[[1.0, -0.5, 0.0]]]]
     """
-    stokes_basis = np.eye(3)
-    matrix = np.stack([polarisation.polarised(stokes_basis, a) for a in capture.angles_deg])
+    if not isinstance(capture, Capture):
+        capture = read_capture(capture)
+    matrix = analyser(capture.angles_deg)
     inverse = np.linalg.pinv(matrix).astype(np.float32)
     stokes = np.tensordot(capture.pictures, inverse, axes=(0, 1))
     square = np.zeros(stokes.shape[:-1], dtype=np.float32)
@@ -64,43 +85,42 @@ def fit_sinusoid(capture: Capture) -> Fit:
     good = ~capture.clipped
     mean = float(capture.pictures[:, good].mean())
     relative = float(np.sqrt(np.mean(square[good]) / len(matrix))) / mean
-    shifts = _shifts(capture.pictures)
-    return Fit(stokes, residual, relative, shifts, _warnings(capture, stokes, relative, shifts))
-
-
-def _shifts(pictures: Image) -> tuple[float, ...]:
-    """Pixels by which every picture moved against the first, by phase correlation."""
-    from skimage.registration import phase_cross_correlation
-
-    grey = pictures.mean(axis=-1)
-    found = [0.0]
-    for picture in grey[1:]:
-        shift, _, _ = phase_cross_correlation(grey[0], picture, upsample_factor=20)
-        found.append(float(np.hypot(*shift)))
-    return tuple(found)
+    shifts = [Shift(0.0, 0.0) for _ in capture.names]
+    if not capture.one_exposure:
+        shifts = list(measure_shifts(capture.pictures, capture.angles_deg))
+    warnings = _warnings(capture, stokes, relative, shifts)
+    return CaptureFit(stokes, residual, relative, tuple(s.length for s in shifts), warnings)
 
 
 def _warnings(
-    capture: Capture, stokes: Image, relative: float, shifts: Sequence[float]
+    capture: Capture, stokes: Float32Array, relative: float, shifts: Sequence[Shift]
 ) -> tuple[str, ...]:
-    found = []
+    warnings = []
     if capture.clipped.mean() > CLIPPED:
-        found.append(f"{capture.clipped.mean():.1%} of the pixels are clipped and left out")
-    moved = [n for n, shift in zip(capture.names, shifts, strict=True) if shift > MOVED]
-    if moved:
-        found.append(f"moved by up to {max(shifts):.1f} pixels: {', '.join(moved)}")
+        warnings.append(f"{capture.clipped.mean():.1%} of the pixels are clipped and left out")
+    lengths = [shift.length for shift in shifts]
+    moved = [n for n, length in zip(capture.names, lengths, strict=True) if length > MOVED]
+    if is_sub_grids(shifts):
+        warnings.append(
+            "the pictures stand half a pixel apart, as those taken out of one frame of a "
+            "polarisation camera: give the frame itself, with `mosaic`"
+        )
+    elif moved:
+        warnings.append(f"moved by up to {max(lengths):.1f} pixels: {', '.join(moved)}")
     if len(capture.pictures) == 3:
-        found.append("three pictures leave no residual: take a fourth to check the fit")
+        warnings.append("three pictures leave no residual: take a fourth to check the fit")
     elif relative > UNSTEADY:
-        found.append(f"residual of {relative:.1%}: light or exposure changed, or angles are wrong")
+        warnings.append(
+            f"residual of {relative:.1%}: light or exposure changed, or angles are wrong"
+        )
     over = float(np.mean(polarisation.dolp(stokes) > 1.0))
     if over > 0.01:
-        found.append(f"{over:.1%} of the values are more than completely polarised")
-    return tuple(found)
+        warnings.append(f"{over:.1%} of the values are more than completely polarised")
+    return tuple(warnings)
 
 
-class Convention(NamedTuple):
-    """How measured angles of polarisation lie to those of mirrored light on known normals.
+class AngleConvention(NamedTuple):
+    """Rotation between measured angles of polarisation and those of light mirrored by normals.
 
     `coherence` is 1 where they differ by one and the same rotation at every pixel, for angles
     that count as assumed and for angles that count the other way; `rotation_deg` is that rotation.
@@ -113,7 +133,7 @@ class Convention(NamedTuple):
 
     @property
     def doubt(self) -> str | None:
-        """What to look at, in words, or None where the convention seems right."""
+        """A warning that angles seem to be counted otherwise, or None where they fit."""
         reverse = self.coherence_reversed > max(self.coherence + 0.1, 0.6)
         best = self.rotation_reversed_deg if reverse else self.rotation_deg
         sure = max(self.coherence, self.coherence_reversed) > 0.6
@@ -122,15 +142,15 @@ class Convention(NamedTuple):
         sense = "the other way" if reverse else "as given"
         return (
             f"mirrored light on these normals fits better if the angles count {sense} and the "
-            f"pictures' polarisation is turned by {-best:.0f}°: check --zero, --sense and --offset"
+            f"pictures' polarisation is turned by {-best:.0f}°: check `zero`, `sense` and `offset`"
         )
 
 
-def convention(fit: Fit, normals: Image, mask: Mask) -> Convention:
+def check_convention(fit: CaptureFit, normals: Float32Array, mask: BoolArray) -> AngleConvention:
     """Compare measured angles with those of mirrored light, which is crosswise to the normal.
 
     On steep parts of metals and of glossy dielectrics mirrored light rules, and its plane is known
-    from the normal alone: a capture's own check of its angles. Body light is turned by 90°.
+    from the normal alone, which checks the angles of the polariser. Diffuse light is turned by 90°.
     """
     x, y = normals[..., 0].astype(np.float64), normals[..., 1].astype(np.float64)
     steep = mask & (np.hypot(x, y) > _STEEP)
@@ -139,14 +159,14 @@ def convention(fit: Fit, normals: Image, mask: Mask) -> Convention:
     mirrored = -np.square(x[steep] + 1j * y[steep])
     total = float(np.abs(measured * mirrored).sum())
     if total == 0.0:
-        return Convention(0.0, 0.0, 0.0, 0.0)
+        return AngleConvention(0.0, 0.0, 0.0, 0.0)
     sums = [(m * mirrored.conj()).sum() for m in (measured, measured.conj())]
     values = [(abs(s) / total, float(np.degrees(np.angle(s))) / 2.0) for s in sums]
-    return Convention(*values[0], *values[1])
+    return AngleConvention(*values[0], *values[1])
 
 
-def capture_summary(capture: Capture, fit: Fit) -> dict[str, Any]:
-    """Numbers of the fit for people and machines."""
+def capture_summary(capture: Capture, fit: CaptureFit) -> dict[str, Any]:
+    """Numbers of a fit, as they stand in `capture.json`."""
     dolp = polarisation.dolp(fit.stokes)[~capture.clipped]
     return {
         "pictures": len(capture.pictures),
@@ -157,5 +177,6 @@ def capture_summary(capture: Capture, fit: Fit) -> dict[str, Any]:
         "median_dolp": float(np.median(dolp)),
         "dolp_99": float(np.quantile(dolp, 0.99)),
         "assumption": capture.assumption,
+        "hints": list(capture.hints),
         "warnings": list(fit.warnings),
     }

@@ -5,24 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct.photos.picture import Picture
+from malus.scenes.core.arrays import AnyArray
 
 SHEET_SIDE = 320
+"""Pixels of the longer side of a thumbnail."""
 
 
-def reduced(values: NDArray[Any], side: int) -> NDArray[Any]:
-    """Every n-th pixel, so that the longer side has at most `side`."""
+def reduced(values: AnyArray, side: int) -> AnyArray:
+    """Every n-th pixel of an image (height, width, channels): its longer side is at most `side`."""
     step = max(1, math.ceil(max(values.shape[:2]) / side))
     return values[::step, ::step]
 
 
-def thumbnail(linear: NDArray[Any], picture: Picture, side: int) -> NDArray[np.uint8]:
-    """A small sRGB copy; float pictures are scaled to their brightest percent."""
+def thumbnail(linear: AnyArray, picture: Picture, side: int) -> NDArray[np.uint8]:
+    """A small sRGB copy of light (height, width, channels) that belongs to a picture.
+
+    Pictures of floats have no white: theirs is the light that one pixel in a hundred exceeds.
+    """
     from malus.reconstruct.photos.tone_curves import srgb_transfer
 
     small = reduced(linear, side)
@@ -31,18 +35,18 @@ def thumbnail(linear: NDArray[Any], picture: Picture, side: int) -> NDArray[np.u
     return np.asarray(np.repeat(codes, 3, axis=-1) if codes.shape[-1] == 1 else codes)
 
 
-def sheet(path: Path, shown: Sequence[tuple[str, NDArray[np.uint8]]]) -> None:
-    """All pictures side by side with their names."""
+def write_sheet(path: Path, thumbnails: Sequence[tuple[str, NDArray[np.uint8]]]) -> None:
+    """Write one PNG of named thumbnails (height, width, 3), side by side under their names."""
     import PIL.Image
     import PIL.ImageDraw
 
-    height, width = shown[0][1].shape[:2]
-    columns = min(4, len(shown))
-    rows = math.ceil(len(shown) / columns)
+    height, width = thumbnails[0][1].shape[:2]
+    columns = min(4, len(thumbnails))
+    rows = math.ceil(len(thumbnails) / columns)
     cell = max(width, 90) + 8, height + 24
     sheet = PIL.Image.new("RGB", (columns * cell[0], rows * cell[1]), "white")
     draw = PIL.ImageDraw.Draw(sheet)
-    for i, (name, picture) in enumerate(shown):
+    for i, (name, picture) in enumerate(thumbnails):
         corner = (i % columns) * cell[0] + 4, (i // columns) * cell[1] + 18
         sheet.paste(PIL.Image.fromarray(picture), corner)
         draw.text((corner[0], corner[1] - 14), name, fill="black")

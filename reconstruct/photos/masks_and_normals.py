@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from malus.reconstruct.photos.picture import Image, check_size
+from malus.reconstruct.photos.picture import check_size
 from malus.reconstruct.photos.read_picture import read_picture
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.arrays import AnyArray, BoolArray, Float32Array
+from malus.scenes.core.errors import InputError, reading
 
-Mask = NDArray[np.bool_]
 
+def read_mask(path: Path | str, shape: tuple[int, int]) -> BoolArray:
+    """Mask (height, width) from a picture: lighter than half is the object.
 
-def read_mask(path: Path, shape: tuple[int, int]) -> Mask:
-    """A mask from a picture: lighter than half is the object. Raises InputError."""
+    Raises
+    ------
+    InputError
+        Another size, no pixel of the object, or an unreadable file.
+    """
+    path = Path(path)
     values = read_picture(path, linear=True).linear.mean(axis=-1)
     _check_shape(path, values.shape, shape)
     if not (values > 0.5).any():
@@ -24,7 +28,7 @@ def read_mask(path: Path, shape: tuple[int, int]) -> Mask:
     return np.asarray(values > 0.5)
 
 
-def read_normals(path: Path, shape: tuple[int, int]) -> Image:
+def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
     """Normals (height, width, 3) from a .npy or EXR of vectors, or a picture of ½ (n + 1).
 
     Vectors are made unit; those shorter than ½, or that face away, become zero: no normal.
@@ -34,10 +38,13 @@ def read_normals(path: Path, shape: tuple[int, int]) -> Image:
     InputError
         Another size, another number of channels, or an unreadable file.
     """
+    path = Path(path)
     vectors = _npy(path) if path.suffix.lower() == ".npy" else _vectors(path)
     if vectors.ndim != 3 or vectors.shape[-1] != 3:
-        found = f"shape {vectors.shape}"
-        raise InputError(str(path), "three values a pixel", found, "write x, y, z to 3 channels")
+        shape_read = f"shape {vectors.shape}"
+        raise InputError(
+            str(path), "three values a pixel", shape_read, "write x, y, z to 3 channels"
+        )
     _check_shape(path, vectors.shape[:2], shape)
     with np.errstate(over="ignore"):  # what is longer than a float holds is no normal
         length = np.linalg.norm(vectors, axis=-1, keepdims=True)
@@ -45,31 +52,24 @@ def read_normals(path: Path, shape: tuple[int, int]) -> Image:
     return np.where(good, vectors / np.where(good, length, 1), 0).astype(np.float32)
 
 
-def _vectors(path: Path) -> NDArray[Any]:
+def _vectors(path: Path) -> AnyArray:
     picture = read_picture(path, linear=True)
     return picture.linear if picture.kind == "EXR" else 2 * picture.linear - 1
 
 
-def _npy(path: Path) -> NDArray[Any]:
-    try:
+def _npy(path: Path) -> AnyArray:
+    with reading(str(path), "an array of numbers", "write it with numpy.save"):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
         if array.ndim == 3:
             check_size(path, array.shape[1], array.shape[0])
         return np.asarray(array, dtype=np.float32)
-    except InputError:
-        raise
-    except Exception as error:  # a foreign parser raises anything on a broken file
-        reason = str(error).split("\n")[0]
-        raise InputError(
-            str(path), "an array of numbers", reason, "write it with numpy.save"
-        ) from None
 
 
-def _check_shape(path: Path, found: tuple[int, ...], expected: tuple[int, int]) -> None:
-    if tuple(found) != tuple(expected):
+def _check_shape(path: Path, actual: tuple[int, ...], expected: tuple[int, int]) -> None:
+    if tuple(actual) != tuple(expected):
         raise InputError(
             str(path),
             f"the picture's size, {expected[1]} x {expected[0]}",
-            f"{found[1]} x {found[0]}",
+            f"{actual[1]} x {actual[0]}",
             "make it of the picture's size",
         )

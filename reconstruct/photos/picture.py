@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct.photos.tone_curves import (
     Transfer,
@@ -15,17 +14,22 @@ from malus.reconstruct.photos.tone_curves import (
     linear_transfer,
     srgb_transfer,
 )
+from malus.scenes.core.arrays import AnyArray, Float32Array, FloatArray
 from malus.scenes.core.errors import InputError
-
-Image = NDArray[np.float32]
-
 
 MAX_PIXELS = 64_000_000
 """Largest picture: about 13 GB of working memory for its light and polarisation, measured at
 2.1 GB for 10 megapixels."""
 
-
 ORIENTATION = 274
+"""The tag of EXIF and TIFF that says how a picture is to be turned."""
+
+
+SUFFIX_OF = {
+    "PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "EXR": ".exr", "WEBP": ".webp",
+    "JPEG2000": ".jp2", "AVIF": ".avif", "HEIF": ".heic", "BMP": ".bmp", "PPM": ".ppm",
+}  # fmt: skip
+"""Suffix of the files of each kind that is written."""
 
 
 @dataclass(frozen=True)
@@ -38,42 +42,54 @@ class Picture:
         1 is the largest value of the file, channels are 1 or 3.
     alpha : (height, width) codes or None
         Opacity, as it was.
-    kind : 'PNG', 'JPEG', 'TIFF' or 'EXR'
+    premultiplied : bool
+        The file's values are multiplied by its opacity; `linear` is not.
+    kind : one of SUFFIX_OF
     transfer : Transfer or None
         None where the file holds linear floats.
     metadata : dict
         What the format's writer puts back.
+    notes : tuple of str
+        What of the file is left out or changed.
+    others : dict
+        Further channels of an OpenEXR file by name, which go out as they came in.
     """
 
-    linear: Image
+    linear: Float32Array
     kind: str
     transfer: Transfer | None
-    alpha: NDArray[Any] | None = None
+    alpha: AnyArray | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
+    premultiplied: bool = False
+    notes: tuple[str, ...] = ()
+    others: dict[str, AnyArray] = field(default_factory=dict)
 
     @property
     def suffix(self) -> str:
         """Suffix of files of this kind."""
-        return {"PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "EXR": ".exr"}[self.kind]
+        return SUFFIX_OF[self.kind]
 
     @property
     def assumption(self) -> str:
-        """How values became light, in words."""
-        if self.transfer is None:
+        """A sentence on how the file's values were turned into light."""
+        if self.transfer is None or self.transfer.source == "linear":
             return "values are linear light"
         if self.transfer.source == "sRGB":
             return "no colour profile is embedded: values are taken for sRGB"
         return f"tone curves: {self.transfer.source}"
 
     @property
+    def full_scale(self) -> float:
+        """Linear light of the file's largest value; infinite for floats, which have none."""
+        return np.inf if self.transfer is None else float(self.transfer.table.max())
+
+    @property
     def clipped(self) -> float:
         """Share of the pixels with a channel at the file's largest value."""
-        if self.transfer is None:
-            return 0.0
-        return float(np.mean(np.any(self.linear >= self.transfer.table.max(), axis=-1)))
+        return float(np.mean(np.any(self.linear >= self.full_scale, axis=-1)))
 
-    def showing(self, linear: NDArray[np.floating[Any]]) -> Picture:
-        """The same picture with other light."""
+    def with_light(self, linear: FloatArray) -> Picture:
+        """A picture of the same form with other light (height, width, channels)."""
         return replace(self, linear=linear.astype(np.float32, copy=False))
 
 
@@ -89,13 +105,13 @@ def check_size(path: Path, width: int, height: int) -> None:
 
 
 def transfer_of(profile: bytes | None, bits: int, linear: bool, path: Path) -> Transfer:
-    """Tone curves of a file with that profile."""
+    """Tone curves of a file of integers: its own profile's, sRGB's, or none for linear light."""
     if linear:
         return linear_transfer(bits)
     return icc_transfer(profile, bits, str(path)) if profile else srgb_transfer(bits)
 
 
-def upright(codes: NDArray[Any], orientation: int) -> NDArray[Any]:
+def upright(codes: AnyArray, orientation: int) -> AnyArray:
     """A picture as it is displayed, for a value of the EXIF tag Orientation (1 to 8).
 
     Examples
@@ -113,10 +129,42 @@ def upright(codes: NDArray[Any], orientation: int) -> NDArray[Any]:
 
 
 def from_codes(
-    codes: NDArray[Any], kind: str, transfer: Transfer, metadata: dict[str, Any]
+    codes: AnyArray,
+    kind: str,
+    transfer: Transfer,
+    metadata: dict[str, Any],
+    premultiplied: bool = False,
+    notes: tuple[str, ...] = (),
 ) -> Picture:
     """A picture from codes (height, width) or (height, width, channels), alpha last if any."""
     planes = codes if codes.ndim == 3 else codes[..., None]
     colours = 3 if planes.shape[-1] >= 3 else 1
     alpha = planes[..., -1] if planes.shape[-1] in (2, 4) else None
-    return Picture(transfer.linear(planes[..., :colours]), kind, transfer, alpha, metadata)
+    if premultiplied and alpha is not None:
+        largest = transfer.table.shape[1] - 1
+        linear = transfer.linear_between(divided_by_alpha(planes[..., :colours], alpha, largest))
+    else:
+        linear = transfer.linear(planes[..., :colours])
+    is_premultiplied = premultiplied and alpha is not None
+    return Picture(linear, kind, transfer, alpha, metadata, is_premultiplied, notes)
+
+
+def divided_by_alpha(values: AnyArray, alpha: AnyArray, opaque: float = 1.0) -> Float32Array:
+    """Values (height, width, channels) without the opacity that they were multiplied by.
+
+    Where a pixel is wholly transparent they are what they are: light that glows without covering.
+
+    Examples
+    --------
+    >>> values, alpha = np.array([[[50.0]], [[7.0]]]), np.array([[128], [0]])
+    >>> [round(value, 3) for value in divided_by_alpha(values, alpha, 255).ravel().tolist()]
+    [99.609, 7.0]
+    """
+    share = np.where(alpha > 0, alpha, opaque).astype(np.float32) / np.float32(opaque)
+    return values.astype(np.float32) / share[..., None]
+
+
+def times_alpha(values: AnyArray, alpha: AnyArray, opaque: float = 1.0) -> Float32Array:
+    """The inverse of `divided_by_alpha`."""
+    share = np.where(alpha > 0, alpha, opaque).astype(np.float32) / np.float32(opaque)
+    return values.astype(np.float32) * share[..., None]

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from malus.scenes import polarisation
-
-Image = NDArray[np.floating[Any]]
+from malus.scenes.core.arrays import FloatArray
 
 WHITE = 65535
 """Largest value of a 16-bit image."""
 
 
-def to_16bit(values: Image) -> NDArray[np.uint16]:
+def to_16bit(values: FloatArray) -> NDArray[np.uint16]:
     """Values in [0, 1] as 16 bits; what lies outside is clipped.
 
     Examples
@@ -28,7 +26,7 @@ def to_16bit(values: Image) -> NDArray[np.uint16]:
     return scaled.astype(np.uint16)
 
 
-def aolp_16bit(stokes: Image) -> NDArray[np.uint16]:
+def aolp_16bit(stokes: FloatArray) -> NDArray[np.uint16]:
     """Angle of linear polarisation of Stokes vectors (..., 3) on a circle of 65536 steps.
 
     Examples

@@ -1,19 +1,20 @@
-"""Ordinary pictures in and out: linear light inside, and outside the form that they came in.
+"""Ordinary pictures in: linear light inside, and what is needed to write the form they came in.
 
-PNG and TIFF of 8 or 16 bits, JPEG, TIFF and OpenEXR of floats; grey or RGB, with or without alpha.
-Size, bit depth, profile and metadata go out as they came in. A picture with an EXIF orientation is
+PNG and TIFF of up to 16 bits, JPEG, WebP, JPEG 2000, AVIF, HEIC, BMP, PPM, TIFF and OpenEXR of
+floats; grey or RGB, with or without alpha. Size, bit depth, profile and metadata go out as they
+came in, and what does not is told in the picture's notes. A picture with an EXIF orientation is
 turned upright first, because the angles of a polariser are those that a viewer sees.
 """
 
 from __future__ import annotations
 
+import importlib
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct.photos.picture import (
     ORIENTATION,
@@ -23,125 +24,215 @@ from malus.reconstruct.photos.picture import (
     transfer_of,
     upright,
 )
-from malus.reconstruct.photos.read_tiff_exr import read_exr, read_tiff
-from malus.scenes.core.errors import InputError
+from malus.reconstruct.photos.read_exr import read_exr
+from malus.reconstruct.photos.read_jpeg2000 import read_jpeg2000
+from malus.reconstruct.photos.read_tiff import read_tiff
+from malus.scenes.core.arrays import AnyArray
+from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.quiet import quiet
 
 SUFFIXES = {
-    ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF", ".tiff": "TIFF", ".exr": "EXR",
+    ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".mpo": "JPEG", ".jfif": "JPEG",
+    ".tif": "TIFF", ".tiff": "TIFF", ".exr": "EXR", ".webp": "WEBP", ".avif": "AVIF",
+    ".jp2": "JPEG2000", ".j2k": "JPEG2000", ".jpx": "JPEG2000", ".jpf": "JPEG2000",
+    ".heic": "HEIF", ".heif": "HEIF", ".hif": "HEIF", ".bmp": "BMP", ".ppm": "PPM",
+    ".pgm": "PPM", ".pnm": "PPM",
 }  # fmt: skip
+_FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "HEIF", "BMP", "PPM")
+"""What Pillow is asked for; a file may bear the suffix of another one of them."""
+_KINDS = {"MPO": "JPEG"}
 _MODES = {"L": 8, "LA": 8, "RGB": 8, "RGBA": 8, "I;16": 16, "I;16B": 16}
 _REFUSED = {
-    "1": "1 bit a pixel",
-    "P": "a palette",
-    "PA": "a palette",
-    "CMYK": "CMYK inks",
-    "YCCK": "CMYK inks",
-    "LAB": "CIELAB",
-}
+    "1": "1 bit a pixel", "P": "a palette", "PA": "a palette", "CMYK": "CMYK inks",
+    "YCCK": "CMYK inks", "LAB": "CIELAB", "RGBa": "colours multiplied by their opacity",
+}  # fmt: skip
+_RAW_SUFFIXES = {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2"}
+_SRGB_GAMMA = 1 / 2.2
 
 
-def read_picture(path: Path, linear: bool = False) -> Picture:
-    """Read a picture.
+def read_picture(path: Path | str, linear: bool = False, part: str | None = None) -> Picture:
+    """Read a picture as linear light, with what is needed to write another one like it.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
     linear : bool
         Take the codes of an integer file for linear light, whatever its profile says.
+    part : str, optional
+        Which of several pictures in a file: name of an OpenEXR part, or number of a TIFF page
+        from 1.
 
     Raises
     ------
     InputError
         Missing, damaged or truncated file, an unknown format, too many pixels, CMYK, a palette or
-        1 bit a pixel: one line that says what to do.
+        1 bit a pixel, several pictures where none is chosen: one line that says what to do.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import PIL.Image
+    >>> path = Path(tempfile.mkdtemp()) / "grey.png"
+    >>> PIL.Image.new("L", (3, 2), 188).save(path)
+    >>> picture = read_picture(path)
+    >>> picture.linear.shape, round(float(picture.linear[0, 0, 0]), 2)
+    ((2, 3, 1), 0.5)
     """
-    readers: dict[str, Callable[[Path, bool], Picture]] = {
+    path = Path(path)
+    readers: dict[str, Callable[[Path, bool, str | None], Picture]] = {
         "EXR": read_exr,
         "TIFF": read_tiff,
     }
     kind = SUFFIXES.get(path.suffix.lower())
+    if path.suffix.lower() in _RAW_SUFFIXES:
+        hint = "develop it to a linear 16-bit TIFF first, with rawpy, dcraw or darktable"
+        raise InputError(str(path), "a developed picture", "a camera's raw file", hint)
     if kind is None:
-        known = ", ".join(sorted(SUFFIXES))
-        raise InputError(str(path), f"a file of {known}", path.suffix or "no suffix", "convert it")
+        suffixes = ", ".join(sorted(SUFFIXES))
+        suffix = path.suffix or "no suffix"
+        raise InputError(str(path), f"a file of {suffixes}", suffix, "convert it")
     if not path.is_file():
         raise InputError(str(path), "a picture", "no such file", "check the path")
     if kind in readers:
-        return readers[kind](path, linear)
-    return _read_common(path, linear)
+        return readers[kind](path, linear, part)
+    if part is not None:
+        raise InputError("part", "a file of several parts, OpenEXR or TIFF", kind, "leave it out")
+    if kind == "JPEG2000":
+        return read_jpeg2000(path, linear)
+    return _read_with_pillow(path, kind, linear)
 
 
-def _read_common(path: Path, linear: bool) -> Picture:
-    """PNG and JPEG through Pillow, 16-bit colour through imagecodecs."""
-    import PIL.Image
-
-    try:
-        with warnings.catch_warnings():
-            # Pillow warns of large pictures; `check_size` decides about them.
-            warnings.simplefilter("ignore")
-            limit, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, None
-            try:
-                opened = PIL.Image.open(path, formats=("PNG", "JPEG"))
-            finally:
-                PIL.Image.MAX_IMAGE_PIXELS = limit
-            with opened as image:
-                check_size(path, *image.size)
-                _check_mode(path, image.mode)
-                image.load()
-                orientation = int(image.getexif().get(ORIENTATION, 1))
-                metadata = _metadata(image)
-                kind, bits = str(image.format), _bits(path, image)
-                codes = np.asarray(image)
-    except InputError:
-        raise
-    except (OSError, SyntaxError, ValueError, EOFError, MemoryError) as error:
-        reason = str(error).split("\n")[0]
-        raise InputError(str(path), "a whole PNG or JPEG file", reason, "save it again") from None
+def _read_with_pillow(path: Path, kind: str, linear: bool) -> Picture:
+    """What Pillow reads; 16-bit colour of PNG through imagecodecs."""
+    _require_readers(path, kind)
+    with (
+        reading(str(path), f"a whole {_named(kind)} file", "save it again"),
+        warnings.catch_warnings(),
+        quiet(),
+    ):
+        warnings.simplefilter("ignore")  # of large pictures, about which check_size decides
+        with _opened(path) as image:
+            check_size(path, *image.size)
+            notes = _check_form(path, image)
+            image.load()
+            orientation = int(image.getexif().get(ORIENTATION, 1))
+            metadata = _metadata(path, image)
+            kind, bits = _KINDS.get(image.format, image.format), _bits(path, image)
+            if "transparency" in image.info and image.mode in ("L", "RGB"):
+                image = image.convert("LA" if image.mode == "L" else "RGBA")
+                notes = (*notes, "the transparent colour is written as an alpha channel")
+            codes = np.asarray(image)
     if bits == 16 and codes.dtype == np.uint8:
         codes = _deep_png(path)
+    elif bits == 16:
+        codes = codes.astype(np.uint16)
     transfer = transfer_of(metadata.get("icc_profile"), bits, linear, path)
-    return from_codes(upright(codes, orientation), kind, transfer, metadata)
+    return from_codes(upright(codes, orientation), kind, transfer, metadata, notes=notes)
 
 
-def _check_mode(path: Path, mode: str) -> None:
-    if mode not in _MODES:
-        found = _REFUSED.get(mode, f"mode {mode}")
-        raise InputError(str(path), "grey or RGB of 8 or 16 bits", found, "convert it to RGB")
+def _named(kind: str) -> str:
+    return "PNG or JPEG" if kind in ("PNG", "JPEG") else kind
 
 
-def _metadata(image: Any) -> dict[str, Any]:
-    """What Pillow's writers take: profile, EXIF (upright), resolution, comments."""
+def _require_readers(path: Path, kind: str) -> None:
+    """Load the reader of HEIC, and say which package is missing where one is."""
+    import PIL.features
+
+    package = None
+    if kind == "HEIF":
+        try:
+            importlib.import_module("pillow_heif").register_heif_opener()
+        except ImportError:
+            package = "pillow-heif"
+    elif kind in ("AVIF", "WEBP") and not PIL.features.check(kind.lower()):
+        package = "pillow-avif-plugin" if kind == "AVIF" else "pillow with WebP"
+    if package is not None:
+        hint = f"pip install {package}, or convert the picture to TIFF or PNG"
+        raise InputError(str(path), f"the package {package} for this format", "nothing", hint)
+
+
+def _opened(path: Path) -> Any:
+    """The file as Pillow opens it, without its own limit of pixels."""
+    import PIL.Image
+
+    PIL.Image.init()  # readers that Pillow loads only where the usual ones fail
+    limit, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, None
+    try:
+        formats = tuple(name for name in _FORMATS if name in PIL.Image.OPEN)
+        return PIL.Image.open(path, formats=formats)
+    finally:
+        PIL.Image.MAX_IMAGE_PIXELS = limit
+
+
+def _check_form(path: Path, image: Any) -> tuple[str, ...]:
+    """Refuse forms that would not go out as they came in; notes on what is left out."""
+    deep_grey = image.mode == "I" and image.format in ("PNG", "PPM")
+    if image.mode not in _MODES and not deep_grey:
+        form = _REFUSED.get(image.mode, f"mode {image.mode}")
+        raise InputError(str(path), "grey or RGB of 8 or 16 bits", form, "convert it to RGB")
+    notes = []
+    frames = int(getattr(image, "n_frames", 1))
+    if image.format == "MPO" or b"hdrgm:Version" in image.info.get("xmp", b""):
+        if b"hdrgm:" in path.read_bytes():
+            notes.append("the gain map of high dynamic range is left out: standard range is read")
+        elif frames > 1:
+            notes.append(f"the file holds {frames} pictures: the first is read")
+    elif frames > 1:
+        raise InputError(str(path), "one picture", f"{frames}", "save the one that you mean")
+    gamma = image.info.get("gamma")
+    if gamma and "icc_profile" not in image.info and abs(gamma - _SRGB_GAMMA) > 0.02:
+        notes.append(
+            f"the file's gamma of {gamma:g} is not used: `linear` or a profile tells the curve"
+        )
+    _check_depth(path, image)
+    return tuple(notes)
+
+
+def _check_depth(path: Path, image: Any) -> None:
+    """Refuse more bits than Pillow reads of AVIF, HEIC and PPM, which it would cut in silence."""
+    with path.open("rb") as file:
+        head = file.read(1 << 16)
+    if image.format in ("AVIF", "HEIF"):
+        place = head.find(b"pixi")
+        bits = max(head[place + 9 : place + 9 + head[place + 8]], default=8) if place > 0 else 8
+    elif image.format == "PPM" and image.mode == "RGB":
+        header = [word for line in head[:4096].split(b"\n") for word in line.split(b"#")[0].split()]
+        bits = int(header[3]).bit_length() if header[0] in (b"P3", b"P6") else 8
+    else:
+        return
+    if bits > 8:
+        hint = "convert it to a 16-bit PNG or TIFF"
+        raise InputError(str(path), f"8 bits a channel of {image.format}", f"{bits} bits", hint)
+
+
+def _metadata(path: Path, image: Any) -> dict[str, Any]:
+    """Profile, EXIF (upright), resolution and comments, as Pillow's writers take them."""
     exif = image.getexif()
     exif.pop(ORIENTATION, None)
-    kept = {
-        name: image.info[name] for name in ("icc_profile", "dpi", "comment") if image.info.get(name)
-    }
+    names = ("icc_profile", "dpi", "comment")
+    kept = {name: image.info[name] for name in names if image.info.get(name)}
     if len(exif):
         kept["exif"] = exif.tobytes()
     texts = getattr(image, "text", None)
     if texts:
         kept["text"] = {str(key): str(value) for key, value in texts.items()}
+    if image.format == "WEBP":
+        with path.open("rb") as file:
+            kept["lossless"] = b"VP8L" in file.read(4096)
     return kept
 
 
 def _bits(path: Path, image: Any) -> int:
     """Bits a channel: Pillow reads 16-bit colour as 8, so that the PNG's header is asked."""
     if image.format == "PNG":
-        header = path.open("rb").read(25)
-        return 16 if header[24] == 16 else 8
-    return _MODES[image.mode]
+        with path.open("rb") as file:
+            return 16 if file.read(25)[24] == 16 else 8
+    return 16 if image.mode == "I" else _MODES[image.mode]
 
 
-def _deep_png(path: Path) -> NDArray[np.uint16]:
-    try:
-        import imagecodecs
-    except ImportError:
-        raise InputError(
-            str(path),
-            "the package imagecodecs for 16-bit colour",
-            "nothing",
-            "pip install imagecodecs",
-        ) from None
-    try:
+def _deep_png(path: Path) -> AnyArray:
+    """Codes of a PNG with 16 bits a channel."""
+    import imagecodecs
+
+    with reading(str(path), "a whole PNG file", "save it again"):
         return np.asarray(imagecodecs.png_decode(path.read_bytes()), dtype=np.uint16)
-    except (imagecodecs.PngError, ValueError) as error:
-        raise InputError(str(path), "a whole PNG file", str(error), "save it again") from None

@@ -14,9 +14,9 @@ import colour
 import numpy as np
 from numpy.typing import NDArray
 
+from malus.scenes.core.arrays import Float32Array, Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
 
-Floats = NDArray[np.float64]
 Codes = NDArray[np.integer[Any]]
 
 _SIGNATURE = slice(36, 40)
@@ -37,16 +37,47 @@ class Transfer(NamedTuple):
     True
     """
 
-    table: Floats
+    table: Float64Array
     source: str
 
-    def linear(self, codes: Codes) -> NDArray[np.float32]:
+    def linear(self, codes: Codes) -> Float32Array:
         """Linear light (height, width, channels) of codes of that shape, 0 to 1."""
-        table = self.table.astype(np.float32)
-        planes = [table[min(i, len(table) - 1)][codes[..., i]] for i in range(codes.shape[-1])]
-        return np.stack(planes, axis=-1)
+        light = np.empty(codes.shape, dtype=np.float32)
+        for i, curve in enumerate(self._curves(codes.shape[-1])):
+            light[..., i] = curve.astype(np.float32)[codes[..., i]]
+        return light
 
-    def encoded(self, linear: NDArray[np.floating[Any]]) -> Codes:
+    def linear_between(self, codes: FloatArray) -> Float32Array:
+        """Linear light of codes (height, width, channels) that need not be whole numbers.
+
+        Beyond the largest code light goes on in proportion, as glow over a transparent pixel does.
+        """
+        levels = np.arange(self.table.shape[1], dtype=np.float64)
+        light = np.empty(codes.shape, dtype=np.float32)
+        for i, curve in enumerate(self._curves(codes.shape[-1])):
+            over = np.maximum(codes[..., i] / levels[-1], 1.0)
+            light[..., i] = np.interp(codes[..., i], levels, curve) * over
+        return light
+
+    def encoded_between(self, linear: FloatArray) -> FloatArray:
+        """The inverse of `linear_between`: codes that need not be whole numbers."""
+        levels = np.arange(self.table.shape[1], dtype=np.float64)
+        codes = np.empty(linear.shape, dtype=np.float32)
+        for i, curve in enumerate(self._curves(linear.shape[-1])):
+            over = np.maximum(linear[..., i] / curve[-1], 1.0)
+            codes[..., i] = np.interp(linear[..., i], curve, levels) * over
+        return codes
+
+    def light_of(self, code: float) -> float:
+        """Linear light of one code, mean over the channels."""
+        levels = np.arange(self.table.shape[1], dtype=np.float64)
+        return float(np.mean([np.interp(code, levels, curve) for curve in self.table]))
+
+    def _curves(self, channels: int) -> list[Float64Array]:
+        """The curve of every channel; a profile of one curve has it for all."""
+        return [self.table[min(i, len(self.table) - 1)] for i in range(channels)]
+
+    def encoded(self, linear: FloatArray) -> Codes:
         """Codes of linear light; what is brighter than white is clipped."""
         levels = np.arange(self.table.shape[1], dtype=np.float64)
         if len(levels) != _COARSE:
@@ -62,15 +93,15 @@ class Transfer(NamedTuple):
             result[..., i] = codes[:, i][scaled.astype(np.uint16)]
         return result
 
-    def _interpolated(self, linear: NDArray[np.floating[Any]], levels: Floats) -> Floats:
+    def _interpolated(self, linear: FloatArray, levels: Float64Array) -> Float64Array:
         """Codes + ½, so that truncation rounds; interpolation never leaves the range of levels."""
-        curves = [self.table[min(i, len(self.table) - 1)] for i in range(linear.shape[-1])]
+        curves = self._curves(linear.shape[-1])
         planes = [np.interp(linear[..., i], curve, levels) for i, curve in enumerate(curves)]
         return np.stack(planes, axis=-1) + 0.5
 
 
 def srgb_transfer(bits: int) -> Transfer:
-    """The curve of sRGB (IEC 61966-2-1) for codes of 8 or 16 bits."""
+    """The curve of sRGB (IEC 61966-2-1) for codes of that many bits."""
     codes = np.linspace(0.0, 1.0, 1 << bits)
     return Transfer(np.asarray(colour.models.eotf_sRGB(codes))[None], "sRGB")
 
@@ -87,7 +118,7 @@ def linear_transfer(bits: int) -> Transfer:
 
 
 def icc_transfer(profile: bytes, bits: int, where: str) -> Transfer:
-    """The tone curves of an ICC profile, for codes of 8 or 16 bits.
+    """The tone curves of an ICC profile, for codes of that many bits.
 
     Source: ICC.1:2022, types curveType and parametricCurveType.
 
@@ -121,17 +152,19 @@ def icc_transfer(profile: bytes, bits: int, where: str) -> Transfer:
 
 
 def _tags(profile: bytes) -> dict[bytes, bytes]:
+    """Content of a profile's tags by their four letters."""
     if profile[_SIGNATURE] != b"acsp":
         raise ValueError("not a profile")
     (count,) = struct.unpack_from(">I", profile, _TAG_TABLE)
-    found = {}
+    tags = {}
     for i in range(min(count, 1000)):
         name, start, length = struct.unpack_from(">4sII", profile, _TAG_TABLE + 4 + 12 * i)
-        found[name] = profile[start : start + length]
-    return found
+        tags[name] = profile[start : start + length]
+    return tags
 
 
-def _curve(tag: bytes, x: Floats) -> Floats:
+def _curve(tag: bytes, x: Float64Array) -> Float64Array:
+    """Light for the codes x in 0 to 1, by a tag that holds a tone curve."""
     if tag[:4] == b"para":
         return _parametric(tag, x)
     if tag[:4] != b"curv":
@@ -145,11 +178,12 @@ def _curve(tag: bytes, x: Floats) -> Floats:
     return np.interp(x, np.linspace(0.0, 1.0, count), values / 65535.0)
 
 
-def _parametric(tag: bytes, x: Floats) -> Floats:
+def _parametric(tag: bytes, x: Float64Array) -> Float64Array:
+    """Light for the codes x in 0 to 1, by one of the five formulas of ICC profiles."""
     (kind,) = struct.unpack_from(">H", tag, 8)
     count = _PARAMETRIC_LENGTHS[kind]
-    given = np.frombuffer(tag, dtype=">i4", count=count, offset=12) / 65536.0
-    g, a, b, c, d, e, f = np.concatenate([given, np.zeros(7 - count)]).tolist()
+    stored = np.frombuffer(tag, dtype=">i4", count=count, offset=12) / 65536.0
+    g, a, b, c, d, e, f = np.concatenate([stored, np.zeros(7 - count)]).tolist()
     if kind == 0:
         return np.asarray(x**g)
     if kind < 3:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import struct
 import zlib
 from pathlib import Path
@@ -10,12 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct.photos.picture import (
-    Picture,
-)
+from malus.reconstruct.photos.picture import Picture, times_alpha
+from malus.reconstruct.photos.read_exr import lossless_compression, restored
+from malus.reconstruct.photos.read_jpeg2000 import boxes
+from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.files import replace_file
 
-_JPEG_QUALITY = 95
+_QUALITY = 95
+_COARSE, _DEEP = 255, 65535
+"""Largest codes of 8 and 16 bits."""
 
 
 def write_picture(path: Path, picture: Picture) -> None:
@@ -26,17 +30,32 @@ def write_picture(path: Path, picture: Picture) -> None:
     InputError
         If it cannot be written.
     """
-    writers = {"PNG": _png, "JPEG": _jpeg, "TIFF": _tiff, "EXR": _exr}
-    replace_file(path, lambda temporary: writers[picture.kind](temporary, picture))
+    writers = {"PNG": _png, "TIFF": _tiff, "EXR": _exr, "JPEG2000": _jpeg2000}
+    writer = writers.get(picture.kind, _with_pillow)
+    replace_file(path, lambda temporary: writer(temporary, picture))
 
 
-def _codes(picture: Picture) -> NDArray[Any]:
+def _codes(picture: Picture) -> AnyArray:
     """Codes of the picture's light, with the alpha that it came with."""
     assert picture.transfer is not None
-    codes = picture.transfer.encoded(picture.linear)
+    largest = picture.transfer.table.shape[1] - 1
+    if picture.premultiplied and picture.alpha is not None:
+        straight = picture.transfer.encoded_between(picture.linear)
+        values = times_alpha(straight, picture.alpha, largest)
+        codes: AnyArray = np.clip(np.rint(values), 0, largest)
+        codes = codes.astype(np.uint8 if largest == _COARSE else np.uint16)
+    else:
+        codes = picture.transfer.encoded(picture.linear)
     if picture.alpha is not None:
         codes = np.concatenate([codes, picture.alpha[..., None].astype(codes.dtype)], axis=-1)
     return codes[..., 0] if codes.shape[-1] == 1 else codes
+
+
+def _in_sixteen_bits(codes: AnyArray, largest: int) -> AnyArray:
+    """Codes of 9 to 15 bits as 16, which every program reads."""
+    if largest in (_COARSE, _DEEP):
+        return codes
+    return np.rint(codes * (_DEEP / largest)).astype(np.uint16)
 
 
 def _png(path: Path, picture: Picture) -> None:
@@ -77,38 +96,101 @@ def _deep_png(codes: NDArray[np.uint16], metadata: dict[str, Any], texts: dict[s
     return plain[:header] + chunks + plain[header:]
 
 
-def _jpeg(path: Path, picture: Picture) -> None:
+def _with_pillow(path: Path, picture: Picture) -> None:
+    """JPEG, WebP, AVIF, HEIC, BMP and PPM."""
     import PIL.Image
 
-    image = PIL.Image.fromarray(_codes(picture))
-    image.save(path, format="JPEG", quality=_JPEG_QUALITY, subsampling=0, **picture.metadata)
+    metadata, options = dict(picture.metadata), _OPTIONS.get(picture.kind, {})
+    if metadata.pop("lossless", False):
+        options = {"lossless": True, "exact": True}
+    if picture.kind == "HEIF":
+        importlib.import_module("pillow_heif").register_heif_opener()
+    codes = _codes(picture)
+    PIL.Image.fromarray(codes).save(path, format=picture.kind, **options, **metadata)
+
+
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "JPEG": {"quality": _QUALITY, "subsampling": 0},
+    "WEBP": {"quality": _QUALITY, "exact": True},
+    "AVIF": {"quality": _QUALITY, "subsampling": "4:4:4"},
+    "HEIF": {"quality": _QUALITY, "chroma": 444},
+}
+
+
+def _jpeg2000(path: Path, picture: Picture) -> None:
+    """A lossless JPEG 2000 file of as many bits as it came with."""
+    import imagecodecs
+
+    assert picture.transfer is not None
+    bits = picture.transfer.table.shape[1].bit_length() - 1
+    data = imagecodecs.jpeg2k_encode(
+        _codes(picture), level=0, codecformat="jp2", reversible=True, bitspersample=bits
+    )
+    path.write_bytes(with_profile(bytes(data), picture.metadata.get("icc_profile")))
+
+
+def with_profile(data: bytes, profile: bytes | None) -> bytes:
+    """A JPEG 2000 file with a colour profile in place of the name of its colour space."""
+    if profile is None:
+        return data
+
+    def box(name: bytes, content: bytes) -> bytes:
+        return struct.pack(">I4s", 8 + len(content), name) + content
+
+    def header(content: bytes) -> bytes:
+        return b"".join(
+            box(name, b"\x02\0\0" + profile if name == b"colr" else value)
+            for name, value in boxes(content)
+        )
+
+    return b"".join(
+        box(name, header(content) if name == b"jp2h" else content) for name, content in boxes(data)
+    )
 
 
 def _tiff(path: Path, picture: Picture) -> None:
     import tifffile
 
-    codes = picture.linear if picture.transfer is None else _codes(picture)
+    if picture.transfer is None:
+        codes = _floats(picture)
+    else:
+        codes = _in_sixteen_bits(_codes(picture), picture.transfer.table.shape[1] - 1)
     codes = codes[..., 0] if codes.ndim == 3 and codes.shape[-1] == 1 else codes
     alpha: dict[str, Any] = {"extrasamples": ["unassalpha"]} if picture.alpha is not None else {}
     photometric = "rgb" if codes.ndim == 3 and codes.shape[-1] >= 3 else "minisblack"
-    tifffile.imwrite(
-        path, codes, photometric=photometric, metadata=None, **alpha, **picture.metadata
-    )
+    options = {"photometric": photometric, "metadata": None, **alpha, **picture.metadata}
+    tifffile.imwrite(path, codes, **options)
+
+
+def _floats(picture: Picture) -> AnyArray:
+    """Light of a picture of floats, multiplied by its opacity if it came so, and that opacity."""
+    if picture.alpha is None:
+        return picture.linear
+    light = picture.linear
+    if picture.premultiplied:
+        light = times_alpha(light, picture.alpha)
+    return np.concatenate([light, picture.alpha[..., None].astype(np.float32)], axis=-1)
 
 
 def _exr(path: Path, picture: Picture) -> None:
     import OpenEXR
 
-    dtype = picture.metadata.get("dtype", np.float32)
-    names = picture.metadata.get(
-        "names", ("R", "G", "B") if picture.linear.shape[-1] == 3 else ("Y",)
-    )
+    metadata, light = picture.metadata, picture.linear
+    if picture.premultiplied and picture.alpha is not None:
+        light = times_alpha(light, picture.alpha)
+    names = metadata.get("names", ("R", "G", "B") if light.shape[-1] == 3 else ("Y",))
+    dtype = metadata.get("dtype", np.float32)
     channels = {
-        name: np.ascontiguousarray(picture.linear[..., i].astype(dtype))
-        for i, name in enumerate(names)
+        name: np.ascontiguousarray(light[..., i].astype(dtype)) for i, name in enumerate(names)
     }
+    channels |= {name: np.ascontiguousarray(c) for name, c in picture.others.items()}
     if picture.alpha is not None:
         channels["A"] = np.ascontiguousarray(picture.alpha)
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File({**picture.metadata.get("header", {}), **header}, channels) as file:
+    compression = lossless_compression(metadata.get("compression", "ZIP"))
+    header = {
+        "compression": getattr(OpenEXR, f"{compression}_COMPRESSION"),
+        "type": OpenEXR.scanlineimage,
+    }
+    kept = {name: restored(value) for name, value in metadata.get("header", {}).items()}
+    with OpenEXR.File({**kept, **header}, channels) as file:
         file.write(str(path))

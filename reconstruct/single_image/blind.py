@@ -115,7 +115,9 @@ def blind(observation: Observation) -> Components:
     return run_chain(observation).components
 
 
-def run_chain(observation: Observation, calibrated: bool = True) -> ChainResult:
+def run_chain(
+    observation: Observation, calibrated: bool = True, separation: str = "ratio"
+) -> ChainResult:
     """Estimate polarisation, and all that it follows from, from one picture.
 
     Lobes, light, normals, index, roughness and kind of body come with the components of `blind`.
@@ -128,6 +130,8 @@ def run_chain(observation: Observation, calibrated: bool = True) -> ChainResult:
         False where the irradiance of a given light (W m⁻² nm⁻¹) says nothing about the radiances of
         the image, as in an ordinary photograph, whose values have no unit. η must then be given, or
         is assumed.
+    separation : str
+        How the lobes are separated by colour: one of `separations()`.
 
     Returns
     -------
@@ -157,7 +161,7 @@ def run_chain(observation: Observation, calibrated: bool = True) -> ChainResult:
     (1.5, 'unpolarised')
     """
     _require_light(observation)
-    specular, separation_statements = _by_colour(observation)
+    specular, separation_statements = _by_colour(observation, separation)
     direction, irradiance, shape_statements = _light(observation)
     irradiance = irradiance if calibrated else None
     given = GivenParameters(
@@ -198,12 +202,12 @@ def _require_light(observation: Observation) -> None:
         )
 
 
-def _by_colour(observation: Observation) -> tuple[Image | None, tuple[str, ...]]:
+def _by_colour(observation: Observation, separation: str) -> tuple[Image | None, tuple[str, ...]]:
     """I_s separated by colour, or None where the picture is grey; how, in words."""
     bands = observation.wavelengths_nm
     tint = specular_tint(bands) if bands is not None and len(bands) > 1 else None
     try:
-        parts = separate(observation.image, observation.mask, tint=tint)
+        parts = separate(observation.image, observation.mask, method=separation, tint=tint)
     except Inapplicable as reason:
         return None, (f"separated by the fitted model, not by colour: {reason}",)
     return parts.specular, ("separated by colour, under white light",)

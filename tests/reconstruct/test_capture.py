@@ -17,7 +17,7 @@ from malus.bench.scoring.capture_score import colour_differences, score_capture
 from malus.reconstruct.fresnel import smooth_dolp
 from malus.reconstruct.photos import capture
 from malus.reconstruct.photos.capture import conventional, read_capture
-from malus.reconstruct.photos.capture_fit import convention, fit_sinusoid
+from malus.reconstruct.photos.capture_fit import check_convention, fit_capture
 from malus.reconstruct.photos.estimate import Knowledge
 from malus.scenes import InputError, polarisation
 
@@ -40,8 +40,8 @@ def dome_stokes(side: int = 48) -> tuple[np.ndarray, np.ndarray]:
 def write_capture(folder: Path, stokes: np.ndarray, angles: dict[str, float]) -> None:
     """Float TIFFs of a Stokes image through polarisers at angles from the vertical."""
     for name, angle in angles.items():
-        seen = polarisation.polarised(stokes, angle).astype(np.float32)
-        tifffile.imwrite(folder / name, seen, photometric="rgb")
+        picture = polarisation.polarised(stokes, angle).astype(np.float32)
+        tifffile.imwrite(folder / name, picture, photometric="rgb")
 
 
 NAMED = {f"pol_{a:03d}.tif": float(a) for a in (0, 30, 60, 90, 120, 150)}
@@ -50,7 +50,7 @@ NAMED = {f"pol_{a:03d}.tif": float(a) for a in (0, 30, 60, 90, 120, 150)}
 def test_the_fit_is_exact_where_the_pictures_are(tmp_path: Path) -> None:
     stokes, _ = dome_stokes()
     write_capture(tmp_path, stokes, NAMED)
-    fit = fit_sinusoid(read_capture(tmp_path))
+    fit = fit_capture(read_capture(tmp_path))
     # Pictures of float32 at values below one.
     np.testing.assert_allclose(fit.stokes, stokes, atol=1e-6)
     assert fit.relative_residual < 1e-6
@@ -64,22 +64,22 @@ def test_every_convention_comes_to_the_same_sinusoid(tmp_path: Path, zero: str, 
     for mark in (0, 40, 100):
         angle = conventional(mark, zero, sense) + 7.0
         write_capture(tmp_path, stokes, {f"a{mark}.tif": angle})
-    fit = fit_sinusoid(read_capture(tmp_path, zero, sense, offset_deg=7.0))
+    fit = fit_capture(read_capture(tmp_path, zero, sense, offset_deg=7.0))
     np.testing.assert_allclose(fit.stokes, stokes, atol=1e-6)
-    assert convention(fit, normals, normals[..., 2] > 0).doubt is None
+    assert check_convention(fit, normals, normals[..., 2] > 0).doubt is None
 
 
 def test_a_wrong_convention_is_doubted_and_measured(tmp_path: Path) -> None:
     stokes, normals = dome_stokes()
     mask = normals[..., 2] > 0
     write_capture(tmp_path, stokes, {f"a{m}.tif": -m - 20.0 for m in (0, 45, 90, 135)})
-    found = convention(fit_sinusoid(read_capture(tmp_path)), normals, mask)
-    assert found.coherence_reversed > 0.999
-    assert found.coherence < 0.5
-    assert found.rotation_reversed_deg == pytest.approx(20.0, abs=0.1)
-    assert "the other way" in found.doubt
+    checked = check_convention(fit_capture(read_capture(tmp_path)), normals, mask)
+    assert checked.coherence_reversed > 0.999
+    assert checked.coherence < 0.5
+    assert checked.rotation_reversed_deg == pytest.approx(20.0, abs=0.1)
+    assert "the other way" in checked.doubt
     right = read_capture(tmp_path, "vertical", "clockwise", offset_deg=-20.0)
-    assert convention(fit_sinusoid(right), normals, mask).doubt is None
+    assert check_convention(fit_capture(right), normals, mask).doubt is None
 
 
 def test_angles_from_a_file(tmp_path: Path) -> None:
@@ -87,13 +87,13 @@ def test_angles_from_a_file(tmp_path: Path) -> None:
     names = {"x.tif": 10.0, "y.tif": 80.0, "z.tif": 130.5}
     write_capture(tmp_path, stokes, names)
     (tmp_path / "angles.json").write_text(json.dumps(names))
-    np.testing.assert_allclose(fit_sinusoid(read_capture(tmp_path)).stokes, stokes, atol=1e-6)
+    np.testing.assert_allclose(fit_capture(read_capture(tmp_path)).stokes, stokes, atol=1e-6)
 
 
 def test_three_pictures_are_enough_and_say_that_nothing_checks_them(tmp_path: Path) -> None:
     stokes, _ = dome_stokes(16)
     write_capture(tmp_path, stokes, {f"a{a}.tif": a for a in (0, 60, 120)})
-    assert any("no residual" in w for w in fit_sinusoid(read_capture(tmp_path)).warnings)
+    assert any("no residual" in w for w in fit_capture(read_capture(tmp_path)).warnings)
 
 
 def test_movement_and_a_changing_light_are_flagged(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_movement_and_a_changing_light_are_flagged(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "pol_060.tif", moved, photometric="rgb")
     dimmed = 0.8 * tifffile.imread(tmp_path / "pol_120.tif")
     tifffile.imwrite(tmp_path / "pol_120.tif", dimmed, photometric="rgb")
-    warnings = " ".join(fit_sinusoid(read_capture(tmp_path)).warnings)
+    warnings = " ".join(fit_capture(read_capture(tmp_path)).warnings)
     assert "moved by up to 3" in warnings
     assert "pol_060.tif" in warnings
     assert "pol_120.tif" not in warnings
@@ -114,12 +114,12 @@ def test_clipped_pixels_are_left_out(tmp_path: Path) -> None:
     stokes, _ = dome_stokes(16)
     stokes[:4] *= 4
     for angle in (0, 45, 90, 135):
-        seen = np.clip(polarisation.polarised(stokes, angle), 0, 0.5) * 510
-        PIL.Image.fromarray(seen.round().astype(np.uint8)).save(tmp_path / f"p{angle}.png")
+        codes = np.clip(polarisation.polarised(stokes, angle), 0, 0.5) * 510
+        PIL.Image.fromarray(codes.round().astype(np.uint8)).save(tmp_path / f"p{angle}.png")
     capture = read_capture(tmp_path, linear=True)
     assert capture.clipped[:4].any()
     assert not capture.clipped[4:].any()
-    fit = fit_sinusoid(capture)
+    fit = fit_capture(capture)
     assert any("clipped" in warning for warning in fit.warnings)
     # Rounding to 8 bits: 1/√12 of a code of about 50 on average.
     assert fit.relative_residual < 0.01
@@ -133,7 +133,7 @@ def test_a_perfect_guess_has_skill_one(tmp_path: Path, monkeypatch: pytest.Monke
     stokes, _ = dome_stokes(24)
     write_capture(tmp_path, stokes, NAMED)
     capture = read_capture(tmp_path)
-    fit = fit_sinusoid(capture)
+    fit = fit_capture(capture)
     perfect = Components(*np.moveaxis(fit.stokes, -1, 0))
     monkeypatch.setattr(capture_score, "estimate", lambda *_: Estimate(perfect, ()))
     score = score_capture(capture, fit, Knowledge(), "x")
@@ -149,8 +149,8 @@ def test_normals_make_a_mirroring_dome_predictable(tmp_path: Path) -> None:
     stokes, normals = dome_stokes()
     write_capture(tmp_path, stokes, NAMED)
     capture = read_capture(tmp_path)
-    known = Knowledge(normals, eta=1.5, alpha=0.01, mirror=True)
-    score = score_capture(capture, fit_sinusoid(capture), known, "x")
+    knowledge = Knowledge(normals, eta=1.5, alpha=0.01, mirror=True)
+    score = score_capture(capture, fit_capture(capture), knowledge, "x")
     assert score["skill"] > 0.99
     assert score["convention"] is None
 
@@ -159,7 +159,7 @@ def test_colour_differences_are_colour_sciences() -> None:
     rng = np.random.default_rng(0)
     true = rng.random((50, 3, 3)) * [1.0, 0.2, 0.2] + [0.5, 0, 0]
     guess = true * [1.0, 0.5, 1.0]
-    found = colour_differences(guess, true, 2.0)
+    differences = colour_differences(guess, true, 2.0)
 
     def lab(stokes: np.ndarray) -> np.ndarray:
         xyz = colour.RGB_to_XYZ(polarisation.polarised(stokes, 30.0) / 2.0, "sRGB")
@@ -167,8 +167,8 @@ def test_colour_differences_are_colour_sciences() -> None:
 
     expected = colour.delta_E(lab(guess), lab(true), method="CIE 1976")
     # colour-science rounds its matrix to four digits in one of the two.
-    assert found["30"][0] == pytest.approx(expected.mean(), rel=1e-3)
-    assert found["30"][1] == pytest.approx(expected.std(), rel=1e-2)
+    assert differences["30"][0] == pytest.approx(expected.mean(), rel=1e-3)
+    assert differences["30"][1] == pytest.approx(expected.std(), rel=1e-2)
 
 
 def test_the_command_prints_and_writes(tmp_path: Path) -> None:
@@ -189,10 +189,10 @@ def test_bad_folders_end_in_one_line(tmp_path: Path) -> None:
     stokes, _ = dome_stokes(16)
 
     def folder(name: str, angles: dict[str, float]) -> Path:
-        made = tmp_path / name
-        made.mkdir()
-        write_capture(made, stokes, angles)
-        return made
+        path = tmp_path / name
+        path.mkdir()
+        write_capture(path, stokes, angles)
+        return path
 
     few = folder("few", {"a0.tif": 0, "a90.tif": 90, "a180.tif": 180})
     unnamed = folder("unnamed", {"a.tif": 0, "b.tif": 60, "c.tif": 120})
@@ -229,7 +229,7 @@ def test_more_pictures_than_memory_holds_are_refused(
 
 def test_a_real_capture(shared: Path) -> None:
     capture = read_capture(shared / "captures" / "kettle", "vertical", "clockwise", True, -20.0)
-    fit = fit_sinusoid(capture)
+    fit = fit_capture(capture)
     # Stated by those who took it: I0 + I90 and I45 + I135 agree within 0.6 %.
     assert fit.relative_residual < 0.006
     assert max(fit.shifts) < 0.25
@@ -241,10 +241,10 @@ def test_a_real_capture(shared: Path) -> None:
     normals = np.where(
         dome[..., None], np.dstack([u, v, np.sqrt(np.clip(1 - u**2 - v**2, 0, 1))]), 0
     )
-    found = convention(fit, normals.astype(np.float32), dome)
+    checked = check_convention(fit, normals.astype(np.float32), dome)
     # The knob decides the capture's unconfirmed convention: clockwise, 0 at 20° from the vertical.
-    assert found.coherence > 0.9
-    assert abs(found.rotation_deg) < 5
+    assert checked.coherence > 0.9
+    assert abs(checked.rotation_deg) < 5
     score = score_capture(
         capture, fit, Knowledge(normals.astype(np.float32), dome, None, 1.5, 0.2), "k"
     )
@@ -254,5 +254,5 @@ def test_a_real_capture(shared: Path) -> None:
 
 @pytest.mark.parametrize("offset", [np.nan, np.inf])
 def test_an_offset_that_is_no_angle_is_refused(tmp_path: Path, offset: float) -> None:
-    with pytest.raises(InputError, match="--offset: expected finite degrees, found"):
+    with pytest.raises(InputError, match="offset: expected finite degrees, found"):
         read_capture(tmp_path, offset_deg=offset)

@@ -17,8 +17,8 @@ from pictures import dome, saved_dome
 
 from malus.bench.commands.filter import filter_command
 from malus.reconstruct import Components
-from malus.reconstruct.photos.estimate import PRESETS, Knowledge, gather
-from malus.reconstruct.photos.filter import Output, filter_picture, polarised
+from malus.reconstruct.photos.estimate import PRESETS, Knowledge, read_knowledge
+from malus.reconstruct.photos.filter import FilterOutput, filter_picture, polarised
 from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.read_picture import read_picture
 from malus.reconstruct.photos.tone_curves import linear_transfer, srgb_transfer
@@ -38,7 +38,7 @@ def test_crossed_angles_add_up_to_the_picture(
     picture = Picture(linear, "EXR", None)
     known = Knowledge(normals=normals, light=light)
     angles = (20.0, 110.0)
-    done = filter_picture(picture, "d", tmp_path, known, Output(angles, physical=True))
+    done = filter_picture(picture, tmp_path, known, FilterOutput(angles, physical=True), stem="d")
     crossed = sum(read_picture(tmp_path / f"d_angle{a:03.0f}.exr").linear for a in angles)
     np.testing.assert_allclose(crossed, linear, rtol=1e-5, atol=1e-6)
     i_max, i_min = (read_picture(tmp_path / f"d_i{k}.exr").linear for k in ("max", "min"))
@@ -49,7 +49,7 @@ def test_crossed_angles_add_up_to_the_picture(
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 30.0, 45.0, 100.0, 180.0])
-def test_a_view_is_equation_1(angle_deg: float) -> None:
+def test_the_light_through_a_polariser_is_equation_1(angle_deg: float) -> None:
     planes = np.random.default_rng(1).random((3, 5, 5, 3))
     expected = polarisation.polarised(np.moveaxis(planes, 0, -1), angle_deg)
     np.testing.assert_allclose(polarised(Components(*planes), angle_deg), expected, atol=1e-12)
@@ -61,7 +61,7 @@ def test_a_filter_takes_glare_of_water_away_at_brewsters_angle(tmp_path: Path) -
     normals = np.tile(np.array(normal, np.float32), (6, 6, 1))
     picture = Picture(np.full((6, 6, 3), 0.4, np.float32), "EXR", None)
     known = Knowledge(normals, eta=1.333, alpha=0.01, mirror=True)
-    filter_picture(picture, "w", tmp_path, known, Output((0.0, 90.0), physical=True))
+    filter_picture(picture, tmp_path, known, FilterOutput((0.0, 90.0), physical=True), stem="w")
     # Light from a level surface swings horizontally, so that a vertical filter stops it.
     assert read_picture(tmp_path / "w_angle000.exr").linear.max() < 0.004
     assert read_picture(tmp_path / "w_angle090.exr").linear.min() > 0.396
@@ -115,8 +115,8 @@ def test_exposure_makes_up_for_one_stop(tmp_path: Path) -> None:
     linear, normals = dome()
     picture = Picture(linear, "EXR", None)
     for physical in (False, True):
-        output = Output((0.0,), physical=physical)
-        filter_picture(picture, f"{physical}", tmp_path, Knowledge(normals), output)
+        output = FilterOutput((0.0,), physical=physical)
+        filter_picture(picture, tmp_path, Knowledge(normals), output, stem=f"{physical}")
     bright, dim = (read_picture(tmp_path / f"{p}_angle000.exr").linear for p in (False, True))
     np.testing.assert_allclose(bright, 2 * dim, rtol=1e-6)
 
@@ -188,8 +188,8 @@ def test_bad_options_end_in_one_line_and_no_output(tmp_path: Path) -> None:
         (path, [*good, "--preset", "wood"], "plastic"),
         (path, [*good, "--material", "unobtainium"], "material"),
         (path, [*good, "--light", "0,0,0"], "not zero"),
-        (path, ["--preset", "water"], "no --normals"),
-        (path, [*good, "--preset", "glass", "--light", "0,0,1"], "no --light"),
+        (path, ["--preset", "water"], "no `normals`"),
+        (path, [*good, "--preset", "glass", "--light", "0,0,1"], "no `light`"),
         (path, [*good, "--angle", "nan"], "degrees"),
         (grey, good, "grey image where colour is needed"),
         (path, [], "no outline"),
@@ -211,7 +211,7 @@ def test_a_failure_half_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("malus.reconstruct.photos.filter._maps", broken)
     picture = Picture(linear, "EXR", None)
     with pytest.raises(KeyboardInterrupt):
-        filter_picture(picture, "d", tmp_path / "out", Knowledge(normals))
+        filter_picture(picture, tmp_path / "out", Knowledge(normals))
     assert not (tmp_path / "out").exists()
 
 
@@ -220,16 +220,33 @@ def test_clipped_highlights_are_told(tmp_path: Path) -> None:
     table = linear_transfer(8)
     codes = table.encoded(3 * linear)
     picture = Picture(table.linear(codes), "PNG", table)
-    done = filter_picture(picture, "d", tmp_path, Knowledge(normals, light=(1, 1, 2)))
+    done = filter_picture(picture, tmp_path, Knowledge(normals, light=(1, 1, 2)))
     assert any("clipped" in warning for warning in done.warnings)
     white = Picture(np.ones_like(linear), "PNG", table)
     with pytest.raises(InputError, match="expected light that is not clipped"):
-        filter_picture(white, "w", tmp_path / "w", Knowledge(normals))
+        filter_picture(white, tmp_path / "w", Knowledge(normals))
+
+
+@pytest.mark.parametrize("separation", ["ratio", "suv", "chromaticity"])
+def test_every_separation_serves_a_picture_of_surrounding_light(separation: str) -> None:
+    linear, normals = dome()
+    picture = Picture(linear, "EXR", None)
+    filtered = filter_picture(picture, knowledge=Knowledge(normals, separation=separation))
+    assert filtered.files == ()
+    specular = np.hypot(filtered.components.s1, filtered.components.s2)
+    assert specular[normals[..., 2] > 0].max() > 0.01
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(InputError, match=r"separation: expected one of .*suv.*, found x"):
+        Knowledge(separation="x")
+    with pytest.raises(InputError, match="illuminant: expected one of neutral"):
+        Knowledge(illuminant="x")
 
 
 @pytest.mark.parametrize("name", sorted(PRESETS))
 def test_presets_are_physical(name: str, tmp_path: Path) -> None:
     np.save(tmp_path / "n.npy", np.tile(np.array([0, 0, 1.0]), (4, 4, 1)))
-    known = gather((4, 4), normals=tmp_path / "n.npy", preset=name)
+    known = read_knowledge((4, 4), normals=tmp_path / "n.npy", preset=name)
     assert 1 < known.eta < 2
     assert 0 < known.alpha <= 1

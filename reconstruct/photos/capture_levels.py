@@ -1,0 +1,189 @@
+"""Dark level, white level and saturation of the pictures of a capture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from malus.reconstruct.photos.picture import Picture
+from malus.reconstruct.photos.read_picture import SUFFIXES
+from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
+from malus.scenes.core.errors import InputError
+
+_PILE = 0.0005
+"""Share of the values at one largest value from which the sensor may have been full there."""
+_LEAST_PILE = 10
+_STEEPER = 4.0
+"""Times as many values as any one below it has in a pile-up, of those within a tenth."""
+_SAMPLES = 2_000_000
+_PEDESTAL = 0.05
+"""Darkest light over the brightest from which a dark level is likely."""
+_SRGB_DOUBT = 0.005
+"""Residual of a fit above which values taken for sRGB are tried as linear light."""
+
+
+def level_of(picture: Picture, value: float, name: str) -> float:
+    """Linear light of a level: a code of the file, or below 1 a share of its largest code.
+
+    In files of floats a level is light itself.
+
+    Raises
+    ------
+    InputError
+        A level that is not finite, negative, or above the largest code.
+
+    Examples
+    --------
+    >>> from malus.reconstruct.photos.tone_curves import linear_transfer
+    >>> picture = Picture(np.zeros((1, 1, 1), np.float32), "PNG", linear_transfer(16))
+    >>> level_of(picture, 65535, "white"), level_of(picture, 0.2, "black")
+    (1.0, 0.2)
+    """
+    if not np.isfinite(value) or value < 0:
+        raise InputError(name, "a level that is not negative", f"{value:g}", "correct it")
+    if picture.transfer is None:
+        return value
+    largest = picture.transfer.table.shape[1] - 1
+    if value > largest:
+        hint = "give it in the file's own codes"
+        raise InputError(name, f"a code of at most {largest}", f"{value:g}", hint)
+    is_share = value < 1 or (name == "white" and value == 1)
+    return picture.transfer.light_of(value * largest if is_share else value)
+
+
+def read_black(
+    black: float | str | Path, like: Picture, read: Callable[[Path], Picture]
+) -> Float32Array | float:
+    """Light of the dark level: a number, or the mean of a dark frame or of a folder of them.
+
+    Raises
+    ------
+    InputError
+        Dark frames of another size, or none in the folder.
+    """
+    number = _number(black)
+    if number is not None:
+        return level_of(like, number, "black")
+    path = Path(str(black))
+    paths = [path]
+    if path.is_dir():
+        paths = sorted(p for p in path.iterdir() if p.suffix.lower() in {*SUFFIXES, ".npy"})
+    if not paths:
+        raise InputError("black", "a folder of dark frames", "none in it", "check the path")
+    total = np.zeros(like.linear.shape, dtype=np.float64)
+    for frame in paths:
+        dark = read(frame).linear
+        if dark.shape != total.shape:
+            size, expected = (f"{s[1]} x {s[0]} x {s[2]}" for s in (dark.shape, total.shape))
+            raise InputError(str(frame), expected, size, "take it with the same camera")
+        total += dark
+    return (total / len(paths)).astype(np.float32)
+
+
+def dark_files(black: float | str | Path | None) -> set[Path]:
+    """The dark frame's own file, which is no picture of the capture beside it."""
+    if black is None or _number(black) is not None:
+        return set()
+    return {Path(str(black)).resolve()}
+
+
+def _number(black: float | str | Path) -> float | None:
+    try:
+        return float(str(black))
+    except ValueError:
+        return None
+
+
+def saturation(pictures: Float32Array) -> Float64Array:
+    """Light at which each channel (channels,) piles up at its largest value; infinite for none.
+
+    Parameters
+    ----------
+    pictures : (pictures, height, width, channels) linear light
+
+    Examples
+    --------
+    >>> light = np.linspace(0, 2, 4000).reshape(1, 40, 100, 1)
+    >>> saturation(np.minimum(light, 1.5)).tolist(), saturation(light).tolist()
+    ([1.5], [inf])
+    """
+    channels = pictures.shape[-1]
+    step = max(1, pictures[..., 0].size // _SAMPLES)
+    return np.array([_pile_up(pictures[..., i].ravel()[::step]) for i in range(channels)])
+
+
+def _pile_up(values: Float32Array) -> float:
+    """The largest value where far more values are than at any one a little below it."""
+    largest = float(values.max())
+    piled = int(np.count_nonzero(values == largest))
+    if largest <= 0 or piled < max(_LEAST_PILE, _PILE * values.size):
+        return float("inf")
+    below = values[(values >= 0.9 * largest) & (values < largest)]
+    counts = np.unique(below, return_counts=True)[1]
+    # Without different values just below, a flat part of the scene looks the same as saturation.
+    if len(counts) < 3 or piled < _STEEPER * counts.max():
+        return float("inf")
+    return largest
+
+
+def over(light: Float32Array, level: Float64Array | float) -> BoolArray:
+    """Pixels (height, width) with a channel at its level or above."""
+    return np.asarray(np.any(light >= level, axis=-1))
+
+
+def level_hints(
+    pictures: Float32Array, clipped: BoolArray, piled: Float64Array, black_is_known: bool
+) -> list[str]:
+    """Hints at a saturation below the largest code, and at a dark level that was not given."""
+    hints = []
+    if np.isfinite(piled).any():
+        levels = ", ".join(f"{level:.4g}" for level in piled[np.isfinite(piled)])
+        hints.append(
+            f"values pile up at {levels} of the range: taken for clipped; `white` says where"
+        )
+    good = pictures[:, ~clipped]
+    if not black_is_known and good.size:
+        sample = good.ravel()[:: max(1, good.size // _SAMPLES)]
+        low, high = (float(v) for v in np.quantile(sample, (0.001, 0.999)))
+        if low > _PEDESTAL * high:
+            hints.append(
+                f"no value is below {low / high:.0%} of the largest: if that is the camera's dark "
+                "level, degrees of polarisation come out too low; give it as `black`"
+            )
+    return hints
+
+
+def linearity_hints(pictures: Float32Array, clipped: BoolArray, matrix: Float64Array) -> list[str]:
+    """A hint that values taken for sRGB fit a sinusoid much better as linear light."""
+    from colour.models import eotf_inverse_sRGB
+
+    good = pictures[:, ~clipped].reshape(len(pictures), -1)
+    sample: Float64Array = good[:, :: max(1, good.shape[1] // 100_000)].astype(np.float64)
+    if len(pictures) < 4 or good.size == 0:
+        return []
+    as_srgb = _residual(sample, matrix)
+    as_light = _residual(
+        np.asarray(eotf_inverse_sRGB(np.clip(sample, 0, 1)), dtype=np.float64), matrix
+    )
+    if as_srgb < _SRGB_DOUBT or as_light > 0.5 * as_srgb:
+        return []
+    return [
+        f"the sinusoid fits to {as_light:.1%} if the files' values are linear light, and only to "
+        f"{as_srgb:.1%} as sRGB: say `linear` if they are raw"
+    ]
+
+
+def _residual(light: Float64Array, matrix: Float64Array) -> float:
+    """Root mean square residual of the sinusoid over the mean light."""
+    left = light - matrix @ (np.linalg.pinv(matrix) @ light)
+    return float(np.sqrt(np.mean(left**2)) / max(float(light.mean()), 1e-30))
+
+
+def check_light(where: str, pictures: Sequence[Float32Array], clipped: BoolArray) -> None:
+    """Refuse captures without a pixel that is lit and not clipped. Raises InputError."""
+    if clipped.all() or not max(float(picture[~clipped].max()) for picture in pictures) > 0:
+        raise InputError(
+            where, "pictures with unclipped light", "black or clipped ones", "expose them again"
+        )

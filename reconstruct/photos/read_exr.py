@@ -1,0 +1,189 @@
+"""OpenEXR pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from malus.reconstruct.photos.picture import Picture, check_size, divided_by_alpha
+from malus.scenes.core.arrays import AnyArray, Float32Array
+from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.quiet import quiet
+
+_STRUCTURE = frozenset(
+    {"channels", "compression", "lineOrder", "type", "tiles", "version", "chunkCount", "name"}
+)
+"""Parts of a header that a writer decides itself."""
+_LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ")
+_REC709 = (0.2126, 0.7152, 0.0722)
+"""Luminance of OpenEXR's default primaries."""
+
+
+def read_exr(path: Path, linear: bool, part: str | None = None) -> Picture:
+    """An OpenEXR picture: R, G, B, or Y, or Y with chroma, of half or float; `part` by its name.
+
+    Data and display windows are kept, and further channels as they are. Colours are divided by
+    their opacity A, as OpenEXR stores them multiplied by it.
+
+    Raises
+    ------
+    InputError
+        Several parts where none is chosen, deep data, other channels, values that are not finite.
+    """
+    import OpenEXR
+
+    del linear  # OpenEXR holds light
+    with reading(str(path), "a whole OpenEXR file", "save it again"):
+        with quiet(), OpenEXR.File(str(path), header_only=True) as file:
+            headers = [dict(one.header) for one in file.parts]
+        index = _chosen(path, headers, part)
+        _check_header(path, headers[index])
+        with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {n: c.pixels for n, c in file.parts[index].channels.items()}
+    header = headers[index]
+    colours, values, notes = _colours(path, channels, header)
+    if not np.isfinite(values).all():
+        bad = int(np.count_nonzero(~np.isfinite(values)))
+        raise InputError(str(path), "finite values", f"{bad} others", "clean the picture")
+    alpha = channels.get("A")
+    others = {n: c for n, c in channels.items() if n not in (*colours, "A", "RY", "BY")}
+    if others:
+        notes = (*notes, f"channels {', '.join(sorted(others))} are written back as they are")
+    if len(headers) > 1:
+        notes = (*notes, f"part {header.get('name', index)} is read, and alone in what is written")
+    names = ("R", "G", "B") if values.shape[-1] == 3 else colours
+    metadata = {
+        "header": {k: _stored(v) for k, v in header.items() if k not in _STRUCTURE},
+        "compression": getattr(header["compression"], "name", "").split("_")[0],
+        "names": names,
+        "dtype": values.dtype,
+    }
+    light = values.astype(np.float32, copy=False)
+    if alpha is not None:
+        light = divided_by_alpha(light, alpha)
+    return Picture(light, "EXR", None, alpha, metadata, alpha is not None, notes, others)
+
+
+class StoredArray(NamedTuple):
+    """An array of a header, in a form that compares as a whole."""
+
+    dtype: str
+    shape: tuple[int, ...]
+    content: bytes
+
+
+def _stored(value: Any) -> Any:
+    """A header's value with arrays in a form that compares as a whole."""
+    if isinstance(value, np.ndarray):
+        return StoredArray(value.dtype.str, value.shape, value.tobytes())
+    return tuple(_stored(item) for item in value) if isinstance(value, tuple) else value
+
+
+def restored(value: Any) -> Any:
+    """The inverse, for OpenEXR's writer."""
+    if isinstance(value, StoredArray):
+        return np.frombuffer(value.content, dtype=value.dtype).reshape(value.shape)
+    return tuple(restored(item) for item in value) if isinstance(value, tuple) else value
+
+
+def _chosen(path: Path, headers: list[dict[str, Any]], part: str | None) -> int:
+    """Index of the part that is meant."""
+    names = [str(header.get("name", number)) for number, header in enumerate(headers, 1)]
+    if part is None and len(headers) > 1:
+        hint = "choose one by its name with `part`"
+        raise InputError(str(path), "one picture", f"parts {', '.join(names)}", hint)
+    if part is not None and part not in names:
+        raise InputError("part", f"one of {', '.join(names)}", part, "choose one of them")
+    return 0 if part is None else names.index(part)
+
+
+def _check_header(path: Path, header: dict[str, Any]) -> None:
+    """Refuse sizes and kinds of storage before a pixel is decoded."""
+    window = header["dataWindow"]
+    width, height = (int(b) - int(a) + 1 for a, b in zip(*window, strict=True))
+    check_size(path, width, height)
+    storage = getattr(header["type"], "name", str(header["type"]))
+    if "deep" in storage:
+        hint = "flatten it first"
+        raise InputError(str(path), "one value a pixel and channel", "deep data", hint)
+
+
+def _colours(
+    path: Path, channels: dict[str, AnyArray], header: dict[str, Any]
+) -> tuple[tuple[str, ...], AnyArray, tuple[str, ...]]:
+    """Names of the colour channels, their values (height, width, 1 or 3), and notes."""
+    if {"Y", "RY", "BY"} <= set(channels):
+        weights = _luminance_weights(header)
+        values = from_luminance_chroma(channels["Y"], channels["RY"], channels["BY"], weights)
+        notes = ("luminance and chroma are written as R, G, B",)
+        return ("Y", "RY", "BY"), values.astype(channels["Y"].dtype), notes
+    names = next((n for n in (("R", "G", "B"), ("Y",)) if set(n) <= set(channels)), None)
+    if names is None:
+        listed = ", ".join(sorted(channels))
+        raise InputError(str(path), "channels R, G, B or Y", listed, "choose another file")
+    planes = [channels[name] for name in names]
+    uneven = len({plane.shape for plane in planes}) > 1
+    if uneven or any(plane.dtype.kind != "f" for plane in planes):
+        form = "channels of different sizes" if uneven else "whole numbers"
+        raise InputError(str(path), "half or float channels of one size", form, "convert it")
+    return names, np.stack(planes, axis=-1), ()
+
+
+def from_luminance_chroma(
+    luminance: AnyArray, red: AnyArray, blue: AnyArray, weights: tuple[float, float, float]
+) -> Float32Array:
+    """R, G, B (height, width, 3) of Y, RY = (R − Y) / Y and BY = (B − Y) / Y.
+
+    Chroma may have every other pixel only; it is interpolated. Source: OpenEXR, "Luminance/chroma
+    images".
+
+    Examples
+    --------
+    >>> y, zero = np.full((2, 2), 0.5), np.zeros((2, 2))
+    >>> from_luminance_chroma(y, zero, zero, (0.2126, 0.7152, 0.0722))[0, 0].round(6).tolist()
+    [0.5, 0.5, 0.5]
+    """
+    y = luminance.astype(np.float32)
+    red, blue = (_enlarged(c.astype(np.float32), y.shape) for c in (red, blue))
+    r, b = (red + 1) * y, (blue + 1) * y
+    g = (y - np.float32(weights[0]) * r - np.float32(weights[2]) * b) / np.float32(weights[1])
+    return np.stack([r, g, b], axis=-1)
+
+
+def _enlarged(chroma: Float32Array, shape: tuple[int, ...]) -> Float32Array:
+    """Chroma at every pixel, from samples at every n-th, which begin at the first."""
+    if chroma.shape == shape:
+        return chroma
+    for axis, length in enumerate(shape):
+        step = -(-length // chroma.shape[axis])
+        places = np.minimum(np.arange(length) / step, chroma.shape[axis] - 1)
+        low = np.floor(places).astype(int)
+        high = np.minimum(low + 1, chroma.shape[axis] - 1)
+        share = np.expand_dims((places - low).astype(np.float32), 1 - axis)
+        lower, upper = np.take(chroma, low, axis=axis), np.take(chroma, high, axis=axis)
+        chroma = lower + share * (upper - lower)
+    return chroma
+
+
+def _luminance_weights(header: dict[str, Any]) -> tuple[float, float, float]:
+    """Luminance of R, G and B, by the header's primaries or OpenEXR's default."""
+    stated = header.get("chromaticities")
+    if stated is None:
+        return _REC709
+    pairs = np.asarray(stated, dtype=np.float64).reshape(4, 2)
+    xyz = np.stack([pairs[:, 0] / pairs[:, 1], np.ones(4), (1 - pairs.sum(1)) / pairs[:, 1]])
+    scale = np.linalg.solve(xyz[:, :3], xyz[:, 3])
+    return float(scale[0]), float(scale[1]), float(scale[2])
+
+
+def lossless_compression(name: str) -> str:
+    """A file's own compression where that loses nothing, or ZIP.
+
+    Examples
+    --------
+    >>> lossless_compression("PIZ"), lossless_compression("DWAA")
+    ('PIZ', 'ZIP')
+    """
+    return name if name in _LOSSLESS else "ZIP"

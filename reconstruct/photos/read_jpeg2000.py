@@ -1,0 +1,80 @@
+"""JPEG 2000 pictures, with all their bits: Pillow would cut them to eight."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from malus.reconstruct.photos.picture import Picture, check_size, from_codes, transfer_of
+from malus.scenes.core.errors import InputError, reading
+
+_CODESTREAM = b"\xff\x4f\xff\x51"
+"""Start of a code stream and of its sizes."""
+_SYCC = 18
+
+
+def read_jpeg2000(path: Path, linear: bool) -> Picture:
+    """A JPEG 2000 file or code stream of 8 to 16 bits. Raises InputError."""
+    import imagecodecs
+
+    with reading(str(path), "a whole JPEG 2000 file", "save it again"):
+        data = path.read_bytes()
+        place = data.index(_CODESTREAM)
+        width, height, left, top = struct.unpack_from(">4I", data, place + 8)
+        check_size(path, width - left, height - top)
+        channels, depth = struct.unpack_from(">HB", data, place + 40)
+        bits = (depth & 0x7F) + 1
+        profile, form = _colours(data[:place])
+        if depth & 0x80 or not 8 <= bits <= 16:
+            form = f"{bits} bits, signed" if depth & 0x80 else f"{bits} bits"
+        if channels > 4 or form:
+            found = form or f"{channels} channels"
+            raise InputError(
+                str(path), "grey or RGB of 8 to 16 bits", found, "convert it to PNG or TIFF"
+            )
+        codes = np.asarray(imagecodecs.jpeg2k_decode(data))
+    transfer = transfer_of(profile, bits, linear, path)
+    metadata = {"icc_profile": profile} if profile else {}
+    return from_codes(codes, "JPEG2000", transfer, metadata)
+
+
+def boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Type and content of the boxes that a file, or a box of boxes, consists of.
+
+    Examples
+    --------
+    >>> list(boxes(b"\\0\\0\\0\\x0acolr12"))
+    [(b'colr', b'12')]
+    """
+    place = 0
+    while place + 8 <= len(data):
+        length, name = struct.unpack_from(">I4s", data, place)
+        header = 8
+        if length == 1 and place + 16 <= len(data):
+            (length,) = struct.unpack_from(">Q", data, place + 8)
+            header = 16
+        end = len(data) if length == 0 else place + length
+        if end <= place:
+            return
+        yield name, data[place + header : end]
+        place = end
+
+
+def _colours(head: bytes) -> tuple[bytes | None, str | None]:
+    """The colour profile in a file's header, if there is one, and a form that is not read."""
+    for name, content in boxes(head):
+        if name != b"jp2h":
+            continue
+        for inner, value in boxes(content):
+            if inner == b"pclr":
+                return None, "a palette"
+            if inner == b"colr" and value[:1] in (b"\x02", b"\x03"):
+                return value[3:], None
+            if inner == b"colr" and value[:1] == b"\x01":
+                (space,) = struct.unpack_from(">I", value, 3)
+                if space == _SYCC:
+                    return None, "luminance and chroma"
+    return None, None

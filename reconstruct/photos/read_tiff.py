@@ -1,0 +1,159 @@
+"""TIFF pictures."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from malus.reconstruct.photos.picture import (
+    ORIENTATION,
+    Picture,
+    check_size,
+    divided_by_alpha,
+    from_codes,
+    transfer_of,
+    upright,
+)
+from malus.scenes.core.arrays import AnyArray
+from malus.scenes.core.errors import InputError, reading
+
+_TEXT_TAGS = (271, 272, 306, 315, 33432)
+"""Make, model, date, artist, copyright."""
+_ICC_TAG = 34675
+_REDUCED = 1
+"""Bit of a page's subfile type that says it is a small copy of another one."""
+_NOWHERE = logging.NullHandler()
+"""For the log of tifffile, which would go to the error stream where a program sets up none."""
+
+
+def read_tiff(path: Path, linear: bool, part: str | None = None) -> Picture:
+    """A TIFF of 8 to 16 bits, or of floats, which are linear light; `part` is a page from 1.
+
+    Raises
+    ------
+    InputError
+        Several pages where none is chosen, and forms that would not go out as they came in.
+    """
+    import tifffile
+
+    logging.getLogger("tifffile").addHandler(_NOWHERE)
+    with (
+        reading(str(path), "a whole TIFF file", "save it again"),
+        tifffile.TiffFile(path) as file,
+    ):
+        page, notes = _page(path, file, part)
+        check_size(path, page.imagewidth, page.imagelength)
+        _check_form(path, page)
+        orientation = int(page.tags[ORIENTATION].value) if ORIENTATION in page.tags else 1
+        codes = upright(_interleaved(page), orientation)
+        metadata = _metadata(page)
+        bits, premultiplied = int(page.bitspersample), _is_premultiplied(page)
+    if codes.dtype.kind == "f":
+        return _of_floats(path, codes, metadata, premultiplied, notes)
+    if bits not in (8, 16):
+        notes = (*notes, f"{bits} bits a channel are written as 16")
+    transfer = transfer_of(metadata.get("iccprofile"), bits, linear, path)
+    return from_codes(codes, "TIFF", transfer, metadata, premultiplied, notes)
+
+
+def count_pages(path: Path) -> int:
+    """Pages of a TIFF that are pictures of their own, not small copies. Raises InputError."""
+    import tifffile
+
+    logging.getLogger("tifffile").addHandler(_NOWHERE)
+    with (
+        reading(str(path), "a whole TIFF file", "save it again"),
+        tifffile.TiffFile(path) as file,
+    ):
+        return len(_full_pages(file))
+
+
+def _full_pages(file: Any) -> list[Any]:
+    pages = [page for page in file.pages if not int(getattr(page, "subfiletype", 0)) & _REDUCED]
+    return pages or [file.pages.first]
+
+
+def _page(path: Path, file: Any, part: str | None) -> tuple[Any, tuple[str, ...]]:
+    """The page that is meant, and a note on those that are left out."""
+    pages = _full_pages(file)
+    if part is not None:
+        if not part.isdigit() or not 1 <= int(part) <= len(pages):
+            raise InputError("part", f"a page from 1 to {len(pages)}", part, "choose one of them")
+        return pages[int(part) - 1], (f"page {part} of {len(pages)} is read",)
+    if len(pages) > 1:
+        hint = "choose a page with `part`; pictures through a polariser are a capture"
+        raise InputError(str(path), "one picture", f"{len(pages)} pages", hint)
+    copies = len(file.pages) - 1
+    return pages[0], (f"{copies} small copies in the file are left out",) if copies else ()
+
+
+def _check_form(path: Path, page: Any) -> None:
+    photometric = getattr(page.photometric, "name", str(page.photometric))
+    samples = int(page.samplesperpixel)
+    wrong = [
+        (page.bitspersample == 1, "1 bit a pixel"),
+        (photometric not in ("RGB", "MINISBLACK"), photometric),
+        (page.dtype not in (np.uint8, np.uint16, np.float16, np.float32), str(page.dtype)),
+        (page.dtype == np.uint8 and page.bitspersample < 8, f"{page.bitspersample} bits"),
+        (len(page.shape) not in (2, 3) or samples > 4, f"shape {page.shape}"),
+    ]
+    for is_wrong, form in wrong:
+        if is_wrong:
+            expected = "grey or RGB of 8 to 16 or float bits"
+            hint = "develop it" if photometric in ("CFA", "LINEAR_RAW") else "convert it to RGB"
+            raise InputError(str(path), expected, form, hint)
+
+
+def _interleaved(page: Any) -> AnyArray:
+    """The page's values (height, width[, channels]), from separate planes too."""
+    values: AnyArray = page.asarray()
+    separate = values.ndim == 3 and page.planarconfig == 2
+    return np.ascontiguousarray(np.moveaxis(values, 0, -1)) if separate else values
+
+
+def _is_premultiplied(page: Any) -> bool:
+    return any(int(sample) == 1 for sample in page.extrasamples)
+
+
+def _of_floats(
+    path: Path,
+    values: AnyArray,
+    metadata: dict[str, Any],
+    premultiplied: bool,
+    notes: tuple[str, ...],
+) -> Picture:
+    """A picture of floats, which are linear light."""
+    planes = values if values.ndim == 3 else values[..., None]
+    bad = int(np.count_nonzero(~np.isfinite(planes)))
+    if bad:
+        raise InputError(str(path), "finite values", f"{bad} others", "clean the picture")
+    colours = 3 if planes.shape[-1] >= 3 else 1
+    alpha = planes[..., -1] if planes.shape[-1] in (2, 4) else None
+    linear = planes[..., :colours].astype(np.float32)
+    premultiplied = premultiplied and alpha is not None
+    if premultiplied and alpha is not None:
+        linear = divided_by_alpha(linear, alpha)
+    return Picture(linear, "TIFF", None, alpha, metadata, premultiplied, notes)
+
+
+def _metadata(page: Any) -> dict[str, Any]:
+    """Profile, resolution, texts and meaning of alpha, as tifffile's writer takes them."""
+    tags = page.tags
+    kept: dict[str, Any] = {}
+    if _ICC_TAG in tags:
+        kept["iccprofile"] = tags[_ICC_TAG].value
+    if 282 in tags and 283 in tags:
+        kept["resolution"] = (tags[282].value, tags[283].value)
+        kept["resolutionunit"] = int(tags[296].value) if 296 in tags else 2
+    texts = [(code, 2, 0, str(tags[code].value), True) for code in _TEXT_TAGS if code in tags]
+    if texts:
+        kept["extratags"] = texts
+    if page.description:
+        kept["description"] = page.description
+    if page.samplesperpixel in (2, 4):
+        names = {1: "assocalpha", 2: "unassalpha"}
+        kept["extrasamples"] = [names.get(int(s), "unspecified") for s in page.extrasamples[-1:]]
+    return kept
