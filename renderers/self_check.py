@@ -205,7 +205,7 @@ def _brewster(variant: Variant) -> float:
     truth = render_family([scene], Sampling(samples=64), variant).truth(scene)
     cosine = truth.normals[..., 2].astype(np.float64)
     inside = truth.mask & (cosine > np.cos(np.radians(65.0)))
-    perpendicular, parallel = fresnel(cosine[inside], 1.5)
+    perpendicular, parallel = fresnel(cosine[inside], np.array([1.5]))
     law = (perpendicular - parallel) / (perpendicular + parallel)
     return float(np.abs(dolp(truth.specular)[inside][:, 0] - law).max())
 
@@ -243,4 +243,4 @@ if __name__ == "__main__":
     import sys
 
     on_trial = Variant(sys.argv[1], "on trial", sys.argv[2] or None)
-    sys.stdout.write("usable" if works(on_trial) else "wrong")
+    sys.exit(0 if works(on_trial) else 1)

@@ -118,7 +118,9 @@ def sphere_normals(camera: Camera) -> tuple[Float64Array, BoolArray]:
     return np.where(mask[..., None], np.stack([x, y, z], axis=-1), 0.0), mask
 
 
-def fresnel(cos_incidence: float, eta: Float64Array) -> tuple[Float64Array, Float64Array]:
+def fresnel(
+    cos_incidence: float | Float64Array, eta: Float64Array
+) -> tuple[Float64Array, Float64Array]:
     """Fresnel reflectances (perpendicular, parallel) of a dielectric, η > 1.
 
     Examples

@@ -30,7 +30,7 @@ KEYS = ("method", "knowledge", "body", "light", "surface")
 """Columns that a measured value stands for; scenes of other shapes and materials are pooled."""
 
 _HEADER = """\
-# What was measured when this baseline was reviewed. People write the rules; `malus gate --update`
+# What was measured when this baseline was reviewed. People write the rules; an update by `malus gate`
 # writes the rest, and its difference is what there is to review.
 """
 

@@ -8,6 +8,7 @@ fixed order: results do not depend on the number of threads.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -103,7 +104,7 @@ class Stage:
         recordable = around is None or not mi.variant().startswith("cuda")
         # New kinds of light and body are no reason to warn.
         freeze = functools.partial(dr.freeze, limit=RECORDINGS, warn_after=1 << 30)
-        self._replay = freeze(shade) if recordable else shade
+        self._replay: Callable[..., Any] = freeze(shade) if recordable else shade
         self._touched: dict[Sampling, Touched] = {}
 
     def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:
