@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from malus.bench.datasets.predictions import PredictionErrors as PredictionErrors
     from malus.bench.datasets.render import render_dataset as render_dataset
     from malus.bench.datasets.score import score_dataset as score_dataset
-    from malus.bench.public.doctor import doctor as doctor
+    from malus.bench.public.doctor import doctor as doctor, self_check as self_check
     from malus.bench.public.gates import (
         BaselineUpdate as BaselineUpdate,
         GateResult as GateResult,
@@ -130,7 +130,7 @@ _NAMES = {
     "malus.bench.datasets.predictions": "PredictionErrors",
     "malus.bench.datasets.render": "render_dataset",
     "malus.bench.datasets.score": "score_dataset",
-    "malus.bench.public.doctor": "doctor",
+    "malus.bench.public.doctor": "doctor self_check",
     "malus.bench.public.gates": "BaselineUpdate GateResult gate update_baseline",
     "malus.bench.public.lists": "list_lights list_materials list_metals list_methods list_patterns"
     " list_shapes list_studies list_suites list_surfaces list_swatches",

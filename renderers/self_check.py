@@ -59,7 +59,8 @@ class Check:
     what : str
         What was compared.
     deviation, limit : float
-        The largest deviation and what is allowed, in the unit that `what` names.
+        The largest deviation and what is allowed, in the unit that `what` names; NaN where an
+        error stopped the check.
     seconds : float
     passed : bool
     why : str
@@ -93,7 +94,7 @@ def self_check(variant: Variant, short: bool = False) -> Iterator[Check]:
         if (short and name not in SHORT) or not (variant.vectorised or is_plain(scene)):
             continue
         compare = functools.partial(_deviation, variant, scene, stored[name])
-        yield _checked(name, "standard errors from the stored values", LARGEST, compare)
+        yield _checked(name, "σ from stored values", LARGEST, compare)
     for name, (what, limit, law) in LAWS.items():
         if (short and name not in SHORT) or (name == "malus" and not variant.vectorised):
             continue
@@ -224,12 +225,12 @@ def _malus(variant: Variant) -> float:
 
 LAWS: dict[str, tuple[str, float, Callable[[Variant], float]]] = {
     # In standard errors, and 1e-5 for the rounding of 32 bits.
-    "furnace": ("standard errors of the radiance from that of a white furnace", 5.0, _furnace),
+    "furnace": ("σ from a white furnace", 5.0, _furnace),
     # A pixel sees 4° of zenith angles at 65°, where the law changes by 0.02 a degree. In a wrong
     # frame the difference is up to 1.
-    "brewster": ("degree of polarisation from Fresnel's", 0.05, _brewster),
+    "brewster": ("DoLP from Fresnel's", 0.05, _brewster),
     # Two renders of 256 samples: their noise is 4e-3 at most, a wrong sign of s2 gives 0.3.
-    "malus": ("radiance behind a polariser over the peak", 0.03, _malus),
+    "malus": ("I(ϑ) over the peak", 0.03, _malus),
 }
 """Laws by name: the unit of the deviation, its limit with the reason, and the measurement."""
 

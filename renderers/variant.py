@@ -201,8 +201,34 @@ def choose(backend: str = "auto") -> Variant:
         raise InputError("backend", "auto, cuda, llvm or scalar", backend, "choose one of these")
     variant = _cuda() if backend == "cuda" else _llvm()
     if variant is None:
-        raise InputError("backend", f"a working {backend}", "none", "`malus doctor` says more")
+        hint = "`malus doctor` says what is here, and what a check of it finds"
+        raise InputError("backend", f"a working {backend}", "none", hint)
     return variant
+
+
+def unchecked(backend: str = "auto") -> Variant:
+    """The variant of a backend for a check: as `choose` has it, but believed without one.
+
+    Raises
+    ------
+    InputError
+        Unknown backend, or one without a library here.
+    """
+    if backend == "cuda":
+        return Variant(CUDA, "asked for")
+    if backend == "llvm":
+        path = next(iter(llvm_candidates()), None)
+        if path is None:
+            hint = "`malus doctor` says more"
+            raise InputError("backend", "LLVM 17 or later", "no such library", hint)
+        return Variant(LLVM, "asked for", str(path))
+    return choose(backend)
+
+
+def missing_llvm() -> str | None:
+    """The path in DRJIT_LIBLLVM_PATH where it names no file."""
+    named = os.environ.get("DRJIT_LIBLLVM_PATH")
+    return named if named and not Path(named).is_file() else None
 
 
 def mitsuba(variant: Variant) -> ModuleType:

@@ -7,27 +7,64 @@ from typing import Any
 
 import click
 
-from malus.bench.commands.options import command
+from malus.bench.commands.options import backend_option, command
 
 
 @command("doctor")
+@click.option("--check", is_flag=True, help="Render small scenes of every kind, and judge them.")
+@backend_option
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
-def doctor_command(as_json: bool) -> None:
+def doctor_command(check: bool, backend: str, as_json: bool) -> None:
     """Say what this machine renders with, what is missing, and the command that mends it.
+
+    With --check it renders small scenes of every kind, compares them with stored values and with
+    laws of physics, and ends with exit code 1 where one deviates. --backend says which variant.
 
     \b
     Example:
       malus doctor
+      malus doctor --check
     """
     from malus.bench.commands.printing import print_json
     from malus.bench.public.doctor import doctor
 
+    if check:
+        _check(backend, as_json)
+        return
     findings = doctor()
     if as_json:
         print_json(findings, indent=2)
     else:
         _tell(findings)
     sys.exit(0 if all(findings["packages"].values()) else 1)
+
+
+def _check(backend: str, as_json: bool) -> None:
+    """Print what the self-check found; exit code 1 where anything deviates."""
+    from dataclasses import asdict
+
+    from rich.console import Console
+
+    from malus.bench.commands.printing import plain_table, print_json
+    from malus.bench.public.doctor import self_check
+
+    checks = self_check(backend)
+    failed = sum(not check.passed for check in checks)
+    if as_json:
+        print_json([asdict(check) for check in checks], indent=2)  # NaN: no deviation was found
+    else:
+        table = plain_table("check", "result")
+        for name in ("deviation", "limit", "seconds"):
+            table.add_column(name, justify="right")
+        table.add_column("of what")
+        for check in checks:
+            numbers = (f"{check.deviation:.2g}", f"{check.limit:g}", f"{check.seconds:.2f}")
+            verdict = "passed" if check.passed else "FAILED"
+            table.add_row(check.name, verdict, *numbers, check.why or check.what)
+        console = Console()
+        console.print(table)
+        console.print(f"{len(checks)} checks, {failed} failed", highlight=False)
+    sys.exit(1 if failed else 0)
 
 
 def _tell(findings: dict[str, Any]) -> None:
@@ -44,5 +81,11 @@ def _tell(findings: dict[str, Any]) -> None:
     table.add_row("variant", f"{findings['variant']} ({findings['reason']})")
     console = Console()
     console.print(table)
+    if findings["missing_library"]:
+        console.print(
+            f"DRJIT_LIBLLVM_PATH names {findings['missing_library']}, where no file is: correct it,"
+            " or unset it to let malus look in the usual places",
+            highlight=False,
+        )
     if findings["advice"]:
         console.print(findings["advice"], highlight=False)

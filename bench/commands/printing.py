@@ -12,7 +12,7 @@ from rich.table import Table
 from malus.bench.running.results import Results, headline
 
 
-def print_json(values: dict[str, Any], indent: int | None = None) -> None:
+def print_json(values: Any, indent: int | None = None) -> None:
     """Print values as JSON on standard output."""
     sys.stdout.write(json.dumps(values, indent=indent) + "\n")
 

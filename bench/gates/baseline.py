@@ -30,8 +30,8 @@ KEYS = ("method", "knowledge", "body", "light", "surface")
 """Columns that a measured value stands for; scenes of other shapes and materials are pooled."""
 
 _HEADER = """\
-# What was measured when this baseline was reviewed. People write the rules; an update by `malus gate`
-# writes the rest, and its difference is what there is to review.
+# What was measured when this baseline was reviewed. People write the rules; `malus gate` writes the
+# rest when it updates them, and the difference is what there is to review.
 """
 
 

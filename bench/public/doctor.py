@@ -6,7 +6,17 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from malus.renderers.variant import BROKEN_LLVM, SCALAR, choose, installed_llvm, llvm_version
+from malus.renderers.self_check import Check
+from malus.renderers.self_check import self_check as checks_of
+from malus.renderers.variant import (
+    BROKEN_LLVM,
+    SCALAR,
+    choose,
+    installed_llvm,
+    llvm_version,
+    missing_llvm,
+    unchecked,
+)
 
 PACKAGES = (
     "malus",
@@ -32,7 +42,8 @@ def doctor() -> dict[str, Any]:
     dict
         `python`, a version; `packages`, versions by name, None where one is missing; `variant`,
         Mitsuba's, and the `reason` why; `llvm`, path of the library in use or None; `libraries`,
-        those found, each with path, version and whether it `aborts` the process; `advice`, how to
+        those found, each with path, version and whether it `aborts` the process; `missing_library`,
+        the file that DRJIT_LIBLLVM_PATH names where there is none, or None; `advice`, how to
         render faster, or None.
 
     Examples
@@ -52,8 +63,37 @@ def doctor() -> dict[str, Any]:
         "reason": variant.reason,
         "llvm": variant.llvm,
         "libraries": libraries,
+        "missing_library": missing_llvm(),
         "advice": _advice(variant.name),
     }
+
+
+def self_check(backend: str = "auto", short: bool = False) -> list[Check]:
+    """Render small scenes of every kind and compare them with stored values and laws.
+
+    Parameters
+    ----------
+    backend : 'auto', 'cuda', 'llvm' or 'scalar'
+        What to check, also where it is not chosen because it failed before.
+    short : bool
+        Only the few scenes that a variant must pass before malus chooses it.
+
+    Returns
+    -------
+    list of Check
+        Name, what was compared, deviation and its limit, seconds, and whether it passed.
+
+    Raises
+    ------
+    InputError
+        An unknown backend, or one that is not here.
+
+    Examples
+    --------
+    >>> all(check.passed for check in self_check("scalar", short=True))
+    True
+    """
+    return list(checks_of(unchecked(backend), short))
 
 
 def _version(name: str) -> str | None:

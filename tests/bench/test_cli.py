@@ -15,6 +15,8 @@ from malus.bench import read_results
 from malus.bench.cli import main
 from malus.bench.running.output_folder import FOLDERS, prepare_folder
 from malus.renderers.datasets.dataset import DatasetWriter
+from malus.renderers.self_check import Check
+from malus.renderers.variant import choose
 from malus.scenes import InputError
 from malus.scenes.core.result_files import HEADLINES, PARTS, RUN, TABLE
 
@@ -215,3 +217,27 @@ def test_version() -> None:
     done = run_malus("--version")
     assert done.returncode == 0
     assert version("malus") in done.stdout
+
+
+def test_doctor_checks_what_renders_here() -> None:
+    done = run_malus("doctor", "--check", "--json")
+    assert done.returncode == 0, done.stdout
+    checks = json.loads(done.stdout)
+    assert {"uniform light", "furnace", "brewster"} <= {check["name"] for check in checks}
+    assert all(check["passed"] for check in checks)
+
+
+def test_a_check_that_fails_is_exit_code_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong = Check("sky", "σ from stored values", 9.0, 6.0, 0.1, passed=False)
+    monkeypatch.setattr("malus.bench.public.doctor.checks_of", lambda *_: iter([wrong]))
+    done = run_malus("doctor", "--check")
+    assert done.returncode == 1
+    assert "FAILED" in done.stdout
+    assert "1 checks, 1 failed" in done.stdout
+
+
+def test_doctor_says_that_the_library_named_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/nonexistent")
+    monkeypatch.setattr("malus.bench.public.doctor.choose", lambda: choose("scalar"))
+    done = run_malus("doctor")
+    assert "DRJIT_LIBLLVM_PATH names /nonexistent, where no file is" in done.stdout
