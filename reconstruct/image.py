@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from malus.reconstruct.lobe_models import Lobe, LobeModel, ZenithTables
+from malus.reconstruct.lobe_models import Lobe, LobeModel, ZenithTables, on_steps
 from malus.reconstruct.observation import Components, Observation
 from malus.reconstruct.pixel_block import Block
 from malus.scenes.core.arrays import Float64Array
@@ -86,13 +86,16 @@ def from_lobes(
 
 def _joined(lobes: Sequence[ZenithTables]) -> Float64Array:
     """One table (steps + 2, columns) of all lobes and bands, on the finest of their grids."""
-    columns = [grid for lobe in lobes for grid in lobe.grids]
-    finest = np.linspace(0.0, 1.0, max((column.size for column in columns), default=1))
-    for k, column in enumerate(columns):
-        if column.size < finest.size:
-            columns[k] = np.interp(finest, np.linspace(0.0, 1.0, column.size), column)
-    joined = np.stack(columns, axis=-1) if columns else np.zeros((1, 0))
-    return np.concatenate([joined, joined[-1:]])  # one cell more, for x = 1 itself
+    steps = max((len(lobe.columns) for lobe in lobes), default=1)
+    columns = sum(lobe.columns.shape[1] for lobe in lobes)
+    table = np.empty((steps + 1, columns))
+    start = 0
+    for lobe in lobes:
+        end = start + lobe.columns.shape[1]
+        np.multiply(on_steps(lobe.columns, steps), lobe.sign, out=table[:-1, start:end])
+        start = end
+    table[-1] = table[-2]  # one cell more, for x = 1 itself
+    return table
 
 
 def _in_threads(work: Callable[[slice], None], blocks: Sequence[slice]) -> None:

@@ -16,7 +16,13 @@ import numpy as np
 
 from malus.reconstruct.facets.maps import mapped_dolp
 from malus.reconstruct.facets.ratio import Measure
-from malus.reconstruct.facets.table import DiffuseTable, SmoothTable, Table, specular_tables
+from malus.reconstruct.facets.table import (
+    DiffuseTable,
+    DolpTable,
+    SmoothTable,
+    Table,
+    specular_columns,
+)
 from malus.reconstruct.fresnel import smooth_dolp, transmission_dolp
 from malus.reconstruct.observation import Image, Inapplicable, Observation
 from malus.reconstruct.pixel_block import Block, uniform_alpha, uniform_eta
@@ -33,10 +39,12 @@ StokesRatios = Callable[[Block], Image]
 class ZenithTables(NamedTuple):
     """Polarisation about the normal that depends on the zenith angle alone.
 
-    `grids` has one array a band: s1/s0 at azimuth 0, on even steps of √cos θ from 0 to 1.
+    `columns` (steps + 1, bands) are s1/s0 at azimuth 0, on even steps of √cos θ from 0 to 1, over
+    `sign`.
     """
 
-    grids: Sequence[Float64Array]
+    columns: Float64Array
+    sign: int
 
 
 Lobe = ZenithTables | StokesRatios
@@ -51,7 +59,10 @@ def microfacets(measure: Measure) -> LobeModel:
         eta, alpha = uniform_eta(observation), uniform_alpha(observation)
         if eta is None or alpha is None:
             return _pixelwise(mapped_dolp(observation, measure), -1)
-        return _tabulated(specular_tables(eta, alpha**-2.0, measure), -1)
+        columns = specular_columns(eta, alpha**-2.0, measure)
+        if columns is not None:
+            return ZenithTables(columns, -1)
+        return _tabulated([DolpTable(index, alpha**-2.0, measure) for index in eta], -1)
 
     return prepare
 
@@ -86,13 +97,24 @@ def _from_index(
 
 def _tabulated(tables: Sequence[Table], sign: int) -> Lobe:
     """A lobe from one table a band; `sign` +1 is parallel to the plane of normal and viewer."""
-    grids = [sign * table.grid for table in tables if table.grid is not None]
+    grids = [table.grid for table in tables if table.grid is not None]
     if len(grids) == len(tables):
-        return ZenithTables(grids)
+        steps = max(grid.size for grid in grids)
+        return ZenithTables(np.stack([on_steps(grid, steps) for grid in grids], axis=-1), sign)
     # Of nearly smooth surfaces near a critical angle no even grid is fine enough.
     return _pixelwise(
         lambda block: np.stack([table(block.cosine) for table in tables], axis=-1), sign
     )
+
+
+def on_steps(columns: Float64Array, steps: int) -> Float64Array:
+    """Values (steps, …) on straight lines between those of a coarser even grid."""
+    if len(columns) == steps:
+        return columns
+    old, new = np.linspace(0.0, 1.0, len(columns)), np.linspace(0.0, 1.0, steps)
+    flat = columns.reshape(len(columns), -1)
+    fine = np.stack([np.interp(new, old, column) for column in flat.T], axis=-1)
+    return fine.reshape(steps, *columns.shape[1:])
 
 
 def _pixelwise(dolp: DolpFunction, sign: int) -> StokesRatios:

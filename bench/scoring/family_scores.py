@@ -147,6 +147,7 @@ class FamilyJudge:
         self.draws = np.empty((count, 5, image.shape[1]))
         unpolarised = np.zeros_like(pixels.true)
         moments, totals = self._sums((image, unpolarised, unpolarised))
+        self.guess_moments = moments, totals, self.draws[:, :3].copy()
         self.guesses = [self._residuals(moments, scene) for scene in range(count)]
         # The guess lacks the whole field: its product with that is minus the field's energy.
         self.totals = np.stack([-totals[:, 0], totals[:, 2]], axis=1)
@@ -154,7 +155,7 @@ class FamilyJudge:
 
     def scores(self, estimate: Components) -> list[Score]:
         """Score an estimate of all scenes, one score a scene."""
-        moments, totals = self._sums((estimate.image, estimate.s1, estimate.s2))
+        moments, totals = self._sums_of(estimate)
         violations = self._violations(estimate)
         return [
             self._score(moments, totals[scene], int(violations[scene]), scene)
@@ -177,6 +178,16 @@ class FamilyJudge:
                 self.pixels.true.shape[1] * self.bands,
             ),
         )
+
+    def _sums_of(self, estimate: Components) -> tuple[Float64Array, Float64Array]:
+        """As `_sums`; those of the trivial guess are known."""
+        is_guess = estimate.image is self.pixels.observation.image and not (
+            estimate.s1.any() or estimate.s2.any()
+        )
+        if not is_guess:
+            return self._sums((estimate.image, estimate.s1, estimate.s2))
+        moments, totals, self.draws[:, :3] = self.guess_moments
+        return moments, totals
 
     def _sums(self, estimate: ThreeImages) -> tuple[Float64Array, Float64Array]:
         """Moments and totals of an estimate, see `difference_sums`; `self.draws` is written."""

@@ -111,11 +111,24 @@ def _specular_by_index(sigma: float, measure: Measure) -> Float64Array | None:
     return coefficients(np.stack([table.function(root) for table in tables]), axis=0)
 
 
-def specular_tables(eta: NDArray[Any], sigma: float, measure: Measure) -> list[Table]:
-    """Tables of ρ of one roughness, one for each of some indices (n,).
+def specular_columns(eta: NDArray[Any], sigma: float, measure: Measure) -> Float64Array | None:
+    """Tables of ρ of one roughness for many ordinary indices at once, interpolated in η from few.
 
-    Many indices at once, as of the bands of all materials of a family, cost no more than the few
-    at which their tables are interpolated: ρ is a smooth function of η.
+    The bands of all materials of a family cost no more than the few indices at which ρ, a smooth
+    function of η, is tabulated. Kept, because a family comes under several lights.
+
+    Parameters
+    ----------
+    eta : (n,)
+        Relative indices.
+    sigma, measure
+        As for `DolpTable`.
+
+    Returns
+    -------
+    (grid, n) array or None
+        Values on even steps of √cos θ from 0 to 1, within 1e-6; read only. None where a table of
+        each index is better: for few indices, metals, or an index of no ordinary dielectric.
 
     Raises
     ------
@@ -124,27 +137,28 @@ def specular_tables(eta: NDArray[Any], sigma: float, measure: Measure) -> list[T
 
     Examples
     --------
-    >>> few, many = np.array([1.5]), np.linspace(1.4, 1.6, 40)
-    >>> (one,), others = specular_tables(few, 10.0, "eq8"), specular_tables(many, 10.0, "eq8")
-    >>> bool(abs(one(0.5) - DolpTable(1.5, 10.0)(0.5)) < 1e-6), len(others)
-    (True, 40)
+    >>> columns = specular_columns(np.linspace(1.4, 1.6, 40), 10.0, "eq8")
+    >>> columns.shape[1], specular_columns(np.array([1.5]), 10.0, "eq8")
+    (40, None)
     """
     exponent, known = float(checked_sigma(sigma)), checked_measure(measure)
     ordinary = np.isrealobj(eta) and _ORDINARY[0] <= eta.min() and eta.max() <= _ORDINARY[1]
-    series = None
-    if ordinary and np.unique(eta).size > _NODES:
-        series = _specular_by_index(exponent, known)
+    if not ordinary or np.unique(eta).size <= _NODES:
+        return None
+    return _columns(tuple(np.asarray(eta, np.float64).tolist()), exponent, known)
+
+
+@lru_cache(maxsize=40)
+def _columns(eta: tuple[float, ...], sigma: float, measure: Measure) -> Float64Array | None:
+    series = _specular_by_index(sigma, measure)
     if series is None:
-        return [DolpTable(index, exponent, known) for index in eta]
-    unit = (2.0 * np.asarray(eta, np.float64) - sum(_ORDINARY)) / (_ORDINARY[1] - _ORDINARY[0])
-    grids = np.polynomial.chebyshev.chebvander(unit, _NODES - 1) @ series
-    return [Table(_on_grid(grid)) for grid in grids]
-
-
-def _on_grid(grid: Float64Array) -> _Interpolant:
-    """A function that is known on an even grid alone."""
-    steps = np.linspace(0.0, 1.0, grid.size)
-    return _Interpolant(lambda root: np.interp(root, steps, grid), grid, _NODES)
+        return None
+    unit = (2.0 * np.array(eta) - sum(_ORDINARY)) / (_ORDINARY[1] - _ORDINARY[0])
+    columns = np.ascontiguousarray(
+        series.T @ np.polynomial.chebyshev.chebvander(unit, _NODES - 1).T
+    )
+    columns.flags.writeable = False  # shared by all callers
+    return columns
 
 
 @lru_cache(maxsize=1024)
