@@ -203,8 +203,8 @@ def _columns(stems: Sequence[str], points: Sequence[str]) -> list[Column]:
         pattern = re.compile(_NUMBER.format(point=point))
         numbers = [list(pattern.finditer(stem)) for stem in stems]
         fewest = min(len(matches) for matches in numbers)
-        for place in [*range(fewest), *range(-fewest, 0)]:
-            matches = [of_name[place] for of_name in numbers]
+        for index in [*range(fewest), *range(-fewest, 0)]:
+            matches = [of_name[index] for of_name in numbers]
             column = _column(stems, matches)
             columns.setdefault(column.values, column)
     return list(columns.values())

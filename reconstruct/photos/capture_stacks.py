@@ -196,10 +196,10 @@ def _of_properties(folder: Path, properties: dict[str, Properties | None]) -> St
     if missing:
         expected = f"a JSON file with an angle beside {missing[0]}, as beside others"
         raise InputError(str(folder), expected, "none", "add it, or take the picture away")
-    known = [value for value in properties.values() if value is not None]
-    angles = _of_names(folder, True, {n: p.angle for n, p in zip(properties, known, strict=True)})
-    scales = tuple(1.0 if p.full_scale is None else p.full_scale for p in known)
-    stated = any(p.full_scale is not None for p in known)
+    present = [value for value in properties.values() if value is not None]
+    angles = _of_names(folder, True, {n: p.angle for n, p in zip(properties, present, strict=True)})
+    scales = tuple(1.0 if p.full_scale is None else p.full_scale for p in present)
+    stated = any(p.full_scale is not None for p in present)
     return angles._replace(unit="radians", zero="horizontal", scales=scales, never_clipped=stated)
 
 
@@ -225,9 +225,9 @@ def _exported(folder: Path, linear: bool) -> Stack:
     )
     if not bands:
         scenes = (folder / "conventions.json").is_file()
-        found = "a folder of scenes" if scenes else "none"
+        content = "a folder of scenes" if scenes else "none"
         hint = "name the folder of one scene" if scenes else "check the path"
-        raise InputError(str(folder), "pictures at three or more angles", found, hint)
+        raise InputError(str(folder), "pictures at three or more angles", content, hint)
     stacks = [_of_folder(path, linear, None, set()) for _, path in bands]
     first = stacks[0]
     for stack, (_, path) in zip(stacks, bands, strict=True):

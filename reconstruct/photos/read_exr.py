@@ -37,7 +37,7 @@ def read_exr(path: Path, linear: bool, part: str | None = None) -> Picture:
     del linear  # OpenEXR holds light
     with reading(str(path), "a whole OpenEXR file", "save it again"):
         with quiet(), OpenEXR.File(str(path), header_only=True) as file:
-            headers = [dict(one.header) for one in file.parts]
+            headers = [dict(stored.header) for stored in file.parts]
         index = _chosen(path, headers, part)
         _check_header(path, headers[index])
         with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:

@@ -193,8 +193,8 @@ def _check_depth(path: Path, image: Any) -> None:
     with path.open("rb") as file:
         head = file.read(1 << 16)
     if image.format in ("AVIF", "HEIF"):
-        place = head.find(b"pixi")
-        bits = max(head[place + 9 : place + 9 + head[place + 8]], default=8) if place > 0 else 8
+        offset = head.find(b"pixi")
+        bits = max(head[offset + 9 : offset + 9 + head[offset + 8]], default=8) if offset > 0 else 8
     elif image.format == "PPM" and image.mode == "RGB":
         header = [word for line in head[:4096].split(b"\n") for word in line.split(b"#")[0].split()]
         bits = int(header[3]).bit_length() if header[0] in (b"P3", b"P6") else 8

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -323,6 +324,23 @@ def test_values_that_are_light_and_not_srgb_are_hinted_at() -> None:
     assert any("say `linear`" in hint for hint in capture.hints)
     capture, _ = fitted("capture_bits_in_name")
     assert not any("say `linear`" in hint for hint in capture.hints)
+
+
+@pytest.mark.parametrize("is_mosaic", [False, True])
+def test_reading_needs_at_most_three_times_the_decoded_pictures(
+    tmp_path: Path, is_mosaic: bool
+) -> None:
+    codes = np.random.default_rng(0).integers(1, 1 << 16, (768, 768), dtype=np.uint16)
+    for angle in (0,) if is_mosaic else (0, 45, 90, 135):
+        PIL.Image.fromarray(codes // (1 + angle)).save(tmp_path / f"{angle}.png")
+    mosaic = (90, 45, 135, 0) if is_mosaic else None
+    path = tmp_path / "0.png" if is_mosaic else tmp_path
+    read_capture(path, mosaic=mosaic)  # imports are not the pictures'
+    tracemalloc.start()
+    capture = read_capture(path, mosaic=mosaic)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 3 * capture.pictures.nbytes
 
 
 def test_the_command_names_what_it_assumed() -> None:

@@ -10,6 +10,7 @@ import PIL.Image
 import pytest
 import tifffile
 
+from malus.reconstruct.photos import mosaic
 from malus.reconstruct.photos.capture import read_capture
 from malus.reconstruct.photos.capture_fit import fit_capture
 from malus.reconstruct.photos.mosaic import bilinear, demosaic, demosaic_bayer, demosaic_grey
@@ -80,6 +81,16 @@ def test_edges_are_better_than_after_bilinear_interpolation(noise: float) -> Non
     assert polarised[0] < 0.7 * polarised[1]
     largest = [float(np.abs((degree(p) - degree(pictures))[INNER]).max()) for p in (ours, theirs)]
     assert largest[0] < largest[1]
+
+
+def test_frames_are_worked_on_in_strips_that_leave_no_seam(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    frame = frame_of(through(edges()))
+    whole = demosaic_grey(frame)
+    monkeypatch.setattr(mosaic, "_ROWS", 20)
+    # Float32 sums of a running window begin elsewhere.
+    np.testing.assert_allclose(demosaic_grey(frame), whole, atol=1e-5)
 
 
 def test_measured_pixels_stay_as_they_are() -> None:

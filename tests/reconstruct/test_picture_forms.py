@@ -295,9 +295,9 @@ def test_luminance_and_chroma_are_colour(tmp_path: Path, step: int) -> None:
     if step == 1:
         # Float32 of a quotient that is multiplied out again.
         np.testing.assert_allclose(picture.linear, rgb, atol=1e-6)
-    at = picture.linear[::step, ::step]
-    np.testing.assert_allclose(at @ weights, luminance[::step, ::step], atol=1e-6)
-    back = at[..., 0] / luminance[::step, ::step] - 1
+    sampled = picture.linear[::step, ::step]
+    np.testing.assert_allclose(sampled @ weights, luminance[::step, ::step], atol=1e-6)
+    back = sampled[..., 0] / luminance[::step, ::step] - 1
     np.testing.assert_allclose(back, stored["RY"], atol=1e-6)
     assert picture.notes == ("luminance and chroma are written as R, G, B",)
     again = read_picture(rewritten(tmp_path / "a.exr", picture))
