@@ -15,6 +15,9 @@ from malus.scenes.core.errors import InputError
 _PILE = 0.0005
 """Share of the values at one largest value from which the sensor may have been full there."""
 _LEAST_PILE = 10
+_ENDS = (1023, 4095, 16383, 1023 << 6, 4095 << 4, 16383 << 2)
+"""Largest codes of 10, 12 and 14 bits in 16, as they are or in the high bits."""
+_FEW = 3
 _STEEPER = 4.0
 """Times as many values as any one below it has in a pile-up, of those within a tenth."""
 _SAMPLES = 200_000
@@ -97,12 +100,14 @@ def _number(black: float | str | Path) -> float | None:
         return None
 
 
-def saturation(pictures: Float32Array) -> Float64Array:
+def saturation(pictures: Float32Array, largest_code: int = 0) -> Float64Array:
     """Light at which each channel (channels,) piles up at its largest value; infinite for none.
 
     Parameters
     ----------
     pictures : (pictures, height, width, channels) linear light
+    largest_code : code of the light 1 in files whose codes are light; 0 in others
+        Where the largest value is the end of 10, 12 or 14 bits, a few pixels there are enough.
 
     Examples
     --------
@@ -110,6 +115,12 @@ def saturation(pictures: Float32Array) -> Float64Array:
     >>> saturation(np.minimum(light, 1.5)).tolist(), saturation(light).tolist()
     ([1.5], [inf])
     """
+    highest = pictures.max(axis=(0, 1, 2)).astype(np.float64)
+    ends = np.rint(highest * largest_code)
+    if len(set(ends)) == 1 and ends[0] in _ENDS and largest_code > ends[0]:
+        at_end = np.count_nonzero(pictures == highest.astype(np.float32))
+        if at_end >= _FEW:
+            return highest
     thinned, _ = _thinned(pictures, np.zeros(pictures.shape[1:3], dtype=bool))
     return np.array([_pile_up(thinned[..., i].ravel()) for i in range(pictures.shape[-1])])
 

@@ -87,6 +87,8 @@ def _matched(where: str, angles: Sequence[float] | None, count: int) -> tuple[fl
 
 def _of_pages(path: Path, linear: bool, angles: Sequence[float] | None) -> Stack:
     count = count_pages(path)
+    if count == 1 and angles is not None:
+        return _of_samples(path, angles)
     if count == 1:
         hint = "a frame of a polarisation camera needs `mosaic`, such as 90,45,135,0"
         raise InputError(str(path), "a TIFF of several pages", "one picture", hint)
@@ -98,8 +100,25 @@ def _of_pages(path: Path, linear: bool, angles: Sequence[float] | None) -> Stack
     return Stack(names, _matched(str(path), angles, count), read)
 
 
-def _of_array(path: Path, angles: Sequence[float] | None) -> Stack:
-    array = _open_array(path)
+def _of_samples(path: Path, angles: Sequence[float]) -> Stack:
+    """Pictures that are the channels of one TIFF page."""
+    import tifffile
+
+    with (
+        reading(str(path), "a whole TIFF file", "save it again"),
+        tifffile.TiffFile(path) as file,
+    ):
+        page = file.pages.first
+        check_size(path, page.imagewidth, page.imagelength)
+        if page.samplesperpixel != len(angles):
+            form = f"one page of {page.samplesperpixel} channels"
+            raise InputError(str(path), f"{len(angles)} pages or channels", form, "check `angles`")
+        array = page.asarray()
+    return _of_array(path, angles, array)
+
+
+def _of_array(path: Path, angles: Sequence[float] | None, values: AnyArray | None = None) -> Stack:
+    array = _open_array(path) if values is None else values
     count = None if angles is None else len(angles)
     if array.ndim == 3 and count not in (None, array.shape[0]) and count == array.shape[2]:
         array = np.moveaxis(array, -1, 0)

@@ -185,7 +185,7 @@ def _exr(path: Path, picture: Picture) -> None:
     }
     channels |= {name: np.ascontiguousarray(c) for name, c in picture.others.items()}
     if picture.alpha is not None:
-        channels["A"] = np.ascontiguousarray(picture.alpha)
+        channels[metadata.get("alpha", "A")] = np.ascontiguousarray(picture.alpha)
     compression = lossless_compression(metadata.get("compression", "ZIP"))
     header = {
         "compression": getattr(OpenEXR, f"{compression}_COMPRESSION"),

@@ -82,6 +82,20 @@ def files(name: str) -> list[Path]:
     return sorted((CASES / f"capture_{name}").iterdir())
 
 
+@pytest.mark.parametrize(("end", "factor"), [(1023, 1), (4095, 1), (16383, 1), (4095, 16)])
+def test_a_few_pixels_at_the_end_of_fewer_bits(tmp_path: Path, end: int, factor: int) -> None:
+    codes = np.random.default_rng(0).integers(100, end - 100, (4, 32, 32))
+    codes[1, 4, 5:8] = end
+    for angle, picture in zip((0, 45, 90, 135), codes * factor, strict=True):
+        PIL.Image.fromarray(picture.astype(np.uint16)).save(tmp_path / f"p{angle}.png")
+    capture = read_capture(tmp_path, linear=True)
+    assert capture.clipped.sum() == 3
+    codes[1, 4, 5:8] = end - 1
+    for angle, picture in zip((0, 45, 90, 135), codes * factor, strict=True):
+        PIL.Image.fromarray(picture.astype(np.uint16)).save(tmp_path / f"p{angle}.png")
+    assert not read_capture(tmp_path, linear=True).clipped.any()
+
+
 def test_a_smooth_picture_does_not_pile_up() -> None:
     """Neither at its brightest, nor where a part of it is flat."""
     capture, _ = fitted("capture_angle_first")
@@ -234,6 +248,16 @@ def test_colour_pages(tmp_path: Path) -> None:
     capture = read_capture(tmp_path / "a.tif", "horizontal", linear=True, angles=angles)
     assert capture.pictures.shape == (4, 24, 24, 3)
     assert_is_right(capture, fit_capture(capture))
+
+
+@pytest.mark.parametrize("planarconfig", ["contig", "separate"])
+def test_channels_of_one_page(tmp_path: Path, planarconfig: str) -> None:
+    stack = pages() if planarconfig == "separate" else np.moveaxis(pages(), 0, -1)
+    tifffile.imwrite(tmp_path / "a.tif", stack, photometric="minisblack", planarconfig=planarconfig)
+    capture = read_capture(tmp_path / "a.tif", "horizontal", angles=(0, 45, 90, 135))
+    assert_is_right(capture, fit_capture(capture))
+    with pytest.raises(InputError, match="expected 3 pages or channels, found one page of 4"):
+        read_capture(tmp_path / "a.tif", angles=(0, 45, 90))
 
 
 @pytest.mark.parametrize(

@@ -174,6 +174,18 @@ def test_pictures_taken_out_of_a_frame_are_not_said_to_have_moved(tmp_path: Path
     assert fit_capture(read_capture(tmp_path / "frame.tif", mosaic=SONY)).warnings == ()
 
 
+def test_grey_that_was_saved_in_three_channels(tmp_path: Path) -> None:
+    codes = (200 * frame_of(through(edges(16)))).astype(np.uint8)
+    PIL.Image.fromarray(codes).save(tmp_path / "grey.png")
+    PIL.Image.fromarray(np.repeat(codes[..., None], 3, -1)).save(tmp_path / "rgb.png")
+    grey, rgb = (read_capture(tmp_path / f"{n}.png", mosaic=SONY) for n in ("grey", "rgb"))
+    np.testing.assert_array_equal(grey.pictures, rgb.pictures)
+    coloured = np.stack([codes, codes, codes // 2], axis=-1)
+    PIL.Image.fromarray(coloured).save(tmp_path / "rgb.png")
+    with pytest.raises(InputError, match="a grey frame, found 3 channels"):
+        read_capture(tmp_path / "rgb.png", mosaic=SONY)
+
+
 def test_clipped_pixels_spoil_their_neighbours_too(tmp_path: Path) -> None:
     frame = np.full((16, 16), 100, np.uint8)
     frame[6, 9] = 255

@@ -332,6 +332,30 @@ def test_exr_alpha_is_divided_out_and_other_channels_go_through(tmp_path: Path) 
             np.testing.assert_array_equal(pixels, plane)
 
 
+def test_layers_are_refused_or_chosen_by_name(tmp_path: Path) -> None:
+    layers = {
+        f"{layer}.{name}": np.full((8, 9), value, np.float32)
+        for layer, value in (("left", 0.2), ("right", 0.4))
+        for name in ("R", "G", "B", "A")
+    }
+    path = tmp_path / "a.exr"
+    write_exr(path, layers)
+    with pytest.raises(InputError, match="found layers left, right"):
+        read_picture(path)
+    with pytest.raises(InputError, match="part: expected a layer of left, right, found middle"):
+        read_picture(path, part="middle")
+    picture = read_picture(path, part="right")
+    np.testing.assert_allclose(picture.linear, 1.0)  # 0.4 of light under 0.4 of opacity
+    copy = rewritten(path, picture)
+    with OpenEXR.File(str(copy), separate_channels=True) as file:
+        written = {name: channel.pixels for name, channel in file.channels().items()}
+    assert set(written) == set(layers)
+    for name, plane in layers.items():
+        np.testing.assert_allclose(written[name], plane, rtol=1e-6)
+    write_exr(path, {name: plane for name, plane in layers.items() if name.startswith("left")})
+    assert read_picture(path).linear.shape == (8, 9, 3)
+
+
 def png_with(chunk: bytes, content: bytes) -> bytes:
     data = io.BytesIO()
     PIL.Image.fromarray(SMOOTH).save(data, "PNG")
