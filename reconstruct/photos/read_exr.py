@@ -32,18 +32,9 @@ def read_exr(path: Path, linear: bool, part: str | None = None) -> Picture:
     InputError
         Several parts where none is chosen, deep data, other channels, values that are not finite.
     """
-    import OpenEXR
-
     del linear  # OpenEXR holds light
-    with reading(str(path), "a whole OpenEXR file", "save it again"):
-        with quiet(), OpenEXR.File(str(path), header_only=True) as file:
-            headers = [dict(stored.header) for stored in file.parts]
-        index = _chosen(path, headers, part)
-        _check_header(path, headers[index])
-        with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {n: c.pixels for n, c in file.parts[index].channels.items()}
-    header = headers[index]
-    layer = _layer(path, channels, part if part not in _names(headers) else None)
+    header, channels, names_of_parts = _decoded(path, part)
+    layer = _layer(path, channels, part if part not in names_of_parts else None)
     colours, values, notes = _colours(path, channels, header, layer)
     if not np.isfinite(values).all():
         bad = int(np.count_nonzero(~np.isfinite(values)))
@@ -53,8 +44,11 @@ def read_exr(path: Path, linear: bool, part: str | None = None) -> Picture:
     others = {name: plane for name, plane in channels.items() if name not in used}
     if others:
         notes = (*notes, f"channels {', '.join(sorted(others))} are written back as they are")
-    if len(headers) > 1:
-        notes = (*notes, f"part {header.get('name', index)} is read, and alone in what is written")
+    levels = getattr(getattr(header.get("tiles"), "mode", None), "name", "ONE_LEVEL")
+    if levels != "ONE_LEVEL":
+        notes = (*notes, "the largest level of detail is read; smaller ones are left out")
+    if len(names_of_parts) > 1:
+        notes = (*notes, f"part {part} is read, and alone in what is written")
     is_chroma = f"{layer}RY" in colours
     metadata = {
         "header": {k: _stored(v) for k, v in header.items() if k not in _STRUCTURE},
@@ -67,6 +61,24 @@ def read_exr(path: Path, linear: bool, part: str | None = None) -> Picture:
     if alpha is not None:
         light = divided_by_alpha(light, alpha)
     return Picture(light, "EXR", None, alpha, metadata, alpha is not None, notes, others)
+
+
+def _decoded(path: Path, part: str | None) -> tuple[dict[str, Any], dict[str, AnyArray], list[str]]:
+    """Header and channels of the part that is meant, and the names of all parts."""
+    import OpenEXR
+
+    with reading(str(path), "a whole OpenEXR file", "save it again"):
+        with quiet(), OpenEXR.File(str(path), header_only=True) as file:
+            headers = [dict(stored.header) for stored in file.parts]
+        index = _chosen(path, headers, part)
+        _check_header(path, headers[index])
+        with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
+            parts = file.parts
+            if len(parts) <= index:  # OpenEXR drops what it cannot decode
+                hint = "save it again as scan lines, without levels of detail"
+                raise InputError(str(path), "pixels", "none that can be decoded", hint)
+            channels = {name: channel.pixels for name, channel in parts[index].channels.items()}
+    return headers[index], channels, _names(headers)
 
 
 class StoredArray(NamedTuple):

@@ -47,6 +47,8 @@ _REFUSED = {
     "YCCK": "CMYK inks", "LAB": "CIELAB", "RGBa": "colours multiplied by their opacity",
 }  # fmt: skip
 _RAW_SUFFIXES = {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2"}
+_GAIN_MAPS = (b"hdrgm:", b"urn:iso:std:iso:ts:21496")
+"""How Ultra HDR JPEGs of Android, and those after ISO 21496-1, announce their gain map."""
 _SRGB_GAMMA = 1 / 2.2
 
 
@@ -173,7 +175,8 @@ def _check_form(path: Path, image: Any) -> tuple[str, ...]:
     notes = []
     frames = int(getattr(image, "n_frames", 1))
     if image.format == "MPO" or b"hdrgm:Version" in image.info.get("xmp", b""):
-        if b"hdrgm:" in path.read_bytes():
+        data = path.read_bytes()
+        if any(mark in data for mark in _GAIN_MAPS):
             notes.append("the gain map of high dynamic range is left out: standard range is read")
         elif frames > 1:
             notes.append(f"the file holds {frames} pictures: the first is read")

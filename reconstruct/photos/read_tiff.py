@@ -52,6 +52,8 @@ def read_tiff(path: Path, linear: bool, part: str | None = None) -> Picture:
         metadata = _metadata(page)
         bits, premultiplied = int(page.bitspersample), _is_premultiplied(page)
     if codes.dtype.kind == "f":
+        if codes.dtype == np.float16:
+            notes = (*notes, "floats of 16 bits are written with 32")
         return _of_floats(path, codes, metadata, premultiplied, notes)
     if bits not in (8, 16):
         notes = (*notes, f"{bits} bits a channel are written as 16")

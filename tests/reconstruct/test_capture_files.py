@@ -209,6 +209,7 @@ def test_the_angle_is_the_number_that_varies(names: str, angles: tuple[float, ..
         ("0_90 45_135 90_180 135_225", "one number in the names that can be the angle"),
         ("s1_0 s1_60 s1_120 s2_0 s2_60 s2_120", "one scene, found 2 sets"),
         ("a b c", "no number"),
+        ("pol_0 pol_45 pol_90 dark_1", "a dark or flat frame, by its name; give it as `black`"),
         ("a0 a90 a180", "three or more angles"),
     ],
 )
