@@ -69,7 +69,7 @@ def add_to_folder(final: Path, write: Callable[[Path], object]) -> list[str]:
     is_new = not final.exists()
     try:
         final.mkdir(parents=True, exist_ok=True)
-        temporary = _own_folder(final)
+        temporary = Path(tempfile.mkdtemp(dir=final, prefix=_prefix()))
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(
