@@ -128,6 +128,11 @@ def read_capture(
     bayer : order of the colours of the 2 x 2 squares: 'rggb', 'bggr', 'grbg' or 'gbrg'
     size, packing : (width, height) and pixel format of a frame without a header, see `read_raw`
 
+    Returns
+    -------
+    Capture
+        Pictures (pictures, height, width, channels) and their angles from the vertical.
+
     Raises
     ------
     InputError

@@ -60,6 +60,11 @@ def fit_capture(capture: Capture | Path | str) -> CaptureFit:
     ----------
     capture : Capture, or path of a folder, which `read_capture` reads as it does by default
 
+    Returns
+    -------
+    CaptureFit
+        Stokes vectors (height, width, channels, 3) in the pictures' light, and what is in doubt.
+
     Raises
     ------
     InputError

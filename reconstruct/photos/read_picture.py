@@ -62,7 +62,12 @@ def read_picture(path: Path | str, linear: bool = False, part: str | None = None
         Take the codes of an integer file for linear light, whatever its profile says.
     part : str, optional
         Which of several pictures in a file: name of an OpenEXR part, or number of a TIFF page
-        from 1.
+        from 1; or name of an OpenEXR layer.
+
+    Returns
+    -------
+    Picture
+        `linear` (height, width, 1 or 3), 1 where the file's values are largest.
 
     Raises
     ------
