@@ -115,9 +115,10 @@ def _warnings(
     if len(capture.pictures) == 3:
         warnings.append("three pictures leave no residual: take a fourth to check the fit")
     elif relative > UNSTEADY:
-        warnings.append(
-            f"residual of {relative:.1%}: light or exposure changed, or angles are wrong"
-        )
+        cause = "light or exposure changed, or angles are wrong"
+        if capture.one_exposure:
+            cause = "the angles of `mosaic` or the `packing` are wrong, or all is edges"
+        warnings.append(f"residual of {relative:.1%}: {cause}")
     over = float(np.mean(polarisation.dolp(stokes) > 1.0))
     if over > 0.01:
         warnings.append(f"{over:.1%} of the values are more than completely polarised")

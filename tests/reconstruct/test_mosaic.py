@@ -243,6 +243,17 @@ def test_packed_frames(tmp_path: Path, packing: str) -> None:
     assert capture.clipped.any() == (codes == codes.max()).any() * (codes.max() == 2**bits - 1)
 
 
+def test_a_wrong_packing_is_doubted(tmp_path: Path) -> None:
+    y, x = np.mgrid[:64, :64] / 64
+    frame = frame_of(through((0.3 + 0.5 * x * y)[..., None] * np.array([1, 0.23, 0.19])))
+    (tmp_path / "f.raw").write_bytes(packed((4095 * frame).astype(int), "mono12p"))
+    options = {"mosaic": SONY, "size": (64, 64)}
+    good = fit_capture(read_capture(tmp_path / "f.raw", packing="mono12p", **options))
+    assert good.warnings == ()
+    bad = fit_capture(read_capture(tmp_path / "f.raw", packing="mono12packed", **options))
+    assert any("`packing`" in warning for warning in bad.warnings)
+
+
 def test_unpacking_drops_the_bits_that_fill_the_last_byte() -> None:
     codes = np.array([1, 2, 3])
     data = np.frombuffer(packed(codes, "mono10p"), np.uint8)
