@@ -128,6 +128,11 @@ def read_capture(
     bayer : order of the colours of the 2 x 2 squares: 'rggb', 'bggr', 'grbg' or 'gbrg'
     size, packing : (width, height) and pixel format of a frame without a header, see `read_raw`
 
+    Returns
+    -------
+    Capture
+        Pictures (pictures, height, width, channels) and their angles from the vertical.
+
     Raises
     ------
     InputError
@@ -197,7 +202,7 @@ def _read_stack(
     if white is not None:
         clipped |= np.any([over(light, white) for light in pictures], axis=0)
     elif not stack.never_clipped:
-        clipped, piled = _with_pile_up(pictures, clipped, first.full_scale)
+        clipped, piled = _with_pile_up(pictures, clipped, first)
     _shift_and_scale(pictures, black, white)
     for light, scale in zip(pictures, stack.scales, strict=bool(stack.scales)):
         light *= np.float32(scale)
@@ -241,6 +246,8 @@ def _read_mosaic(
         raise InputError(str(path), "one frame of the camera", "none", "name the frame's file")
     picture = levels.read_dark(path)
     frame = picture.linear
+    if frame.shape[-1] == 3 and (frame == frame[..., :1]).all():
+        frame = frame[..., :1]  # grey that was saved as three equal channels
     if frame.shape[-1] != 1:
         hint = "give the frame as the sensor wrote it"
         raise InputError(str(path), "a grey frame", f"{frame.shape[-1]} channels", hint)
@@ -249,7 +256,7 @@ def _read_mosaic(
     white, black = levels.white_of(picture), levels.black_of(picture)
     clipped, piled = over(frame, white or picture.full_scale), np.full(1, np.inf)
     if white is None:
-        clipped, piled = _with_pile_up(frame[None], clipped, picture.full_scale)
+        clipped, piled = _with_pile_up(frame[None], clipped, picture)
     frame = frame.copy()
     _shift_and_scale(frame, black, white)
     clipped = spread_over_neighbours(clipped, bayer)
@@ -276,11 +283,14 @@ def _size(shape: tuple[int, ...]) -> str:
 
 
 def _with_pile_up(
-    pictures: Float32Array, clipped: BoolArray, full_scale: float
+    pictures: Float32Array, clipped: BoolArray, first: Picture
 ) -> tuple[BoolArray, Float64Array]:
     """Clipped pixels with those at a level where values pile up, and that level by channel."""
-    piled = saturation(pictures)
-    piled[piled >= full_scale] = np.inf  # which the file's own range has told already
+    transfer = first.transfer
+    is_light = transfer is not None and transfer.source == "linear"
+    largest_code = transfer.table.shape[1] - 1 if transfer is not None and is_light else 0
+    piled = saturation(pictures, largest_code)
+    piled[piled >= first.full_scale] = np.inf  # which the file's own range has told already
     extended = clipped.copy()
     for light in pictures:
         extended |= over(light, piled)

@@ -29,6 +29,7 @@ _NO_POINT = r"(?!)"
 """No such sign: 2.45 is picture 2 at 45°."""
 _GATHERED = 0.7
 """Length of the mean of exp(2iθ) from which angles are too close together to be meant as such."""
+_NO_PICTURE = re.compile(r"dark|black|bias|flat", re.IGNORECASE)
 _MINUS = "-−–"
 _WORDS = {"minus": "-", "neg": "-", "plus": "+"}
 _MARKED = re.compile(r"(pol|ang|theta|phi|deg|rot|^i|[^a-z]i)[^a-z0-9]*$|^\s*_?(°|deg|º)", re.I)
@@ -171,6 +172,14 @@ def angles_in_names(folder: Path, names: Sequence[str]) -> dict[str, float]:
     """
     if len(names) == 0:
         return {}
+    others = [name for name in names if _NO_PICTURE.search(Path(name).stem)]
+    if others and len(others) < len(names):
+        raise InputError(
+            str(folder / others[0]),
+            "pictures of the scene alone",
+            "a dark or flat frame, by its name",
+            "give it as `black`, or take it out of the folder",
+        )
     unnumbered = [name for name in names if not re.search(r"\d", Path(name).stem)]
     if unnumbered:
         raise InputError(
@@ -203,8 +212,8 @@ def _columns(stems: Sequence[str], points: Sequence[str]) -> list[Column]:
         pattern = re.compile(_NUMBER.format(point=point))
         numbers = [list(pattern.finditer(stem)) for stem in stems]
         fewest = min(len(matches) for matches in numbers)
-        for place in [*range(fewest), *range(-fewest, 0)]:
-            matches = [of_name[place] for of_name in numbers]
+        for index in [*range(fewest), *range(-fewest, 0)]:
+            matches = [of_name[index] for of_name in numbers]
             column = _column(stems, matches)
             columns.setdefault(column.values, column)
     return list(columns.values())

@@ -60,6 +60,11 @@ def fit_capture(capture: Capture | Path | str) -> CaptureFit:
     ----------
     capture : Capture, or path of a folder, which `read_capture` reads as it does by default
 
+    Returns
+    -------
+    CaptureFit
+        Stokes vectors (height, width, channels, 3) in the pictures' light, and what is in doubt.
+
     Raises
     ------
     InputError
@@ -110,9 +115,10 @@ def _warnings(
     if len(capture.pictures) == 3:
         warnings.append("three pictures leave no residual: take a fourth to check the fit")
     elif relative > UNSTEADY:
-        warnings.append(
-            f"residual of {relative:.1%}: light or exposure changed, or angles are wrong"
-        )
+        cause = "light or exposure changed, or angles are wrong"
+        if capture.one_exposure:
+            cause = "the angles of `mosaic` or the `packing` are wrong, or all is edges"
+        warnings.append(f"residual of {relative:.1%}: {cause}")
     over = float(np.mean(polarisation.dolp(stokes) > 1.0))
     if over > 0.01:
         warnings.append(f"{over:.1%} of the values are more than completely polarised")

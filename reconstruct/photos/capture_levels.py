@@ -15,9 +15,13 @@ from malus.scenes.core.errors import InputError
 _PILE = 0.0005
 """Share of the values at one largest value from which the sensor may have been full there."""
 _LEAST_PILE = 10
+_ENDS = (1023, 4095, 16383, 1023 << 6, 4095 << 4, 16383 << 2)
+"""Largest codes of 10, 12 and 14 bits in 16, as they are or in the high bits."""
+_FEW = 3
 _STEEPER = 4.0
 """Times as many values as any one below it has in a pile-up, of those within a tenth."""
-_SAMPLES = 2_000_000
+_SAMPLES = 200_000
+"""Values that are looked at; more tell nothing new and fill the memory."""
 _PEDESTAL = 0.05
 """Darkest light over the brightest from which a dark level is likely."""
 _SRGB_DOUBT = 0.005
@@ -96,12 +100,14 @@ def _number(black: float | str | Path) -> float | None:
         return None
 
 
-def saturation(pictures: Float32Array) -> Float64Array:
+def saturation(pictures: Float32Array, largest_code: int = 0) -> Float64Array:
     """Light at which each channel (channels,) piles up at its largest value; infinite for none.
 
     Parameters
     ----------
     pictures : (pictures, height, width, channels) linear light
+    largest_code : code of the light 1 in files whose codes are light; 0 in others
+        Where the largest value is the end of 10, 12 or 14 bits, a few pixels there are enough.
 
     Examples
     --------
@@ -109,9 +115,20 @@ def saturation(pictures: Float32Array) -> Float64Array:
     >>> saturation(np.minimum(light, 1.5)).tolist(), saturation(light).tolist()
     ([1.5], [inf])
     """
-    channels = pictures.shape[-1]
-    step = max(1, pictures[..., 0].size // _SAMPLES)
-    return np.array([_pile_up(pictures[..., i].ravel()[::step]) for i in range(channels)])
+    highest = pictures.max(axis=(0, 1, 2)).astype(np.float64)
+    ends = np.rint(highest * largest_code)
+    if len(set(ends)) == 1 and ends[0] in _ENDS and largest_code > ends[0]:
+        at_end = np.count_nonzero(pictures == highest.astype(np.float32))
+        if at_end >= _FEW:
+            return highest
+    thinned, _ = _thinned(pictures, np.zeros(pictures.shape[1:3], dtype=bool))
+    return np.array([_pile_up(thinned[..., i].ravel()) for i in range(pictures.shape[-1])])
+
+
+def _thinned(pictures: Float32Array, clipped: BoolArray) -> tuple[Float32Array, BoolArray]:
+    """Every n-th row and column of the pictures and of the clipped pixels, without a copy."""
+    step = max(1, int(np.sqrt(pictures[..., 0].size / _SAMPLES)))
+    return pictures[:, ::step, ::step], clipped[::step, ::step]
 
 
 def _pile_up(values: Float32Array) -> float:
@@ -143,10 +160,10 @@ def level_hints(
         hints.append(
             f"values pile up at {levels} of the range: taken for clipped; `white` says where"
         )
-    good = pictures[:, ~clipped]
+    thinned, left_out = _thinned(pictures, clipped)
+    good = thinned[:, ~left_out]
     if not black_is_known and good.size:
-        sample = good.ravel()[:: max(1, good.size // _SAMPLES)]
-        low, high = (float(v) for v in np.quantile(sample, (0.001, 0.999)))
+        low, high = (float(v) for v in np.quantile(good, (0.001, 0.999)))
         if low > _PEDESTAL * high:
             hints.append(
                 f"no value is below {low / high:.0%} of the largest: if that is the camera's dark "
@@ -159,8 +176,9 @@ def linearity_hints(pictures: Float32Array, clipped: BoolArray, matrix: Float64A
     """A hint that values taken for sRGB fit a sinusoid much better as linear light."""
     from colour.models import eotf_inverse_sRGB
 
-    good = pictures[:, ~clipped].reshape(len(pictures), -1)
-    sample: Float64Array = good[:, :: max(1, good.shape[1] // 100_000)].astype(np.float64)
+    thinned, left_out = _thinned(pictures, clipped)
+    good = thinned[:, ~left_out].reshape(len(pictures), -1)
+    sample: Float64Array = good[:, :: max(1, good.shape[1] // 20_000)].astype(np.float64)
     if len(pictures) < 4 or good.size == 0:
         return []
     as_srgb = _residual(sample, matrix)
@@ -183,7 +201,8 @@ def _residual(light: Float64Array, matrix: Float64Array) -> float:
 
 def check_light(where: str, pictures: Sequence[Float32Array], clipped: BoolArray) -> None:
     """Refuse captures without a pixel that is lit and not clipped. Raises InputError."""
-    if clipped.all() or not max(float(picture[~clipped].max()) for picture in pictures) > 0:
+    good = ~clipped[..., None]
+    if not any(float(picture.max(where=good, initial=0.0)) > 0 for picture in pictures):
         raise InputError(
             where, "pictures with unclipped light", "black or clipped ones", "expose them again"
         )

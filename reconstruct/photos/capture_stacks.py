@@ -87,6 +87,8 @@ def _matched(where: str, angles: Sequence[float] | None, count: int) -> tuple[fl
 
 def _of_pages(path: Path, linear: bool, angles: Sequence[float] | None) -> Stack:
     count = count_pages(path)
+    if count == 1 and angles is not None:
+        return _of_samples(path, angles)
     if count == 1:
         hint = "a frame of a polarisation camera needs `mosaic`, such as 90,45,135,0"
         raise InputError(str(path), "a TIFF of several pages", "one picture", hint)
@@ -98,8 +100,25 @@ def _of_pages(path: Path, linear: bool, angles: Sequence[float] | None) -> Stack
     return Stack(names, _matched(str(path), angles, count), read)
 
 
-def _of_array(path: Path, angles: Sequence[float] | None) -> Stack:
-    array = _open_array(path)
+def _of_samples(path: Path, angles: Sequence[float]) -> Stack:
+    """Pictures that are the channels of one TIFF page."""
+    import tifffile
+
+    with (
+        reading(str(path), "a whole TIFF file", "save it again"),
+        tifffile.TiffFile(path) as file,
+    ):
+        page = file.pages.first
+        check_size(path, page.imagewidth, page.imagelength)
+        if page.samplesperpixel != len(angles):
+            form = f"one page of {page.samplesperpixel} channels"
+            raise InputError(str(path), f"{len(angles)} pages or channels", form, "check `angles`")
+        array = page.asarray()
+    return _of_array(path, angles, array)
+
+
+def _of_array(path: Path, angles: Sequence[float] | None, values: AnyArray | None = None) -> Stack:
+    array = _open_array(path) if values is None else values
     count = None if angles is None else len(angles)
     if array.ndim == 3 and count not in (None, array.shape[0]) and count == array.shape[2]:
         array = np.moveaxis(array, -1, 0)
@@ -196,10 +215,10 @@ def _of_properties(folder: Path, properties: dict[str, Properties | None]) -> St
     if missing:
         expected = f"a JSON file with an angle beside {missing[0]}, as beside others"
         raise InputError(str(folder), expected, "none", "add it, or take the picture away")
-    known = [value for value in properties.values() if value is not None]
-    angles = _of_names(folder, True, {n: p.angle for n, p in zip(properties, known, strict=True)})
-    scales = tuple(1.0 if p.full_scale is None else p.full_scale for p in known)
-    stated = any(p.full_scale is not None for p in known)
+    present = [value for value in properties.values() if value is not None]
+    angles = _of_names(folder, True, {n: p.angle for n, p in zip(properties, present, strict=True)})
+    scales = tuple(1.0 if p.full_scale is None else p.full_scale for p in present)
+    stated = any(p.full_scale is not None for p in present)
     return angles._replace(unit="radians", zero="horizontal", scales=scales, never_clipped=stated)
 
 
@@ -225,9 +244,9 @@ def _exported(folder: Path, linear: bool) -> Stack:
     )
     if not bands:
         scenes = (folder / "conventions.json").is_file()
-        found = "a folder of scenes" if scenes else "none"
+        content = "a folder of scenes" if scenes else "none"
         hint = "name the folder of one scene" if scenes else "check the path"
-        raise InputError(str(folder), "pictures at three or more angles", found, hint)
+        raise InputError(str(folder), "pictures at three or more angles", content, hint)
     stacks = [_of_folder(path, linear, None, set()) for _, path in bands]
     first = stacks[0]
     for stack, (_, path) in zip(stacks, bands, strict=True):

@@ -97,7 +97,9 @@ def filter_picture(
 
     Returns
     -------
-    Filtered
+    FilteredPicture
+        `components` (height, width, 1 or 3) in the picture's linear light; files, statements and
+        warnings.
 
     Raises
     ------
@@ -107,7 +109,7 @@ def filter_picture(
 
     Examples
     --------
-    A mirror of η = 1.5 seen at 60°, tilted to the top, is dark where the filter is vertical:
+    A mirror of η = 1.5 seen at 60° polarises nearly all of the light that it reflects:
 
     >>> normals = np.tile(np.array([0, np.sin(np.pi / 3), 0.5], np.float32), (4, 4, 1))
     >>> mirror = Knowledge(normals, eta=1.5, alpha=0.01, mirror=True)

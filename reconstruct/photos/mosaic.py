@@ -16,6 +16,8 @@ from malus.scenes.core.errors import InputError
 BAYER_ORDERS = ("rggb", "bggr", "grbg", "gbrg")
 _RADIUS = 3
 """Pixels on either side over which a polariser's picture is taken for linear in the guide."""
+_ROWS, _OVERLAP = 256, 16
+"""Rows that are worked on at a time, and rows beside them that they depend on."""
 _NOISE = 1e-4
 """Share of the brightest light below which a difference in the guide is no structure."""
 
@@ -85,28 +87,33 @@ def demosaic(frame: Float32Array, bayer: str | None = None) -> Float32Array:
 def demosaic_grey(frame: Float32Array) -> Float32Array:
     """The four pictures (4, height, width) of a frame (height, width) without colour filters."""
     frame = np.asarray(frame, dtype=np.float32)
-    guide = intensity_guide(frame)
-    floor = (_NOISE * max(float(np.abs(frame).max()), 1e-30)) ** 2
-    planes = []
-    for index in range(4):
-        row, column = divmod(index, 2)
-        samples = np.zeros_like(frame)
-        samples[row::2, column::2] = 1.0
-        planes.append(_residual_interpolation(frame, samples, guide, floor))
-    return np.stack(planes)
+    floor = _NOISE * max(float(np.abs(frame).max()), 1e-30)
+    result = np.empty((4, *frame.shape), dtype=np.float32)
+    for first in range(0, len(frame), _ROWS):
+        # Strips overlap by more than the windows reach, and begin at an even row.
+        above, below = min(first, _OVERLAP), _ROWS + _OVERLAP
+        strip = frame[first - above : first + below]
+        inner = np.s_[above : above + _ROWS]
+        guide = intensity_guide(strip, floor)
+        for index in range(4):
+            row, column = divmod(index, 2)
+            samples = np.zeros_like(strip)
+            samples[row::2, column::2] = 1.0
+            picture = _residual_interpolation(strip, samples, guide, floor**2)
+            result[index, first : first + _ROWS] = picture[inner]
+    return result
 
 
-def intensity_guide(frame: Float32Array) -> Float32Array:
+def intensity_guide(frame: Float32Array, floor: float) -> Float32Array:
     """Mean of all four angles at every pixel (height, width), sharp at edges.
 
     Each of the four 2 x 2 squares around a pixel holds every angle once; those in which the mean
-    changes least count most, because they do not lie across an edge.
+    changes least count most, because they do not lie across an edge; below `floor` it is even.
     """
     padded = np.pad(frame, 2, mode="reflect")  # by two, which keeps the angles in their places
     squares = 0.25 * (padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:])
     gradient = np.abs(np.gradient(squares, axis=0)) + np.abs(np.gradient(squares, axis=1))
-    floor = np.float32(_NOISE * max(float(np.abs(frame).max()), 1e-30))
-    weights = 1.0 / (gradient + floor) ** 4 * floor**4
+    weights = (floor / (gradient + np.float32(floor))) ** 4
     height, width = frame.shape
     total = np.zeros_like(frame)
     total_weight = np.zeros_like(frame)

@@ -88,14 +88,14 @@ def _moved_against_others(grey: Float64Array, angles_deg: Sequence[float]) -> di
     left = list(range(len(grey)))
     while len(left) >= 4:
         matrix = analyser([angles_deg[i] for i in left])
-        found: dict[int, Alignment] = {}
-        for place, index in enumerate(left):
+        alignments: dict[int, Alignment] = {}
+        for row, index in enumerate(left):
             others = [other for other in left if other != index]
-            weights = matrix[place] @ np.linalg.pinv(np.delete(matrix, place, axis=0))
+            weights = matrix[row] @ np.linalg.pinv(np.delete(matrix, row, axis=0))
             predicted = np.tensordot(weights, grey[others], axes=1)
-            found[index] = _align(_details(predicted), _details(grey[index]))
-        worst = min(found, key=lambda index: found[index].left_over)
-        alignment = found[worst]
+            alignments[index] = _align(_details(predicted), _details(grey[index]))
+        worst = min(alignments, key=lambda index: alignments[index].left_over)
+        alignment = alignments[worst]
         if alignment.left_over > _EXPLAINED or alignment.shift.length <= MOVED:
             break
         shifts[worst] = alignment.shift

@@ -32,38 +32,53 @@ def read_exr(path: Path, linear: bool, part: str | None = None) -> Picture:
     InputError
         Several parts where none is chosen, deep data, other channels, values that are not finite.
     """
-    import OpenEXR
-
     del linear  # OpenEXR holds light
-    with reading(str(path), "a whole OpenEXR file", "save it again"):
-        with quiet(), OpenEXR.File(str(path), header_only=True) as file:
-            headers = [dict(one.header) for one in file.parts]
-        index = _chosen(path, headers, part)
-        _check_header(path, headers[index])
-        with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {n: c.pixels for n, c in file.parts[index].channels.items()}
-    header = headers[index]
-    colours, values, notes = _colours(path, channels, header)
+    header, channels, names_of_parts = _decoded(path, part)
+    layer = _layer(path, channels, part if part not in names_of_parts else None)
+    colours, values, notes = _colours(path, channels, header, layer)
     if not np.isfinite(values).all():
         bad = int(np.count_nonzero(~np.isfinite(values)))
         raise InputError(str(path), "finite values", f"{bad} others", "clean the picture")
-    alpha = channels.get("A")
-    others = {n: c for n, c in channels.items() if n not in (*colours, "A", "RY", "BY")}
+    alpha = channels.get(f"{layer}A")
+    used = (*colours, f"{layer}A")
+    others = {name: plane for name, plane in channels.items() if name not in used}
     if others:
         notes = (*notes, f"channels {', '.join(sorted(others))} are written back as they are")
-    if len(headers) > 1:
-        notes = (*notes, f"part {header.get('name', index)} is read, and alone in what is written")
-    names = ("R", "G", "B") if values.shape[-1] == 3 else colours
+    levels = getattr(getattr(header.get("tiles"), "mode", None), "name", "ONE_LEVEL")
+    if levels != "ONE_LEVEL":
+        notes = (*notes, "the largest level of detail is read; smaller ones are left out")
+    if len(names_of_parts) > 1:
+        notes = (*notes, f"part {part} is read, and alone in what is written")
+    is_chroma = f"{layer}RY" in colours
     metadata = {
         "header": {k: _stored(v) for k, v in header.items() if k not in _STRUCTURE},
         "compression": getattr(header["compression"], "name", "").split("_")[0],
-        "names": names,
+        "names": tuple(f"{layer}{name}" for name in "RGB") if is_chroma else colours,
+        "alpha": f"{layer}A",
         "dtype": values.dtype,
     }
     light = values.astype(np.float32, copy=False)
     if alpha is not None:
         light = divided_by_alpha(light, alpha)
     return Picture(light, "EXR", None, alpha, metadata, alpha is not None, notes, others)
+
+
+def _decoded(path: Path, part: str | None) -> tuple[dict[str, Any], dict[str, AnyArray], list[str]]:
+    """Header and channels of the part that is meant, and the names of all parts."""
+    import OpenEXR
+
+    with reading(str(path), "a whole OpenEXR file", "save it again"):
+        with quiet(), OpenEXR.File(str(path), header_only=True) as file:
+            headers = [dict(stored.header) for stored in file.parts]
+        index = _chosen(path, headers, part)
+        _check_header(path, headers[index])
+        with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
+            parts = file.parts
+            if len(parts) <= index:  # OpenEXR drops what it cannot decode
+                hint = "save it again as scan lines, without levels of detail"
+                raise InputError(str(path), "pixels", "none that can be decoded", hint)
+            channels = {name: channel.pixels for name, channel in parts[index].channels.items()}
+    return headers[index], channels, _names(headers)
 
 
 class StoredArray(NamedTuple):
@@ -90,13 +105,34 @@ def restored(value: Any) -> Any:
 
 def _chosen(path: Path, headers: list[dict[str, Any]], part: str | None) -> int:
     """Index of the part that is meant."""
-    names = [str(header.get("name", number)) for number, header in enumerate(headers, 1)]
+    names = _names(headers)
     if part is None and len(headers) > 1:
         hint = "choose one by its name with `part`"
         raise InputError(str(path), "one picture", f"parts {', '.join(names)}", hint)
-    if part is not None and part not in names:
+    if part is not None and part not in names and len(headers) > 1:
         raise InputError("part", f"one of {', '.join(names)}", part, "choose one of them")
-    return 0 if part is None else names.index(part)
+    return names.index(part) if part in names else 0
+
+
+def _names(headers: list[dict[str, Any]]) -> list[str]:
+    """Names of the parts, or their numbers from 1."""
+    return [str(header.get("name", number)) for number, header in enumerate(headers, 1)]
+
+
+def _layer(path: Path, channels: dict[str, AnyArray], wanted: str | None) -> str:
+    """What stands before the colours' names: nothing, or a layer's name and a dot."""
+    colours = {name.rpartition(".") for name in channels if name.rpartition(".")[2] in ("R", "Y")}
+    layers = sorted(f"{layer}{dot}" for layer, dot, _ in colours)
+    if wanted is not None:
+        if f"{wanted}." not in layers:
+            listed = ", ".join(layer[:-1] for layer in layers if layer) or "none: leave it out"
+            raise InputError("part", f"a layer of {listed}", wanted, "choose one of them")
+        return f"{wanted}."
+    if len(layers) > 1 and "" not in layers:
+        listed = ", ".join(layer[:-1] for layer in layers)
+        hint = "choose one by its name with `part`"
+        raise InputError(str(path), "one picture", f"layers {listed}", hint)
+    return "" if "" in layers or not layers else layers[0]
 
 
 def _check_header(path: Path, header: dict[str, Any]) -> None:
@@ -111,15 +147,17 @@ def _check_header(path: Path, header: dict[str, Any]) -> None:
 
 
 def _colours(
-    path: Path, channels: dict[str, AnyArray], header: dict[str, Any]
+    path: Path, channels: dict[str, AnyArray], header: dict[str, Any], layer: str
 ) -> tuple[tuple[str, ...], AnyArray, tuple[str, ...]]:
     """Names of the colour channels, their values (height, width, 1 or 3), and notes."""
-    if {"Y", "RY", "BY"} <= set(channels):
+    y, red, blue = (f"{layer}{name}" for name in ("Y", "RY", "BY"))
+    if {y, red, blue} <= set(channels):
         weights = _luminance_weights(header)
-        values = from_luminance_chroma(channels["Y"], channels["RY"], channels["BY"], weights)
+        values = from_luminance_chroma(channels[y], channels[red], channels[blue], weights)
         notes = ("luminance and chroma are written as R, G, B",)
-        return ("Y", "RY", "BY"), values.astype(channels["Y"].dtype), notes
-    names = next((n for n in (("R", "G", "B"), ("Y",)) if set(n) <= set(channels)), None)
+        return (y, red, blue), values.astype(channels[y].dtype), notes
+    choices = (tuple(f"{layer}{name}" for name in "RGB"), (y,))
+    names = next((choice for choice in choices if set(choice) <= set(channels)), None)
     if names is None:
         listed = ", ".join(sorted(channels))
         raise InputError(str(path), "channels R, G, B or Y", listed, "choose another file")

@@ -22,18 +22,18 @@ def read_jpeg2000(path: Path, linear: bool) -> Picture:
 
     with reading(str(path), "a whole JPEG 2000 file", "save it again"):
         data = path.read_bytes()
-        place = data.index(_CODESTREAM)
-        width, height, left, top = struct.unpack_from(">4I", data, place + 8)
+        offset = data.index(_CODESTREAM)
+        width, height, left, top = struct.unpack_from(">4I", data, offset + 8)
         check_size(path, width - left, height - top)
-        channels, depth = struct.unpack_from(">HB", data, place + 40)
+        channels, depth = struct.unpack_from(">HB", data, offset + 40)
         bits = (depth & 0x7F) + 1
-        profile, form = _colours(data[:place])
+        profile, form = _colours(data[:offset])
         if depth & 0x80 or not 8 <= bits <= 16:
             form = f"{bits} bits, signed" if depth & 0x80 else f"{bits} bits"
         if channels > 4 or form:
-            found = form or f"{channels} channels"
+            refused = form or f"{channels} channels"
             raise InputError(
-                str(path), "grey or RGB of 8 to 16 bits", found, "convert it to PNG or TIFF"
+                str(path), "grey or RGB of 8 to 16 bits", refused, "convert it to PNG or TIFF"
             )
         codes = np.asarray(imagecodecs.jpeg2k_decode(data))
     transfer = transfer_of(profile, bits, linear, path)
@@ -49,18 +49,18 @@ def boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     >>> list(boxes(b"\\0\\0\\0\\x0acolr12"))
     [(b'colr', b'12')]
     """
-    place = 0
-    while place + 8 <= len(data):
-        length, name = struct.unpack_from(">I4s", data, place)
+    offset = 0
+    while offset + 8 <= len(data):
+        length, name = struct.unpack_from(">I4s", data, offset)
         header = 8
-        if length == 1 and place + 16 <= len(data):
-            (length,) = struct.unpack_from(">Q", data, place + 8)
+        if length == 1 and offset + 16 <= len(data):
+            (length,) = struct.unpack_from(">Q", data, offset + 8)
             header = 16
-        end = len(data) if length == 0 else place + length
-        if end <= place:
+        end = len(data) if length == 0 else offset + length
+        if end <= offset:
             return
-        yield name, data[place + header : end]
-        place = end
+        yield name, data[offset + header : end]
+        offset = end
 
 
 def _colours(head: bytes) -> tuple[bytes | None, str | None]:

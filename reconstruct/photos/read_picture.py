@@ -47,6 +47,8 @@ _REFUSED = {
     "YCCK": "CMYK inks", "LAB": "CIELAB", "RGBa": "colours multiplied by their opacity",
 }  # fmt: skip
 _RAW_SUFFIXES = {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2"}
+_GAIN_MAPS = (b"hdrgm:", b"urn:iso:std:iso:ts:21496")
+"""How Ultra HDR JPEGs of Android, and those after ISO 21496-1, announce their gain map."""
 _SRGB_GAMMA = 1 / 2.2
 
 
@@ -60,7 +62,12 @@ def read_picture(path: Path | str, linear: bool = False, part: str | None = None
         Take the codes of an integer file for linear light, whatever its profile says.
     part : str, optional
         Which of several pictures in a file: name of an OpenEXR part, or number of a TIFF page
-        from 1.
+        from 1; or name of an OpenEXR layer.
+
+    Returns
+    -------
+    Picture
+        `linear` (height, width, 1 or 3), 1 where the file's values are largest.
 
     Raises
     ------
@@ -173,7 +180,8 @@ def _check_form(path: Path, image: Any) -> tuple[str, ...]:
     notes = []
     frames = int(getattr(image, "n_frames", 1))
     if image.format == "MPO" or b"hdrgm:Version" in image.info.get("xmp", b""):
-        if b"hdrgm:" in path.read_bytes():
+        data = path.read_bytes()
+        if any(mark in data for mark in _GAIN_MAPS):
             notes.append("the gain map of high dynamic range is left out: standard range is read")
         elif frames > 1:
             notes.append(f"the file holds {frames} pictures: the first is read")
@@ -193,8 +201,8 @@ def _check_depth(path: Path, image: Any) -> None:
     with path.open("rb") as file:
         head = file.read(1 << 16)
     if image.format in ("AVIF", "HEIF"):
-        place = head.find(b"pixi")
-        bits = max(head[place + 9 : place + 9 + head[place + 8]], default=8) if place > 0 else 8
+        offset = head.find(b"pixi")
+        bits = max(head[offset + 9 : offset + 9 + head[offset + 8]], default=8) if offset > 0 else 8
     elif image.format == "PPM" and image.mode == "RGB":
         header = [word for line in head[:4096].split(b"\n") for word in line.split(b"#")[0].split()]
         bits = int(header[3]).bit_length() if header[0] in (b"P3", b"P6") else 8

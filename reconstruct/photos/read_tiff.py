@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ _TEXT_TAGS = (271, 272, 306, 315, 33432)
 _ICC_TAG = 34675
 _REDUCED = 1
 """Bit of a page's subfile type that says it is a small copy of another one."""
+_MOST_PAGES = 200
 _NOWHERE = logging.NullHandler()
 """For the log of tifffile, which would go to the error stream where a program sets up none."""
 
@@ -52,6 +54,8 @@ def read_tiff(path: Path, linear: bool, part: str | None = None) -> Picture:
         metadata = _metadata(page)
         bits, premultiplied = int(page.bitspersample), _is_premultiplied(page)
     if codes.dtype.kind == "f":
+        if codes.dtype == np.float16:
+            notes = (*notes, "floats of 16 bits are written with 32")
         return _of_floats(path, codes, metadata, premultiplied, notes)
     if bits not in (8, 16):
         notes = (*notes, f"{bits} bits a channel are written as 16")
@@ -68,17 +72,20 @@ def count_pages(path: Path) -> int:
         reading(str(path), "a whole TIFF file", "save it again"),
         tifffile.TiffFile(path) as file,
     ):
-        return len(_full_pages(file))
+        return len(_full_pages(file)[0])
 
 
-def _full_pages(file: Any) -> list[Any]:
-    pages = [page for page in file.pages if not int(getattr(page, "subfiletype", 0)) & _REDUCED]
-    return pages or [file.pages.first]
+def _full_pages(file: Any) -> tuple[list[Any], int]:
+    """The pages that are pictures of their own, and how many are small copies of them."""
+    # A damaged file may have millions.
+    pages = list(itertools.islice(file.pages, _MOST_PAGES))
+    full = [page for page in pages if not int(getattr(page, "subfiletype", 0)) & _REDUCED]
+    return full or pages[:1], len(pages) - len(full or pages[:1])
 
 
 def _page(path: Path, file: Any, part: str | None) -> tuple[Any, tuple[str, ...]]:
     """The page that is meant, and a note on those that are left out."""
-    pages = _full_pages(file)
+    pages, copies = _full_pages(file)
     if part is not None:
         if not part.isdigit() or not 1 <= int(part) <= len(pages):
             raise InputError("part", f"a page from 1 to {len(pages)}", part, "choose one of them")
@@ -86,7 +93,6 @@ def _page(path: Path, file: Any, part: str | None) -> tuple[Any, tuple[str, ...]
     if len(pages) > 1:
         hint = "choose a page with `part`; pictures through a polariser are a capture"
         raise InputError(str(path), "one picture", f"{len(pages)} pages", hint)
-    copies = len(file.pages) - 1
     return pages[0], (f"{copies} small copies in the file are left out",) if copies else ()
 
 

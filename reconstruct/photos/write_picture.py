@@ -180,12 +180,14 @@ def _exr(path: Path, picture: Picture) -> None:
         light = times_alpha(light, picture.alpha)
     names = metadata.get("names", ("R", "G", "B") if light.shape[-1] == 3 else ("Y",))
     dtype = metadata.get("dtype", np.float32)
+    largest = np.finfo(dtype).max  # a filter's exposure may leave the range of half floats
+    light = np.clip(light, -largest, largest)
     channels = {
         name: np.ascontiguousarray(light[..., i].astype(dtype)) for i, name in enumerate(names)
     }
     channels |= {name: np.ascontiguousarray(c) for name, c in picture.others.items()}
     if picture.alpha is not None:
-        channels["A"] = np.ascontiguousarray(picture.alpha)
+        channels[metadata.get("alpha", "A")] = np.ascontiguousarray(picture.alpha)
     compression = lossless_compression(metadata.get("compression", "ZIP"))
     header = {
         "compression": getattr(OpenEXR, f"{compression}_COMPRESSION"),

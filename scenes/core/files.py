@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from malus.scenes.core.errors import InputError, first_line, reading
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.remote import is_here, put_file, put_folder, put_mark
 
 TEMPORARY = ".part-"
@@ -48,6 +48,46 @@ def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
         shutil.rmtree(temporary, ignore_errors=True)
         if aside is not None:
             shutil.rmtree(aside, ignore_errors=True)
+
+
+def add_to_folder(final: Path, write: Callable[[Path], object]) -> list[str]:
+    """Call `write` with an empty folder, then move its files into `final`: all or none.
+
+    Unlike `replace_folder` it leaves what else lies in the folder. Returns the files' names.
+
+    Raises
+    ------
+    InputError
+        Where the folder cannot be made or written.
+
+    Examples
+    --------
+    >>> base = Path(tempfile.mkdtemp())
+    >>> add_to_folder(base, lambda folder: (folder / "b").touch())
+    ['b']
+    """
+    is_new = not final.exists()
+    try:
+        final.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(dir=final, prefix=_prefix()))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(
+            str(final), "a folder to write to", reason, "choose another folder"
+        ) from None
+    try:
+        write(temporary)
+        names = sorted(path.name for path in temporary.iterdir())
+        for name in names:
+            os.replace(temporary / name, final / name)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        if is_new:
+            with contextlib.suppress(OSError):
+                final.rmdir()
+        raise
+    shutil.rmtree(temporary, ignore_errors=True)
+    return names
 
 
 def replace_file(final: Path, write: Callable[[Path], object]) -> None:
@@ -237,42 +277,3 @@ def _runs(process: int) -> bool:
         except (ProcessLookupError, OverflowError):
             return False
     return True
-
-
-def add_to_folder(final: Path, write: Callable[[Path], object]) -> list[str]:
-    """Call `write` with an empty folder, then move its files into `final`: all or none.
-
-    Unlike `replace_folder` it leaves what else lies in the folder. Returns the files' names.
-
-    Raises
-    ------
-    InputError
-        Where the folder cannot be made or written.
-
-    Examples
-    --------
-    >>> base = Path(tempfile.mkdtemp())
-    >>> add_to_folder(base, lambda folder: (folder / "b").touch())
-    ['b']
-    """
-    is_new = not final.exists()
-    try:
-        final.mkdir(parents=True, exist_ok=True)
-        temporary = _temporary_folder(final)
-    except OSError as error:
-        raise InputError(
-            str(final), "a folder to write to", first_line(error), "choose another folder"
-        ) from None
-    try:
-        write(temporary)
-        names = sorted(path.name for path in temporary.iterdir())
-        for name in names:
-            os.replace(temporary / name, final / name)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        if is_new:
-            with contextlib.suppress(OSError):
-                final.rmdir()
-        raise
-    shutil.rmtree(temporary, ignore_errors=True)
-    return names

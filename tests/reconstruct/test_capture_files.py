@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +80,20 @@ def test_saturation_below_the_largest_code(white: float | None) -> None:
 
 def files(name: str) -> list[Path]:
     return sorted((CASES / f"capture_{name}").iterdir())
+
+
+@pytest.mark.parametrize(("end", "factor"), [(1023, 1), (4095, 1), (16383, 1), (4095, 16)])
+def test_a_few_pixels_at_the_end_of_fewer_bits(tmp_path: Path, end: int, factor: int) -> None:
+    codes = np.random.default_rng(0).integers(100, end - 100, (4, 32, 32))
+    codes[1, 4, 5:8] = end
+    for angle, picture in zip((0, 45, 90, 135), codes * factor, strict=True):
+        PIL.Image.fromarray(picture.astype(np.uint16)).save(tmp_path / f"p{angle}.png")
+    capture = read_capture(tmp_path, linear=True)
+    assert capture.clipped.sum() == 3
+    codes[1, 4, 5:8] = end - 1
+    for angle, picture in zip((0, 45, 90, 135), codes * factor, strict=True):
+        PIL.Image.fromarray(picture.astype(np.uint16)).save(tmp_path / f"p{angle}.png")
+    assert not read_capture(tmp_path, linear=True).clipped.any()
 
 
 def test_a_smooth_picture_does_not_pile_up() -> None:
@@ -194,6 +209,7 @@ def test_the_angle_is_the_number_that_varies(names: str, angles: tuple[float, ..
         ("0_90 45_135 90_180 135_225", "one number in the names that can be the angle"),
         ("s1_0 s1_60 s1_120 s2_0 s2_60 s2_120", "one scene, found 2 sets"),
         ("a b c", "no number"),
+        ("pol_0 pol_45 pol_90 dark_1", "a dark or flat frame, by its name; give it as `black`"),
         ("a0 a90 a180", "three or more angles"),
     ],
 )
@@ -233,6 +249,16 @@ def test_colour_pages(tmp_path: Path) -> None:
     capture = read_capture(tmp_path / "a.tif", "horizontal", linear=True, angles=angles)
     assert capture.pictures.shape == (4, 24, 24, 3)
     assert_is_right(capture, fit_capture(capture))
+
+
+@pytest.mark.parametrize("planarconfig", ["contig", "separate"])
+def test_channels_of_one_page(tmp_path: Path, planarconfig: str) -> None:
+    stack = pages() if planarconfig == "separate" else np.moveaxis(pages(), 0, -1)
+    tifffile.imwrite(tmp_path / "a.tif", stack, photometric="minisblack", planarconfig=planarconfig)
+    capture = read_capture(tmp_path / "a.tif", "horizontal", angles=(0, 45, 90, 135))
+    assert_is_right(capture, fit_capture(capture))
+    with pytest.raises(InputError, match="expected 3 pages or channels, found one page of 4"):
+        read_capture(tmp_path / "a.tif", angles=(0, 45, 90))
 
 
 @pytest.mark.parametrize(
@@ -323,6 +349,23 @@ def test_values_that_are_light_and_not_srgb_are_hinted_at() -> None:
     assert any("say `linear`" in hint for hint in capture.hints)
     capture, _ = fitted("capture_bits_in_name")
     assert not any("say `linear`" in hint for hint in capture.hints)
+
+
+@pytest.mark.parametrize("is_mosaic", [False, True])
+def test_reading_needs_at_most_three_times_the_decoded_pictures(
+    tmp_path: Path, is_mosaic: bool
+) -> None:
+    codes = np.random.default_rng(0).integers(1, 1 << 16, (768, 768), dtype=np.uint16)
+    for angle in (0,) if is_mosaic else (0, 45, 90, 135):
+        PIL.Image.fromarray(codes // (1 + angle)).save(tmp_path / f"{angle}.png")
+    mosaic = (90, 45, 135, 0) if is_mosaic else None
+    path = tmp_path / "0.png" if is_mosaic else tmp_path
+    read_capture(path, mosaic=mosaic)  # imports are not the pictures'
+    tracemalloc.start()
+    capture = read_capture(path, mosaic=mosaic)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 3 * capture.pictures.nbytes
 
 
 def test_the_command_names_what_it_assumed() -> None:

@@ -36,9 +36,11 @@ def test_crossed_angles_add_up_to_the_picture(
 ) -> None:
     linear, normals = dome()
     picture = Picture(linear, "EXR", None)
-    known = Knowledge(normals=normals, light=light)
+    knowledge = Knowledge(normals=normals, light=light)
     angles = (20.0, 110.0)
-    done = filter_picture(picture, tmp_path, known, FilterOutput(angles, physical=True), stem="d")
+    done = filter_picture(
+        picture, tmp_path, knowledge, FilterOutput(angles, physical=True), stem="d"
+    )
     crossed = sum(read_picture(tmp_path / f"d_angle{a:03.0f}.exr").linear for a in angles)
     np.testing.assert_allclose(crossed, linear, rtol=1e-5, atol=1e-6)
     i_max, i_min = (read_picture(tmp_path / f"d_i{k}.exr").linear for k in ("max", "min"))
@@ -60,8 +62,8 @@ def test_a_filter_takes_glare_of_water_away_at_brewsters_angle(tmp_path: Path) -
     normal = [0.0, np.sin(brewster), np.cos(brewster)]
     normals = np.tile(np.array(normal, np.float32), (6, 6, 1))
     picture = Picture(np.full((6, 6, 3), 0.4, np.float32), "EXR", None)
-    known = Knowledge(normals, eta=1.333, alpha=0.01, mirror=True)
-    filter_picture(picture, tmp_path, known, FilterOutput((0.0, 90.0), physical=True), stem="w")
+    knowledge = Knowledge(normals, eta=1.333, alpha=0.01, mirror=True)
+    filter_picture(picture, tmp_path, knowledge, FilterOutput((0.0, 90.0), physical=True), stem="w")
     # Light from a level surface swings horizontally, so that a vertical filter stops it.
     assert read_picture(tmp_path / "w_angle000.exr").linear.max() < 0.004
     assert read_picture(tmp_path / "w_angle090.exr").linear.min() > 0.396
@@ -247,6 +249,6 @@ def test_unknown_names_are_refused() -> None:
 @pytest.mark.parametrize("name", sorted(PRESETS))
 def test_presets_are_physical(name: str, tmp_path: Path) -> None:
     np.save(tmp_path / "n.npy", np.tile(np.array([0, 0, 1.0]), (4, 4, 1)))
-    known = read_knowledge((4, 4), normals=tmp_path / "n.npy", preset=name)
-    assert 1 < known.eta < 2
-    assert 0 < known.alpha <= 1
+    knowledge = read_knowledge((4, 4), normals=tmp_path / "n.npy", preset=name)
+    assert 1 < knowledge.eta < 2
+    assert 0 < knowledge.alpha <= 1

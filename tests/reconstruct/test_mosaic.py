@@ -10,6 +10,7 @@ import PIL.Image
 import pytest
 import tifffile
 
+from malus.reconstruct.photos import mosaic
 from malus.reconstruct.photos.capture import read_capture
 from malus.reconstruct.photos.capture_fit import fit_capture
 from malus.reconstruct.photos.mosaic import bilinear, demosaic, demosaic_bayer, demosaic_grey
@@ -80,6 +81,16 @@ def test_edges_are_better_than_after_bilinear_interpolation(noise: float) -> Non
     assert polarised[0] < 0.7 * polarised[1]
     largest = [float(np.abs((degree(p) - degree(pictures))[INNER]).max()) for p in (ours, theirs)]
     assert largest[0] < largest[1]
+
+
+def test_frames_are_worked_on_in_strips_that_leave_no_seam(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    frame = frame_of(through(edges()))
+    whole = demosaic_grey(frame)
+    monkeypatch.setattr(mosaic, "_ROWS", 20)
+    # Float32 sums of a running window begin elsewhere.
+    np.testing.assert_allclose(demosaic_grey(frame), whole, atol=1e-5)
 
 
 def test_measured_pixels_stay_as_they_are() -> None:
@@ -163,6 +174,18 @@ def test_pictures_taken_out_of_a_frame_are_not_said_to_have_moved(tmp_path: Path
     assert fit_capture(read_capture(tmp_path / "frame.tif", mosaic=SONY)).warnings == ()
 
 
+def test_grey_that_was_saved_in_three_channels(tmp_path: Path) -> None:
+    codes = (200 * frame_of(through(edges(16)))).astype(np.uint8)
+    PIL.Image.fromarray(codes).save(tmp_path / "grey.png")
+    PIL.Image.fromarray(np.repeat(codes[..., None], 3, -1)).save(tmp_path / "rgb.png")
+    grey, rgb = (read_capture(tmp_path / f"{n}.png", mosaic=SONY) for n in ("grey", "rgb"))
+    np.testing.assert_array_equal(grey.pictures, rgb.pictures)
+    coloured = np.stack([codes, codes, codes // 2], axis=-1)
+    PIL.Image.fromarray(coloured).save(tmp_path / "rgb.png")
+    with pytest.raises(InputError, match="a grey frame, found 3 channels"):
+        read_capture(tmp_path / "rgb.png", mosaic=SONY)
+
+
 def test_clipped_pixels_spoil_their_neighbours_too(tmp_path: Path) -> None:
     frame = np.full((16, 16), 100, np.uint8)
     frame[6, 9] = 255
@@ -218,6 +241,17 @@ def test_packed_frames(tmp_path: Path, packing: str) -> None:
     capture = read_capture(tmp_path / "f.raw", mosaic=SONY, size=(8, 6), packing=packing)
     assert capture.pictures.shape == (4, 6, 8, 1)
     assert capture.clipped.any() == (codes == codes.max()).any() * (codes.max() == 2**bits - 1)
+
+
+def test_a_wrong_packing_is_doubted(tmp_path: Path) -> None:
+    y, x = np.mgrid[:64, :64] / 64
+    frame = frame_of(through((0.3 + 0.5 * x * y)[..., None] * np.array([1, 0.23, 0.19])))
+    (tmp_path / "f.raw").write_bytes(packed((4095 * frame).astype(int), "mono12p"))
+    options = {"mosaic": SONY, "size": (64, 64)}
+    good = fit_capture(read_capture(tmp_path / "f.raw", packing="mono12p", **options))
+    assert good.warnings == ()
+    bad = fit_capture(read_capture(tmp_path / "f.raw", packing="mono12packed", **options))
+    assert any("`packing`" in warning for warning in bad.warnings)
 
 
 def test_unpacking_drops_the_bits_that_fill_the_last_byte() -> None:

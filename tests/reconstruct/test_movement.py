@@ -51,9 +51,9 @@ def test_shifts_are_measured_to_a_twentieth_of_a_pixel(offset: tuple[float, floa
     half = 0.5 + 0.3 * np.sin(5 * x + y)  # what a polariser does to it
     pair = [still[inner], moved[inner] * half + 0.002 * RNG.standard_normal((120, 120))]
     stack = np.stack(pair)[..., None].astype(np.float32)
-    found = measure_shifts(stack, ANGLES[:2])[1]
-    assert found.down == pytest.approx(offset[0], abs=0.05)
-    assert found.right == pytest.approx(offset[1], abs=0.05)
+    measured = measure_shifts(stack, ANGLES[:2])[1]
+    assert measured.down == pytest.approx(offset[0], abs=0.05)
+    assert measured.right == pytest.approx(offset[1], abs=0.05)
 
 
 def test_noise_alone_moves_nothing() -> None:

@@ -69,6 +69,18 @@ def test_an_ultra_hdr_jpeg_is_its_standard_range(tmp_path: Path) -> None:
         assert "xmp" not in image.info
 
 
+@pytest.mark.skipif(
+    not imagecodecs.ULTRAHDR.available, reason="this imagecodecs has no libultrahdr"
+)
+def test_an_ultra_hdr_jpeg_of_another_program(tmp_path: Path) -> None:
+    y, x = np.mgrid[:64, :64] / 64
+    light = np.stack([2 * x, 2 * y, x * y, np.ones_like(x)], axis=-1).astype(np.float16)
+    (tmp_path / "u.jpg").write_bytes(imagecodecs.ultrahdr_encode(light))
+    picture = read_picture(tmp_path / "u.jpg")
+    assert picture.linear.shape == (64, 64, 3)
+    assert any("gain map" in note for note in picture.notes)
+
+
 @pytest.mark.parametrize("lossless", [True, False])
 def test_webp_keeps_how_it_was_compressed_and_its_profile(tmp_path: Path, lossless: bool) -> None:
     path = tmp_path / "a.webp"
@@ -295,9 +307,9 @@ def test_luminance_and_chroma_are_colour(tmp_path: Path, step: int) -> None:
     if step == 1:
         # Float32 of a quotient that is multiplied out again.
         np.testing.assert_allclose(picture.linear, rgb, atol=1e-6)
-    at = picture.linear[::step, ::step]
-    np.testing.assert_allclose(at @ weights, luminance[::step, ::step], atol=1e-6)
-    back = at[..., 0] / luminance[::step, ::step] - 1
+    sampled = picture.linear[::step, ::step]
+    np.testing.assert_allclose(sampled @ weights, luminance[::step, ::step], atol=1e-6)
+    back = sampled[..., 0] / luminance[::step, ::step] - 1
     np.testing.assert_allclose(back, stored["RY"], atol=1e-6)
     assert picture.notes == ("luminance and chroma are written as R, G, B",)
     again = read_picture(rewritten(tmp_path / "a.exr", picture))
@@ -330,6 +342,52 @@ def test_exr_alpha_is_divided_out_and_other_channels_go_through(tmp_path: Path) 
             pixels = file.channels()[name].pixels
             assert pixels.dtype == np.float16
             np.testing.assert_array_equal(pixels, plane)
+
+
+def test_half_floats_do_not_overflow(tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.exr", {"Y": np.full((8, 9), 60000, np.float16)})
+    picture = read_picture(tmp_path / "a.exr")
+    copy = rewritten(tmp_path / "a.exr", picture.with_light(2 * picture.linear))
+    assert read_picture(copy).linear.max() == np.finfo(np.float16).max
+
+
+def test_tiles_are_read_and_levels_of_detail_told(tmp_path: Path) -> None:
+    plane = RNG.random((64, 64)).astype(np.float32)
+    for mode in (OpenEXR.ONE_LEVEL, OpenEXR.MIPMAP_LEVELS):
+        tiles = OpenEXR.TileDescription()
+        tiles.xSize = tiles.ySize = 16
+        tiles.mode = mode
+        write_exr(tmp_path / "a.exr", {"Y": plane}, type=OpenEXR.tiledimage, tiles=tiles)
+        if mode == OpenEXR.ONE_LEVEL:
+            np.testing.assert_array_equal(read_picture(tmp_path / "a.exr").linear[..., 0], plane)
+            continue
+        # OpenEXR's Python writer leaves the smaller levels out, and its reader gives up then.
+        with pytest.raises(InputError, match="none that can be decoded"):
+            read_picture(tmp_path / "a.exr")
+
+
+def test_layers_are_refused_or_chosen_by_name(tmp_path: Path) -> None:
+    layers = {
+        f"{layer}.{name}": np.full((8, 9), value, np.float32)
+        for layer, value in (("left", 0.2), ("right", 0.4))
+        for name in ("R", "G", "B", "A")
+    }
+    path = tmp_path / "a.exr"
+    write_exr(path, layers)
+    with pytest.raises(InputError, match="found layers left, right"):
+        read_picture(path)
+    with pytest.raises(InputError, match="part: expected a layer of left, right, found middle"):
+        read_picture(path, part="middle")
+    picture = read_picture(path, part="right")
+    np.testing.assert_allclose(picture.linear, 1.0)  # 0.4 of light under 0.4 of opacity
+    copy = rewritten(path, picture)
+    with OpenEXR.File(str(copy), separate_channels=True) as file:
+        written = {name: channel.pixels for name, channel in file.channels().items()}
+    assert set(written) == set(layers)
+    for name, plane in layers.items():
+        np.testing.assert_allclose(written[name], plane, rtol=1e-6)
+    write_exr(path, {name: plane for name, plane in layers.items() if name.startswith("left")})
+    assert read_picture(path).linear.shape == (8, 9, 3)
 
 
 def png_with(chunk: bytes, content: bytes) -> bytes:
