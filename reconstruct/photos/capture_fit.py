@@ -25,7 +25,7 @@ CLIPPED = 0.002
 UNSTEADY = 0.02
 """Residual of the fit over the mean from which the light, or the polariser, was not steady."""
 _STEEP = 0.6
-"""Sine of the zenith angle from which mirrored light is polarised enough to show its plane."""
+"""Sine of the zenith angle from which specular light is polarised enough to show its plane."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def _warnings(
 
 
 class AngleConvention(NamedTuple):
-    """Rotation between measured angles of polarisation and those of light mirrored by normals.
+    """Rotation from measured angles of polarisation to those of specular light on known normals.
 
     `coherence` is 1 where they differ by one and the same rotation at every pixel, for angles
     that count as assumed and for angles that count the other way; `rotation_deg` is that rotation.
@@ -153,20 +153,20 @@ class AngleConvention(NamedTuple):
 
 
 def check_convention(fit: CaptureFit, normals: Float32Array, mask: BoolArray) -> AngleConvention:
-    """Compare measured angles with those of mirrored light, which is crosswise to the normal.
+    """Compare measured angles with those of specular light, which is crosswise to the normal.
 
-    On steep parts of metals and of glossy dielectrics mirrored light rules, and its plane is known
+    On steep parts of metals and of glossy dielectrics specular light rules, and its plane is known
     from the normal alone, which checks the angles of the polariser. Diffuse light is turned by 90°.
     """
     x, y = normals[..., 0].astype(np.float64), normals[..., 1].astype(np.float64)
     steep = mask & (np.hypot(x, y) > _STEEP)
     field = fit.stokes[..., 1:].sum(axis=2)[steep].astype(np.float64)
     measured = field[:, 0] + 1j * field[:, 1]
-    mirrored = -np.square(x[steep] + 1j * y[steep])
-    total = float(np.abs(measured * mirrored).sum())
+    specular = -np.square(x[steep] + 1j * y[steep])
+    total = float(np.abs(measured * specular).sum())
     if total == 0.0:
         return AngleConvention(0.0, 0.0, 0.0, 0.0)
-    sums = [(m * mirrored.conj()).sum() for m in (measured, measured.conj())]
+    sums = [(m * specular.conj()).sum() for m in (measured, measured.conj())]
     values = [(abs(s) / total, float(np.degrees(np.angle(s))) / 2.0) for s in sums]
     return AngleConvention(*values[0], *values[1])
 

@@ -76,7 +76,9 @@ def _decoded(path: Path, part: str | None) -> tuple[dict[str, Any], dict[str, An
             parts = file.parts
             if len(parts) <= index:  # OpenEXR drops what it cannot decode
                 hint = "save it again as scan lines, without levels of detail"
-                raise InputError(str(path), "pixels", "none that can be decoded", hint)
+                raise InputError(
+                    str(path), "a whole OpenEXR file", "pixels that cannot be read", hint
+                )
             channels = {name: channel.pixels for name, channel in parts[index].channels.items()}
     return headers[index], channels, _names(headers)
 
