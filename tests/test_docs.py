@@ -112,7 +112,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def take_pictures(folder: Path) -> None:
-    """A photograph of a ball, and four of it through a polariser, with their masks."""
+    """A photograph of a ball, four of it through a polariser, and a polarisation camera's frame."""
     scene = Scene(
         shape=Sphere(),
         surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
@@ -130,6 +130,12 @@ def take_pictures(folder: Path) -> None:
     (folder / "kettle").mkdir()
     for horizontal in (0, 45, 90, 135):
         save(truth.polarised(horizontal - 90.0), f"kettle/pol_{horizontal:03d}.png")
+    frame = np.empty((48, 48))  # of a polarisation camera: one angle a pixel
+    for row, column, horizontal in ((0, 0, 90), (0, 1, 45), (1, 0, 135), (1, 1, 0)):
+        seen = truth.polarised(horizontal - 90.0).mean(axis=-1)
+        frame[row::2, column::2] = seen[row::2, column::2]
+    codes = np.clip(255 * frame / truth.image.max(), 0, 255).astype(np.uint8)
+    Image.fromarray(codes).save(folder / "frame.png")
     mask = Image.fromarray(255 * truth.mask.astype(np.uint8))
     for name in ("vase_mask.png", "kettle_mask.png"):
         mask.save(folder / name)
