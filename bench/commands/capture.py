@@ -12,6 +12,7 @@ from malus.bench.commands.filter import (
     knowledge_of,
     knowledge_options,
 )
+from malus.bench.commands.options import command
 
 
 class Angles(click.ParamType[tuple[float, ...]]):
@@ -45,7 +46,7 @@ class Size(click.ParamType[tuple[int, int]]):
         return width, height
 
 
-@click.command("capture")
+@command("capture")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option(
     "--zero",

@@ -9,6 +9,8 @@ from typing import Any
 
 import click
 
+from malus.bench.commands.options import command
+
 
 class Direction(click.ParamType[tuple[float, float, float]]):
     """A direction X,Y,Z: three numbers with commas."""
@@ -26,7 +28,7 @@ class Direction(click.ParamType[tuple[float, float, float]]):
         return x, y, z
 
 
-def knowledge_options(command: Callable[..., None]) -> Callable[..., None]:
+def knowledge_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add the options that say what is known besides the picture; filter and capture share them."""
     path = click.Path(path_type=Path)
     options = [
@@ -56,8 +58,8 @@ def knowledge_options(command: Callable[..., None]) -> Callable[..., None]:
         ),
     ]
     for option in reversed(options):
-        command = option(command)
-    return command
+        function = option(function)
+    return function
 
 
 def knowledge_of(shape: tuple[int, ...], given: dict[str, Any]) -> Any:
@@ -74,7 +76,7 @@ def in_words_of_options(text: str) -> str:
     return re.sub(r"`(\w+)`", r"--\1", text)
 
 
-@click.command("filter")
+@command("filter")
 @click.argument("image", type=click.Path(path_type=Path))
 @click.option(
     "--angle",

@@ -58,6 +58,15 @@ class Capture(NamedTuple):
     hints : what may be wrong with levels, and the option that would mend it
     one_exposure : whether all pictures are one frame, between which nothing can move
     channels : names of the channels where they are bands of a spectrum
+
+    Examples
+    --------
+    >>> pictures = np.full((4, 2, 3, 1), 0.5, np.float32)
+    >>> names = ("a.png", "b.png", "c.png", "d.png")
+    >>> dark = np.zeros((2, 3), bool)
+    >>> capture = Capture(pictures, (0.0, 45.0, 90.0, 135.0), dark, names, "light")
+    >>> capture.pictures[0].shape
+    (2, 3, 1)
     """
 
     pictures: Float32Array

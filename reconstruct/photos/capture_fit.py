@@ -42,6 +42,15 @@ class CaptureFit:
     shifts : (pictures,)
         Pixels that each picture moved against the first.
     warnings : tuple of str
+
+    Examples
+    --------
+    >>> pictures = np.full((4, 8, 8, 1), 0.5, np.float32)  # unpolarised light of 1
+    >>> names = ("a.png", "b.png", "c.png", "d.png")
+    >>> angles, clipped = (0.0, 45.0, 90.0, 135.0), np.zeros((8, 8), bool)
+    >>> fit = fit_capture(Capture(pictures, angles, clipped, names, "light"))
+    >>> fit.stokes[0, 0, 0].round(6).tolist()
+    [1.0, 0.0, 0.0]
     """
 
     stokes: Float32Array

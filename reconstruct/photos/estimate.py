@@ -57,6 +57,11 @@ class Knowledge:
     mirror : all light is specular
     illuminant : name of an estimator of the light's colour
     separation : name of the method that tells the lobes apart by colour
+
+    Examples
+    --------
+    >>> Knowledge(light=(1.0, 1.0, 2.0), eta=1.5).illuminant
+    'neutral'
     """
 
     normals: Float32Array | None = None
@@ -100,11 +105,36 @@ def read_knowledge(
 ) -> Knowledge:
     """Read and check what is given besides a picture of `shape` (height, width).
 
+    Parameters
+    ----------
+    shape : (height, width)
+    normals, mask : path, optional
+        Files of the picture's size, see `malus filter --help`.
+    light : (x, y, z), optional
+        Towards a distant light: right, up, to the viewer.
+    material_name : str, optional
+        A material of `list_materials`, for its refractive index.
+    alpha : float, optional
+        Beckmann roughness, in (0, 1].
+    preset : str, optional
+        A name of `PRESETS`, for index, roughness, and whether all light is mirrored.
+    illuminant, separation : str
+        Names of the estimator of the light's colour and of the separation of the lobes.
+
+    Returns
+    -------
+    Knowledge
+
     Raises
     ------
     InputError
         Files of another size, a light of no direction, unknown names, alpha outside (0, 1], a
         mirror without normals or with a light.
+
+    Examples
+    --------
+    >>> read_knowledge((48, 64), light=(1.0, 1.0, 2.0), material_name="pmma").eta is not None
+    True
     """
     typical = PRESETS.get(preset or "")
     if preset is not None and typical is None:

@@ -42,6 +42,11 @@ class FilterOutput:
 
     `physical` keeps the stop of light that a real filter takes away; otherwise the exposure makes
     up for it, so that unpolarised light looks as before.
+
+    Examples
+    --------
+    >>> FilterOutput(angles_deg=(60.0,)).sweep
+    False
     """
 
     angles_deg: Sequence[float] = (0.0, 45.0, 90.0, 135.0)
@@ -63,6 +68,13 @@ class FilteredPicture:
         What was assumed and estimated.
     warnings : tuple of str
         Reasons not to believe it.
+
+    Examples
+    --------
+    >>> flat = np.full((2, 2, 1), 0.5, np.float32)
+    >>> picture = FilteredPicture(Components(flat, 0 * flat, 0 * flat), (), (), ())
+    >>> picture.components.i_max.shape
+    (2, 2, 1)
     """
 
     components: Components

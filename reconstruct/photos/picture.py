@@ -53,6 +53,12 @@ class Picture:
         What of the file is left out or changed.
     others : dict
         Further channels of an OpenEXR file by name, which go out as they came in.
+
+    Examples
+    --------
+    >>> grey = Picture(np.full((2, 3, 1), 0.5, np.float32), "EXR", None)
+    >>> grey.suffix, grey.linear.shape
+    ('.exr', (2, 3, 1))
     """
 
     linear: Float32Array
