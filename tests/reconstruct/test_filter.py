@@ -191,7 +191,7 @@ def test_bad_options_end_in_one_line_and_no_output(tmp_path: Path) -> None:
         (path, [*good, "--material", "unobtainium"], "material"),
         (path, [*good, "--light", "0,0,0"], "not zero"),
         (path, ["--preset", "water"], "no --normals"),
-        (path, [*good, "--preset", "glass", "--light", "0,0,1"], "no `light`"),
+        (path, [*good, "--preset", "glass", "--light", "0,0,1"], "no --light"),
         (path, [*good, "--angle", "nan"], "degrees"),
         (grey, good, "grey image where colour is needed"),
         (path, [], "no outline"),
