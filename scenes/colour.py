@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -162,12 +163,42 @@ def delta_e_maps(
     >>> [suffix for suffix, angle, _ in delta_e_maps(stokes, stokes, (450.0, 550.0, 650.0))][:3]
     ['_i_max', '_i_min', '']
     """
+    yield from differences_from(compared_colours(true, wavelengths_nm), estimated, method)
+
+
+@dataclass(frozen=True)
+class ComparedColours:
+    """CIELAB (pixels, 3) of I_max, I_min and every I(ϑ) of one Stokes image.
+
+    What several estimates are compared with is computed once.
+    """
+
+    labs: tuple[Float64Array, ...]
+    weights: Float64Array
+
+
+def compared_colours(stokes: FloatArray, wavelengths_nm: tuple[float, ...]) -> ComparedColours:
+    """Colours of Stokes vectors (pixels, bands, 3) over the radiance of white.
+
+    Raises
+    ------
+    InputError
+        If no band is visible.
+    """
+    weights = band_weights(wavelengths_nm)
+    labs = (lab(image(stokes), weights) for _, _, image in _compared_images())
+    return ComparedColours(tuple(labs), weights)
+
+
+def differences_from(
+    true: ComparedColours, estimated: FloatArray, method: str = "CIE 1976"
+) -> DifferenceMaps:
+    """As `delta_e_maps`, from colours of the truth that are known already."""
     import colour
 
-    weights = band_weights(wavelengths_nm)
-    for suffix, angle, image in _compared_images():
-        pair = (lab(image(stokes), weights) for stokes in (true, estimated))
-        yield suffix, angle, np.asarray(colour.delta_E(*pair, method=method))
+    for (suffix, angle, image), colours in zip(_compared_images(), true.labs, strict=True):
+        estimate = lab(image(estimated), true.weights)
+        yield suffix, angle, np.asarray(colour.delta_E(colours, estimate, method=method))
 
 
 def _compared_images() -> Iterator[tuple[str, float | None, Callable[[FloatArray], FloatArray]]]:
