@@ -2,7 +2,7 @@
 
 What is not given is estimated. The order is that of the paper's pipeline; the physics at its end is
 the best known for one distant light: specular light is polarised by the facets that mirror it, at
-the half vector, and diffuse light by the interface that it crossed, if its shading shows that it
+the half vector, and diffuse light by the surface that it crossed, if its shading shows that it
 crossed one.
 """
 

@@ -215,10 +215,10 @@ def _notes(eta_known: bool, eta: float, alpha: float, level: FloatArray) -> tupl
         notes.append(f"eta is assumed ({TYPICAL_ETA:g}): the irradiance is not known")
     elif eta in ETA_RANGE:
         notes.append(
-            f"eta ran into its bound {eta:g}: the level of mirrored light is not plausible"
+            f"eta ran into its bound {eta:g}: the level of specular light is not plausible"
         )
     if min(alpha / ALPHA_RANGE[0], ALPHA_RANGE[1] / alpha) < 1.01:
         notes.append(f"alpha ran into its bound {alpha:.2g}")
     if not np.any(level > 0):
-        notes.append("no mirrored light was found")
+        notes.append("no specular light was found")
     return tuple(notes)
