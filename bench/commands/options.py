@@ -16,8 +16,8 @@ class Folder(click.ParamType[Path]):
     name = "path"
 
     def convert(self, value: Any, param: object, ctx: object) -> Path:
-        """The path of a text; a URL needs fsspec, which is imported only then."""
-        del param, ctx  # click's; nothing here depends on them
+        """Path of a text; a URL needs fsspec, which is imported only then."""
+        del param, ctx  # click passes them to every type
         if not str(value):  # an unset variable of a shell, which would be the current folder
             self.fail("expected a path, found an empty text; is a variable unset?")
         if isinstance(value, Path) or "://" not in str(value):
