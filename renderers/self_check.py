@@ -168,7 +168,7 @@ def _mean(array: AnyArray, window: Any, inside: AnyArray) -> Float64Array:
 
 
 def measured_reference(variant: Variant, runs: int = RUNS) -> dict[str, dict[str, Any]]:
-    """What `self_check` compares with, measured anew: mean and spread over seeds, by scene."""
+    """New stored values for `self_check`: mask, mean and spread over seeds, by scene."""
     reference = {}
     for name, scene in SCENES.items():
         seeds = range(1000, 1000 + runs)

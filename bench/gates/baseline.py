@@ -2,7 +2,7 @@
 
 The file is TOML. Its rules are written by people: metric, tolerance and the reason for it, for
 the methods, bodies, lights and surfaces that match their patterns; the last rule that matches
-holds. Its measured values are written by `malus gate --update`, one line each.
+holds. Its measured values are written by `malus.update_baseline`, one line each.
 """
 
 from __future__ import annotations

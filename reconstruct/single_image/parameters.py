@@ -88,7 +88,7 @@ def fit_parameters(
     normals : (n, 3) unit normals in the image frame: x right, y up, z towards the viewer
     direction : (3,) unit vector towards the light, in the image frame
     body : 'unpolarised' or 'polarised'
-        Lambertian, or diffuse light that crosses the interface twice.
+        Lambertian, or diffuse light that crosses the surface twice.
     irradiance : float, optional
         Of the light, W m⁻² nm⁻¹ for radiances in W m⁻² sr⁻¹ nm⁻¹. Without it η cannot be measured
         and 1.5 is assumed.

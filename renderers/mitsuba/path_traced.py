@@ -71,11 +71,6 @@ class RenderedScene:
             self.rendered_truth, standard_error=np.zeros_like(self.rendered_truth.standard_error)
         )
 
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
-        """Images (angles, height, width, bands) through a polariser, as from a `Family`."""
-        truth = self.truth(scene)
-        return np.stack([truth.polarised(angle) for angle in angles_deg]).astype(np.float32)
-
 
 class Room:
     """A Mitsuba scene of several objects, ready to render every band of it."""

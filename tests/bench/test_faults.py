@@ -235,7 +235,7 @@ def holds_the_lock() -> Iterator[int]:
 
 @pytest.mark.parametrize("seconds", [0, -1, float("nan"), float("inf")])
 def test_no_time_is_one_line(seconds: float) -> None:
-    with pytest.raises(InputError, match="--timeout: expected seconds above 0"):
+    with pytest.raises(InputError, match=r"^timeout: expected seconds above 0"):
         WorkerProcess(timeout=seconds)
 
 
