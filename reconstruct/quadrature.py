@@ -1,4 +1,4 @@
-"""A light as a finite set of directions, as fine as the lobe of a given roughness needs."""
+"""Approximate a light by directions, as many as the lobe of a given roughness needs."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def _scene_table(truth: Truth, methods: Sequence[Method]) -> pd.DataFrame:
 def _run_record(
     dataset: Dataset, methods: list[str], seconds: float, interpolation_error: float
 ) -> dict[str, Any]:
-    """What `run.json` says: where the truths come from, and how the scores came about."""
+    """Content of `run.json`: where the truths come from, and how they were scored."""
     record = dataset.record
     suite = dict(record.suite or {"name": printable(dataset.path.name)})
     return {

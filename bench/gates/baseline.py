@@ -27,7 +27,7 @@ GatedMetric = Literal["gain", "rotation", "facing_skill"]
 """Metrics whose standard error is known; in the others noise looks like a change."""
 
 KEYS = ("method", "knowledge", "body", "light", "surface")
-"""Columns that a measured value stands for; scenes of other shapes and materials are pooled."""
+"""Columns that identify a measured value; scenes of other shapes and materials are pooled."""
 
 _HEADER = """\
 # What was measured when this baseline was reviewed. People write the rules; `malus gate` writes the

@@ -115,7 +115,7 @@ def spread(
 
 
 def _remote(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
-    """Do one task on a worker, with the variant of that name as the worker has it."""
+    """Do one task on a worker, with the worker's own variant of that name."""
     backends = {name: backend for backend, name in BACKENDS.items()}
     with _one_at_a_time:
         own_variant = choose(backends[variant])

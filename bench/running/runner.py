@@ -138,7 +138,7 @@ class SuiteRun:
         }
 
     def keep(self, task: FamilyTask, result: FamilyResult) -> None:
-        """Store the result of a task: examples first, so that a part that is there has them."""
+        """Store the result of a task, the examples first: a part is never there without them."""
         for name, content in result.examples.items():
             _write_bytes(self.folder / EXAMPLES / name, content)
         old = self.parts.table(task.id)

@@ -15,7 +15,7 @@ Change = Callable[[Observation], Observation]
 
 
 def _from_near(observation: Observation) -> Observation:
-    """See it through a perspective camera: each pixel has its own view direction."""
+    """View the object through a perspective camera: each pixel has its own view direction."""
     height, width = observation.mask.shape
     y, x = np.meshgrid(np.linspace(-0.4, 0.4, height), np.linspace(0.4, -0.4, width), indexing="ij")
     direction = np.stack([x, y, np.ones_like(x)], axis=-1)
@@ -29,7 +29,7 @@ def _from_near(observation: Observation) -> Observation:
 
 
 def _metal(observation: Observation) -> Observation:
-    """Make it of gold, which has no diffuse light."""
+    """Make the object of gold, which has no diffuse light."""
     eta = np.array([1.3 + 1.9j, 0.4 + 2.4j, 0.15 + 3.4j])
     return replace(observation, eta=eta, diffuse=np.zeros_like(observation.diffuse))
 

@@ -99,7 +99,7 @@ class Room:
         self.owner = covering(mi, self.film, self.scene, self.shapes)
         self.path = _path(mi, sampling.max_depth)
         everything, flags = mi.TransportMode.Radiance, mi.BSDFFlags
-        self.any = mi.BSDFContext()
+        self.all_lobes = mi.BSDFContext()
         self.lobes = [
             mi.BSDFContext(everything, int(flags.GlossyReflection | flags.DeltaReflection)),
             mi.BSDFContext(everything, int(flags.DiffuseReflection)),
@@ -178,24 +178,28 @@ class Room:
         owner = dr.gather(mi.Int32, mi.Int32(self.owner[pixels]), local)
         seed = dr.opaque(mi.UInt32, self.sampling.seed)
         rays, draws = streams(mi, stream_number(pixel, half), seed)
-        further = mi.load_dict({"type": "independent"})
-        further.seed(self.sampling.seed + int(pixels[0]), count)
+        path_sampler = mi.load_dict({"type": "independent"})
+        path_sampler.seed(self.sampling.seed + int(pixels[0]), count)
 
-        def step(i: Any, sums: list[Any], rays: Any, draws: Any, further: Any) -> tuple[Any, ...]:
+        def step(
+            i: Any, sums: list[Any], rays: Any, draws: Any, path_sampler: Any
+        ) -> tuple[Any, ...]:
             ray = self.film.ray(mi, pixel, rays)
-            values = self._sample(ray, owner, light, draws, further)
+            values = self._sample(ray, owner, light, draws, path_sampler)
             sums = [s + v for s, v in zip(sums, values, strict=True)]
-            return i + 1, sums, rays, draws, further
+            return i + 1, sums, rays, draws, path_sampler
 
         samples = dr.opaque(mi.UInt32, self.sampling.samples // HALVES)
         zeros = [dr.zeros(mi.Float, count) for _ in range(_CHANNELS)]
-        state = (dr.zeros(mi.UInt32, count), zeros, rays, draws, further)
+        state = (dr.zeros(mi.UInt32, count), zeros, rays, draws, path_sampler)
         _, sums, *_ = dr.while_loop(state, lambda i, *_: i < samples, step)
         dr.eval(sums)
         for row, values in zip(result, sums, strict=True):
             row[:] = np.asarray(values).reshape(HALVES, -1)
 
-    def _sample(self, ray: Any, owner: Any, light: Sampler, draws: Any, further: Any) -> list[Any]:
+    def _sample(
+        self, ray: Any, owner: Any, light: Sampler, draws: Any, path_sampler: Any
+    ) -> list[Any]:
         """Contribution of one ray to every channel."""
         import drjit as dr
 
@@ -204,7 +208,7 @@ class Room:
         valid = hit.is_valid()
         shaded = [mi.Float(0.0) for _ in range(3 * len(self.lobes))]
         to_camera = to_camera_frame(mi, self.film.sensor, ray)
-        for direction, weight, stokes in self._incoming(hit, light, draws, further):
+        for direction, weight, stokes in self._incoming(hit, light, draws, path_sampler):
             for k, lobe in enumerate(self.lobes):
                 mueller = hit.bsdf().eval(lobe, hit, direction, valid)
                 mueller = to_camera @ hit.to_world_mueller(mueller, -direction, hit.wi)
@@ -213,12 +217,12 @@ class Room:
                     shaded[3 * k + row] += dr.select(weight > 0, outgoing * weight, 0.0)
         normal = [dr.select(valid, c, 0.0) for c in hit.sh_frame.n]
         whole = [a + b for a, b in zip(shaded[:3], shaded[3:], strict=True)]
-        own = mi.Bool(False)
+        on_owner = mi.Bool(False)
         for index, shape in enumerate(self.shapes):
-            own |= (hit.shape == mi.ShapePtr(shape)) & (owner == index)
-        return [*normal, *shaded, *(w * w for w in whole), dr.select(own, mi.Float(1), 0.0)]
+            on_owner |= (hit.shape == mi.ShapePtr(shape)) & (owner == index)
+        return [*normal, *shaded, *(w * w for w in whole), dr.select(on_owner, mi.Float(1), 0.0)]
 
-    def _incoming(self, hit: Any, light: Sampler, draws: Any, further: Any) -> list[Any]:
+    def _incoming(self, hit: Any, light: Sampler, draws: Any, path_sampler: Any) -> list[Any]:
         """Directions (local), weights and Stokes vectors of the light that arrives at a hit."""
         import drjit as dr
 
@@ -232,10 +236,10 @@ class Room:
         if self.path is None:
             return arriving
         u, uv = draws.next_float32(), mi.Point2f(draws.next_float32(), draws.next_float32())
-        drawn, _ = bsdf.sample(self.any, hit, u, uv, valid)
+        drawn, _ = bsdf.sample(self.all_lobes, hit, u, uv, valid)
         usable = valid & (drawn.pdf > 0)
         ray = mi.RayDifferential3f(hit.spawn_ray(hit.to_world(drawn.wo)))
-        radiance, _, _ = self.path.sample(self.scene, further, ray, None, usable)
+        radiance, _, _ = self.path.sample(self.scene, path_sampler, ray, None, usable)
         stokes = [radiance[row, 0][0] for row in range(4)]
         return [*arriving, (drawn.wo, dr.select(usable, 1.0 / drawn.pdf, 0.0), stokes)]
 
