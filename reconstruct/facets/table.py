@@ -125,17 +125,17 @@ def specular_tables(eta: NDArray[Any], sigma: float, measure: Measure) -> list[T
     Examples
     --------
     >>> few, many = np.array([1.5]), np.linspace(1.4, 1.6, 40)
-    >>> (table,), tables = specular_tables(few, 10.0, "eq8"), specular_tables(many, 10.0, "eq8")
-    >>> bool(abs(table(0.5) - DolpTable(1.5, 10.0)(0.5)) < 1e-6), len(tables)
+    >>> (one,), others = specular_tables(few, 10.0, "eq8"), specular_tables(many, 10.0, "eq8")
+    >>> bool(abs(one(0.5) - DolpTable(1.5, 10.0)(0.5)) < 1e-6), len(others)
     (True, 40)
     """
-    exponent, checked = float(checked_sigma(sigma)), checked_measure(measure)
+    exponent, known = float(checked_sigma(sigma)), checked_measure(measure)
     ordinary = np.isrealobj(eta) and _ORDINARY[0] <= eta.min() and eta.max() <= _ORDINARY[1]
     series = None
     if ordinary and np.unique(eta).size > _NODES:
-        series = _specular_by_index(exponent, checked)
+        series = _specular_by_index(exponent, known)
     if series is None:
-        return [DolpTable(index, exponent, checked) for index in eta]
+        return [DolpTable(index, exponent, known) for index in eta]
     unit = (2.0 * np.asarray(eta, np.float64) - sum(_ORDINARY)) / (_ORDINARY[1] - _ORDINARY[0])
     grids = np.polynomial.chebyshev.chebvander(unit, _NODES - 1) @ series
     return [Table(_on_grid(grid)) for grid in grids]
