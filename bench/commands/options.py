@@ -49,15 +49,17 @@ def in_options(parts: tuple[str, ...], params: list[click.Parameter]) -> list[st
     """The four parts of an InputError with options in place of parameters.
 
     A parameter stands alone in the first part ("workers", "workers, scheduler"), and in backticks
-    in any ("choose another `out`").
+    in any ("choose another `out`"). An option's own name stands for it too.
 
     Examples
     --------
     >>> params = [click.Option(["--method", "methods"]), click.Option(["--out"])]
     >>> in_options(("methods", "some", "none", "name `methods`, or another `out`"), params)
     ['--method', 'some', 'none', 'name --method, or another --out']
+    >>> in_options(("method", "eq8", "eq9", "choose another"), params)[0]
+    '--method'
     """
-    options = {p.name: _told(p) for p in params if p.name is not None}
+    options = {name: _told(p) for p in params for name in (p.name, _told(p).lstrip("-"))}
     where, *others = parts
     names = where.split(", ")
     if all(name in options for name in names):
