@@ -42,13 +42,13 @@ def render_lobes(
     """Stokes samples of both lobes of one family at its nodes."""
     mi = mitsuba(variant)
     batches = max(b for b in range(2, BATCHES + 1, 2) if sampling.samples % b == 0)
-    view = _view(mi, variant, key.shape, key.camera)
+    base_scene = _base_scene(mi, variant, key.shape, key.camera)
     specular_bsdfs = _specular_bsdfs(variant, key, nodes)
     diffuse_nodes = nodes if key.body == "polarised" else nodes[:1]
     diffuse_bsdfs = [diffuse_bsdf(node, key.alpha, key.body) for node in diffuse_nodes]
-    specular = _renders(mi, view, key.light, specular_bsdfs, batches, sampling, stream=0)
-    diffuse = _renders(mi, view, key.light, diffuse_bsdfs, batches, sampling, stream=1)
-    normals, touched, covered = _geometry(mi, view, sampling)
+    specular = _renders(mi, base_scene, key.light, specular_bsdfs, batches, sampling, stream=0)
+    diffuse = _renders(mi, base_scene, key.light, diffuse_bsdfs, batches, sampling, stream=1)
+    normals, touched, covered = _geometry(mi, base_scene, sampling)
     pixels = np.flatnonzero(touched)
     specular, diffuse = specular[:, :, pixels], diffuse[:, :, pixels]
     return Lobes(
@@ -80,7 +80,7 @@ def _variance_of_mean(batches: Float32Array) -> Float32Array:
     return np.asarray(batches.var(axis=0, ddof=1) / len(batches), dtype=np.float32)
 
 
-def _view(mi: ModuleType, variant: Variant, shape: Shape, camera: Camera) -> dict[str, Any]:
+def _base_scene(mi: ModuleType, variant: Variant, shape: Shape, camera: Camera) -> dict[str, Any]:
     """The scene without BSDF, light and integrator."""
     look = sensor(mi, camera)
     if variant.name == SCALAR:
@@ -93,15 +93,15 @@ def _view(mi: ModuleType, variant: Variant, shape: Shape, camera: Camera) -> dic
     return {"type": "scene", "sensor": look, "shape": shape}
 
 
-def _load(mi: ModuleType, view: dict[str, Any], bsdf: Any, **more: Any) -> Any:
+def _load(mi: ModuleType, base_scene: dict[str, Any], bsdf: Any, **more: Any) -> Any:
     loaded = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
-    shape = shape_object(mi, view["shape"], loaded)
-    return mi.load_dict(view | {"shape": shape} | more)
+    shape = shape_object(mi, base_scene["shape"], loaded)
+    return mi.load_dict(base_scene | {"shape": shape} | more)
 
 
 def _renders(
     mi: ModuleType,
-    view: dict[str, Any],
+    base_scene: dict[str, Any],
     light: Light,
     bsdfs: list[Any],
     batches: int,
@@ -116,15 +116,17 @@ def _renders(
         "type": "stokes",
         "direct": {"type": "path", "max_depth": 2, "hide_emitters": True},
     }
-    images = np.zeros((batches, len(bsdfs), view["sensor"]["film"]["width"] ** 2, 3), np.float32)
+    images = np.zeros(
+        (batches, len(bsdfs), base_scene["sensor"]["film"]["width"] ** 2, 3), np.float32
+    )
     for part in parts(light):  # apart, because the film's response depends on the kind of light
-        scene = _load(mi, view, bsdfs[0], light=emitter(mi, part), integrator=integrator)
-        response = _response(mi, view, part)
+        scene = _load(mi, base_scene, bsdfs[0], light=emitter(mi, part), integrator=integrator)
+        response = _response(mi, base_scene, part)
         for node, bsdf in enumerate(bsdfs):
             if isinstance(bsdf, dict):
                 _set_index(mi, scene, bsdf)
             else:
-                scene = _load(mi, view, bsdf, light=emitter(mi, part), integrator=integrator)
+                scene = _load(mi, base_scene, bsdf, light=emitter(mi, part), integrator=integrator)
             for batch in range(batches):
                 # The same seed for every node makes noise a smooth function of the index.
                 seed = (sampling.seed * BATCHES + batch) * 2 + stream
@@ -154,13 +156,13 @@ def _stokes(raw: Float32Array) -> Float32Array:
     return raw[..., [first + 1, first + 4, first + 7]]
 
 
-def _response(mi: ModuleType, view: dict[str, Any], light: Light) -> float:
+def _response(mi: ModuleType, base_scene: dict[str, Any], light: Light) -> float:
     """Value of the green channel for a radiance of 1: the sRGB weight of the 1 nm.
 
     Mitsuba makes spectra of a map's colours in another way than of plain numbers: for maps, the
     weight is measured on a map of ones.
     """
-    look = view["sensor"]
+    look = base_scene["sensor"]
     small = look | {"film": look["film"] | {"width": 8, "height": 8}}
     sky: dict[str, Any] = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
     if isinstance(light, Environment | Sky):
@@ -177,15 +179,15 @@ def _response(mi: ModuleType, view: dict[str, Any], light: Light) -> float:
 
 
 def _geometry(
-    mi: ModuleType, view: dict[str, Any], sampling: Sampling
+    mi: ModuleType, base_scene: dict[str, Any], sampling: Sampling
 ) -> tuple[Float32Array, BoolArray, BoolArray]:
     """Mean shading normals (pixels, 3); whether pixels are touched, and covered, by the object."""
     variables = {"type": "aov", "aovs": "normal:sh_normal,hit:shape_index"}
-    scene = _load(mi, view, {"type": "diffuse"}, integrator=variables)
+    scene = _load(mi, base_scene, {"type": "diffuse"}, integrator=variables)
     raw = np.asarray(mi.render(scene, spp=sampling.samples, seed=sampling.seed))
     names = list(scene.integrator().aov_names())
     channels = raw[..., raw.shape[-1] - len(names) :].reshape(-1, len(names))
     normals = channels[:, [names.index(f"normal.{axis}") for axis in "XYZ"]]
     hits = channels[:, names.index("hit.I")]
     all_hit = hits > 1 - 0.5 / sampling.samples
-    return normals, hits > 0, all_hit & inside(mi, scene, view["sensor"]["film"]["width"])
+    return normals, hits > 0, all_hit & inside(mi, scene, base_scene["sensor"]["film"]["width"])
