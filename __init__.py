@@ -161,12 +161,12 @@ _NAMES = {
 }
 """Public names by the module that each comes from; `TYPE_CHECKING` above has the same ones."""
 
-_HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
-__all__ = sorted(_HOMES)
+__all__ = sorted(_MODULES)
 
 
-if not TYPE_CHECKING:  # a type checker would take any name for one that is here
+if not TYPE_CHECKING:  # for a type checker every name would exist
 
     def __getattr__(name: str) -> Any:
         """A public name, imported from its module when it is first used."""
@@ -174,12 +174,13 @@ if not TYPE_CHECKING:  # a type checker would take any name for one that is here
             from importlib.metadata import version
 
             return version("malus")
-        if name not in _HOMES:
+        if name not in _MODULES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        value = getattr(importlib.import_module(_HOMES[name]), name)
+        value = getattr(importlib.import_module(_MODULES[name]), name)
         globals()[name] = value
         return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES, "__version__"})
+    """Public names, those not imported yet among them."""
+    return sorted({*globals(), *_MODULES, "__version__"})

@@ -17,18 +17,20 @@ if TYPE_CHECKING:
 
 __all__ = ["Results", "observe", "read_results", "run", "score"]
 
-_HOMES = {
+_MODULES = {
     "Results": "running.results",
     "observe": "scoring.observe",
     "read_results": "running.results",
     "run": "running.runner",
     "score": "scoring.judge",
 }
+"""Module of each name that is imported when it is first used."""
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    """Import a public name when it is first used."""
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
     globals()[name] = value
     return value

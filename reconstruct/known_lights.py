@@ -75,7 +75,7 @@ def _smallest_alpha(observation: Observation) -> float:
 
 
 def _facet_stokes(lamp: Directions, eta: EtaArray) -> Float32Array:
-    """Stokes vectors (K, bands · 3) of each direction's light, mirrored by its facet."""
+    """Stokes vectors (K, bands · 3) of the specular light from each direction."""
     perpendicular, parallel = reflectances(np.clip(lamp.half[:, 2:], 0.0, 1.0), eta[None, :])
     x, y = lamp.half[:, 0], lamp.half[:, 1]
     squared = np.where(x * x + y * y > 0, x * x + y * y, 1.0)

@@ -92,12 +92,12 @@ def methods() -> dict[str, Method]:
 
     declared = [
         TRIVIAL,
-        *(Method(*each, per_pixel=True, per_band=True) for each in per_pixel_methods()),
-        *(Method(*declaration) for declaration in whole_picture_methods()),
+        *(Method(*entry, per_pixel=True, per_band=True) for entry in per_pixel_methods()),
+        *(Method(*entry) for entry in whole_picture_methods()),
     ]
     by_name = {method.name: method for method in declared}
-    for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
-        by_name[entry.name] = _loaded(f"entry point {entry.name}", entry.value)
+    for entry_point in importlib.metadata.entry_points(group=ENTRY_POINTS):
+        by_name[entry_point.name] = _loaded(f"entry point {entry_point.name}", entry_point.value)
     return by_name
 
 

@@ -16,7 +16,7 @@ Image = FloatArray
 
 
 class Inapplicable(ValueError):
-    """A method cannot work on this observation, for the reason in its message; nobody's mistake.
+    """A method cannot work on this observation; the message says why. It is no mistake of input.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A light as a finite set of directions, as fine as the lobe of a given roughness needs."""
+"""Approximate a light by directions, as many as the lobe of a given roughness needs."""
 
 from __future__ import annotations
 
@@ -117,6 +117,6 @@ def _sphere(values: Float64Array, alpha: float, turn_deg: float = 0.0) -> Direct
     toward = np.stack([summed(weight * pixels[..., axis]) for axis in range(3)], axis=-1)[power > 0]
     power = power[power > 0]
     toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
-    # Light from straight behind the object is mirrored to no viewer.
+    # No facet mirrors light from straight behind the object to the viewer.
     visible = toward[:, 2] > -1.0 + 1e-9
     return Directions(toward[visible], power[visible])

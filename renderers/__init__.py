@@ -21,6 +21,7 @@ _DATASET_NAMES = {"Dataset", "open_dataset"}
 
 
 def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used."""
     if name not in _DATASET_NAMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f"{__name__}.datasets.dataset"), name)

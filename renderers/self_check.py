@@ -1,9 +1,9 @@
-"""Small renders of every kind held against stored values and laws: is this machine's truth right?
+"""Compare small renders of every kind of scene with stored values and with laws of optics.
 
 The stored values are means over `RUNS` seeds on the LLVM variant, with their standard deviations.
-A render of any variant must agree with them within its noise. What no stored value can tell, laws
-do: a white furnace, Fresnel's polarisation up to Brewster's angle, and a polariser of Mitsuba's own
-before the camera.
+A render of any variant must agree with them within its noise. A mistake in
+the stored values themselves would show in the laws: a white furnace, Fresnel's polarisation up to
+Brewster's angle, and Mitsuba's own polariser before the camera.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from malus.scenes.polarisation import dolp
 
 REFERENCE = "self_check.json"
 RUNS = 64
-"""Seeds behind a stored value."""
+"""Number of seeds of which a stored value is the mean."""
 
 REGIONS = 4
 """Regions a side of the image that values are means over."""
@@ -40,18 +40,18 @@ LARGEST = 6.0
 Light by rare paths has longer tails, faults seen so far were above 50."""
 
 MOST_NOISE = 0.05
-"""Of a region's mean, over the largest value: more would hide what is looked for."""
+"""Largest noise of a region's mean, over the largest value: more would hide faults."""
 
 MOST_DIFFERING = 5
 """Pixels of 256 whose corners may be hit or missed by rounding."""
 
 ROUNDING = 2e-5
-"""Of the largest value: what sums of 32 bits in another order may differ by."""
+"""Largest difference, over the largest value, of sums of 32 bits in another order."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One small render or law, and how it ended.
+    """Outcome of one comparison with stored values or a law.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Check:
 
 
 def self_check(variant: Variant, short: bool = False) -> Iterator[Check]:
-    """Render small scenes of every kind on a variant and compare them with what must come out.
+    """Render small scenes of every kind on a variant and compare them with stored values and laws.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def _checked(name: str, what: str, limit: float, compare: Callable[[], float]) -
     started = time.perf_counter()
     try:
         deviation, why = compare(), ""
-    except Exception as error:  # whatever a driver or a library raises is what is looked for
+    except Exception as error:  # drivers may raise anything: that is a failed check
         deviation, why = float("nan"), f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - started
     return Check(name, what, deviation, limit, seconds, deviation <= limit, why)
@@ -168,7 +168,7 @@ def _mean(array: AnyArray, window: Any, inside: AnyArray) -> Float64Array:
 
 
 def measured_reference(variant: Variant, runs: int = RUNS) -> dict[str, dict[str, Any]]:
-    """What `self_check` compares with, measured anew: mean and spread over seeds, by scene."""
+    """New stored values for `self_check`: mask, mean and spread over seeds, by scene."""
     reference = {}
     for name, scene in SCENES.items():
         seeds = range(1000, 1000 + runs)

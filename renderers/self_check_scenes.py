@@ -1,4 +1,4 @@
-"""The small scenes that `malus doctor --check` renders: one of every kind that malus knows."""
+"""The small scenes that `self_check` renders: one of every kind that malus knows."""
 
 from __future__ import annotations
 

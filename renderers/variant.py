@@ -207,7 +207,7 @@ def choose(backend: str = "auto") -> Variant:
 
 
 def unchecked(backend: str = "auto") -> Variant:
-    """The variant of a backend for a check: as `choose` has it, but believed without one.
+    """The variant of a backend as in `choose`, but not tested: for a check that tests it.
 
     Raises
     ------
@@ -238,7 +238,7 @@ def mitsuba(variant: Variant) -> ModuleType:
     else:
         # Without a path Dr.Jit would load the first libLLVM it finds, whatever its version.
         os.environ["DRJIT_LIBLLVM_PATH"] = variant.llvm or os.devnull
-        # Without LLVM it says so on the error stream, though nobody asked for it.
+        # Without LLVM, Mitsuba prints a warning, though LLVM was not asked for.
         with nullcontext() if variant.llvm else quiet():
             import mitsuba as mi
     if mi.variant() != variant.name:

@@ -15,8 +15,8 @@ HALF_WIDTH = 1.05
 """Half the width of an orthographic image by default: the unit sphere and a margin."""
 
 
-def _is(default: Any) -> Any:
-    """Condition that leaves a key at its default out: scenes without the key keep their id."""
+def _at_default(default: Any) -> Any:
+    """Condition to leave a key out at its default: scenes from before it keep their id."""
     return lambda value: value == default
 
 
@@ -45,11 +45,11 @@ class Camera(Model):
     resolution: int = Field(default=128, ge=1, le=8192)
     half_width: float = Field(default=HALF_WIDTH, ge=1e-3)
     projection: Literal["orthographic", "perspective"] = Field(
-        default="orthographic", exclude_if=_is("orthographic")
+        default="orthographic", exclude_if=_at_default("orthographic")
     )
-    fov_deg: float | None = Field(default=None, gt=0, lt=170, exclude_if=_is(None))
-    distance: float | None = Field(default=None, gt=1, le=1e4, exclude_if=_is(None))
-    roll_deg: float = Field(default=0.0, ge=-360, le=360, exclude_if=_is(0.0))
+    fov_deg: float | None = Field(default=None, gt=0, lt=170, exclude_if=_at_default(None))
+    distance: float | None = Field(default=None, gt=1, le=1e4, exclude_if=_at_default(None))
+    roll_deg: float = Field(default=0.0, ge=-360, le=360, exclude_if=_at_default(0.0))
 
     @model_validator(mode="after")
     def _one_projection(self) -> Self:

@@ -243,7 +243,7 @@ def _with_picture(surface: Any, folder: Path) -> Any:
     pattern = getattr(surface, "pattern", None)
     if not isinstance(pattern, ImageTexture):
         return surface
-    path, digest = _path_and_digest(folder / pattern.path, pattern.what)
+    path, digest = _path_and_digest(folder / pattern.path, pattern.file_kind)
     with_digest = pattern.model_copy(update={"path": path, "digest": digest})
     return surface.model_copy(update={"pattern": with_digest})
 
@@ -254,7 +254,7 @@ def _with_measured_table(
     """A material whose measured table, if any, has a path from here, its digest, and the bands."""
     if not isinstance(material, Measured):
         return material
-    path, digest = _path_and_digest(folder / material.path, material.what)
+    path, digest = _path_and_digest(folder / material.path, material.file_kind)
     open_pbrdf(Path(path)).check_bands(wavelengths_nm)
     return material.model_copy(update={"path": path, "digest": digest})
 
@@ -267,6 +267,6 @@ def _with_map(light: Light, folder: Path) -> Light:
     return light.model_copy(update={"name": path, "digest": digest})
 
 
-def _path_and_digest(path: Path, what: str) -> tuple[str, str]:
+def _path_and_digest(path: Path, file_kind: str) -> tuple[str, str]:
     """A file's path, and the hash that makes its content part of the suite's id."""
-    return str(path), digest_of(path, what)
+    return str(path), digest_of(path, file_kind)

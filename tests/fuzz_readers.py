@@ -104,7 +104,7 @@ def mesh(kind: str) -> Callable[[], bytes]:
 def measured_band(path: Path) -> object:
     table = open_pbrdf(path)
     table.check_bands([520.0])
-    return table.at(520.0)
+    return table.mueller_at(520.0)
 
 
 # --- pictures ---

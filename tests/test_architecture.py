@@ -80,13 +80,6 @@ def imports(path: Path) -> Iterator[str]:
                 yield inner if inner in MODULES else module
 
 
-def lazy_names(path: Path) -> Iterator[str]:
-    """Modules that a package imports when a public name of it is first used."""
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if isinstance(node, ast.Constant) and node.value in MODULES:
-            yield node.value
-
-
 def own_imports(path: Path) -> set[str]:
     return {name for name in imports(path) if name.split(".")[0] == "malus"}
 
@@ -107,7 +100,7 @@ def room_of(module: str) -> str:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_rooms_import_only_rooms_below(package: str) -> None:
-    level = {room: at for at, line in enumerate(ROOMS[package]) for room in line.split()}
+    level = {room: row for row, line in enumerate(ROOMS[package]) for room in line.split()}
     beside = {path.stem for path in (ROOT / package).glob("*.py")} - {"__init__"}
     folders = {path.parent.name for path in (ROOT / package).glob("*/__init__.py")}
     assert set(level) == beside | folders, "ROOMS lists every room"

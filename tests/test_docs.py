@@ -202,6 +202,18 @@ def in_process(command: str, words: list[str]) -> None:
     assert result.exit_code == 0, f"{command}: {result.exception!r}\n{result.output}"
 
 
+def test_names_in_contributing_exist() -> None:
+    """Functions, classes and constants in backticks are those of the sources."""
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    sources = "".join(
+        path.read_text("utf-8")
+        for folder in ("scenes", "renderers", "reconstruct", "reports", "bench", "tests")
+        for path in (ROOT / folder).rglob("*.py")
+    )
+    for name in re.findall(r"`(?:\w+\.)*(_\w+|[a-z]+_\w+|[A-Z]\w+)`", text):
+        assert re.search(rf"\b{name}\b", sources), name
+
+
 def test_what_the_readme_shows_works(workspace: Path, no_reports: None) -> None:
     names = follow(README, workspace)
     truth = names["truth"]

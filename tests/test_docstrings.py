@@ -76,13 +76,13 @@ def test_public_names_of_packages_are_public_names() -> None:
 def test_type_checkers_see_the_public_names() -> None:
     """The imports under TYPE_CHECKING are those that are made when a name is first used."""
     source = (Path(__file__).parents[1] / "__init__.py").read_text("utf-8")
-    seen = {
+    imported_for_checkers = {
         alias.asname: node.module
         for node in ast.walk(ast.parse(source))
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("malus.")
         for alias in node.names
     }
-    assert seen == malus._HOMES
+    assert imported_for_checkers == malus._MODULES
     assert set(malus.__all__) <= set(dir(malus))
     assert malus.__version__
 

@@ -15,7 +15,7 @@ from malus.bench.studies.study import Findings, Study, StudyOption
 
 @click.group("bench")
 def bench_command() -> None:
-    """Run a study: time and error of one part beside what a user would do without malus, or cases.
+    """Run a study: a benchmark beside doing the same without malus, or a table of fixed cases.
 
     \b
     Example:

@@ -23,7 +23,7 @@ class Angles(click.ParamType[tuple[float, ...]]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[float, ...]:
-        """The numbers of a text, or click's one-line complaint."""
+        """Parse numbers; anything else ends in click's one-line message."""
         try:
             return tuple(float(part) for part in str(value).split(","))
         except ValueError:
@@ -38,7 +38,7 @@ class Size(click.ParamType[tuple[int, int]]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[int, int]:
-        """Width and height of a text, or click's one-line complaint."""
+        """Parse width and height; anything else ends in click's one-line message."""
         try:
             width, height = (int(part) for part in str(value).lower().split("x"))
         except ValueError:
@@ -129,7 +129,7 @@ _READING = (
     "zero", "sense", "angles", "unit", "linear", "black", "white", "mosaic", "bayer", "size",
     "packing",
 )  # fmt: skip
-"""Options that say how FOLDER is read, and nothing of the object."""
+"""Options for reading FOLDER; the others describe the object."""
 
 
 def _report(results: dict[str, Any]) -> str:

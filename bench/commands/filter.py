@@ -20,7 +20,7 @@ class Direction(click.ParamType[tuple[float, float, float]]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[float, float, float]:
-        """Three numbers of a text, or click's one-line complaint."""
+        """Parse three numbers; anything else ends in click's one-line message."""
         try:
             x, y, z = (float(part) for part in str(value).split(","))
         except ValueError:

@@ -16,8 +16,8 @@ class Folder(click.ParamType[Path]):
     name = "path"
 
     def convert(self, value: Any, param: object, ctx: object) -> Path:
-        """The path of a text; a URL needs fsspec, which is imported only then."""
-        del param, ctx  # click's; nothing here depends on them
+        """Path of a text; a URL needs fsspec, which is imported only then."""
+        del param, ctx  # click passes them to every type
         if not str(value):  # an unset variable of a shell, which would be the current folder
             self.fail("expected a path, found an empty text; is a variable unset?")
         if isinstance(value, Path) or "://" not in str(value):
@@ -49,15 +49,17 @@ def in_options(parts: tuple[str, ...], params: list[click.Parameter]) -> list[st
     """The four parts of an InputError with options in place of parameters.
 
     A parameter stands alone in the first part ("workers", "workers, scheduler"), and in backticks
-    in any ("choose another `out`").
+    in any ("choose another `out`"). An option's own name stands for it too.
 
     Examples
     --------
     >>> params = [click.Option(["--method", "methods"]), click.Option(["--out"])]
     >>> in_options(("methods", "some", "none", "name `methods`, or another `out`"), params)
     ['--method', 'some', 'none', 'name --method, or another --out']
+    >>> in_options(("method", "eq8", "eq9", "choose another"), params)[0]
+    '--method'
     """
-    options = {p.name: _told(p) for p in params if p.name is not None}
+    options = {name: _told(p) for p in params for name in (p.name, _told(p).lstrip("-"))}
     where, *others = parts
     names = where.split(", ")
     if all(name in options for name in names):

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from malus.bench.running.results import Results
 
 SHARED = ("suite", "out", "backend", "timeout")
-"""Options that every study may be given, of use to it or not."""
+"""Options that every study accepts, also where it has no use for them."""
 
 
 @command("run")
@@ -58,7 +58,7 @@ def run_command(
 
 
 def _run_study(ctx: click.Context, name: str, out: Path | None) -> bool:
-    """Run a study with those options of this command that are its own too; whether it failed.
+    """Run a study with the options that were given for it, and return whether it failed.
 
     Raises
     ------
@@ -81,15 +81,15 @@ def _run_study(ctx: click.Context, name: str, out: Path | None) -> bool:
 def _refuse(name: str, option: str, allowed: set[str]) -> None:
     from malus.scenes.core.errors import InputError
 
-    known = sorted({"out", "backend", *allowed}, key=lambda word: word != "out")
-    options = [f"--{word}" for word in known]
+    names = sorted({"out", "backend", *allowed}, key=lambda word: word != "out")
+    options = [f"--{word}" for word in names]
     expected = f"no option but {', '.join(options[:-1])} and {options[-1]}"
     hint = f"leave it out: the cases of {name} are fixed"
     raise InputError(f"malus run {name}", expected, option, hint)
 
 
 def _run(name: str, out: Path | None, as_json: bool, options: dict[str, Any]) -> int:
-    """Run a suite; the number of families of which something failed."""
+    """Run a suite, and return the number of families with a failure."""
     from rich.console import Console
 
     from malus.bench.commands.printing import print_json, results_table

@@ -107,7 +107,7 @@ class PredictionErrors(InputError):
 
     @classmethod
     def of(cls, folder: Path, scenes: int, problems: Sequence[InputError]) -> PredictionErrors:
-        """The error for the problems of a folder that should predict so many scenes."""
+        """The error that lists all problems of a folder of predictions for that many scenes."""
         expected = f"a good prediction for each of {scenes} scenes"
         hint = "correct them all, then score again"
         error = cls(str(folder), expected, f"{len(problems)} problem(s)", hint)

@@ -84,8 +84,8 @@ def score_dataset(
     ['eq8']
     """
     opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
-    chosen = [get_method(one) if isinstance(one, str) else one for one in methods]
-    names = [one if isinstance(one, str) else one.name for one in methods]
+    chosen = [get_method(method) if isinstance(method, str) else method for method in methods]
+    names = [method if isinstance(method, str) else method.name for method in methods]
     _check_request(opened, names, predictions is not None, name)
     folder = None if out is None else prepare_folder(as_path(out), "scores")
     if predictions is not None and not isinstance(predictions, Predictions):
@@ -108,7 +108,7 @@ def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name
 
 
 def _checked(dataset: Dataset, folder: Path, progress: Progress) -> Predictions:
-    """The predictions of a folder; their problems as one exception."""
+    """The predictions of a folder; raises one exception that lists all problems."""
     predictions, problems = check_predictions(dataset, folder, progress)
     if problems:
         raise PredictionErrors.of(folder, len(dataset), problems)
@@ -178,7 +178,7 @@ def _scene_table(truth: Truth, methods: Sequence[Method]) -> pd.DataFrame:
 def _run_record(
     dataset: Dataset, methods: list[str], seconds: float, interpolation_error: float
 ) -> dict[str, Any]:
-    """What `run.json` says: where the truths come from, and how the scores came about."""
+    """Content of `run.json`: where the truths come from, and how they were scored."""
     record = dataset.record
     suite = dict(record.suite or {"name": printable(dataset.path.name)})
     return {

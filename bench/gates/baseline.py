@@ -2,7 +2,7 @@
 
 The file is TOML. Its rules are written by people: metric, tolerance and the reason for it, for
 the methods, bodies, lights and surfaces that match their patterns; the last rule that matches
-holds. Its measured values are written by `malus gate --update`, one line each.
+holds. Its measured values are written by `malus.update_baseline`, one line each.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ GatedMetric = Literal["gain", "rotation", "facing_skill"]
 """Metrics whose standard error is known; in the others noise looks like a change."""
 
 KEYS = ("method", "knowledge", "body", "light", "surface")
-"""Columns that a measured value stands for; scenes of other shapes and materials are pooled."""
+"""Columns that identify a measured value; scenes of other shapes and materials are pooled."""
 
 _HEADER = """\
 # What was measured when this baseline was reviewed. People write the rules; `malus gate` writes the

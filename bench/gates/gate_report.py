@@ -32,9 +32,9 @@ def headline(comparisons: Sequence[Comparison]) -> str:
     """
     counts = Counter(comparison.outcome for comparison in comparisons)
     word = "passed" if passed(comparisons) else "FAILED"
-    what = ", ".join(f"{count} {outcome}" for outcome, count in counts.most_common())
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in counts.most_common())
     paired = sum(comparison.paired for comparison in comparisons)
-    return f"gate {word}: {what or 'nothing compared'} ({paired} paired)"
+    return f"gate {word}: {outcomes or 'nothing compared'} ({paired} paired)"
 
 
 def sensitivity(comparisons: Sequence[Comparison]) -> Iterator[Row]:

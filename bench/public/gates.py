@@ -50,7 +50,7 @@ class GateResult:
 
     @property
     def headline(self) -> str:
-        """What came of it, in one sentence."""
+        """The outcome in one sentence."""
         return gate_report.headline(self.comparisons)
 
     def markdown(self) -> str:

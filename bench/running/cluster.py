@@ -21,7 +21,7 @@ from typing import Any
 
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import Failure
-from malus.bench.running.work import Engine, apart, work
+from malus.bench.running.work import Engine, in_worker_process, work
 from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, at_most
 from malus.renderers.variant import BACKENDS, Variant, choose
 from malus.scenes.core.errors import InputError, reading
@@ -74,7 +74,7 @@ def engine(
         raise InputError("workers", "a number of at least 1", str(workers), "leave it out")
     with WorkerProcess(timeout) as worker, ExitStack() as stack:
         if workers is None and scheduler is None:
-            yield apart(variant, worker)
+            yield in_worker_process(variant, worker)
             return
         client = _local(workers, stack) if workers else _existing(str(scheduler), stack)
         yield lambda tasks: spread(tasks, client, variant, timeout)
@@ -115,7 +115,7 @@ def spread(
 
 
 def _remote(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
-    """Do one task on a worker, with the variant of that name as the worker has it."""
+    """Do one task on a worker, with the worker's own variant of that name."""
     backends = {name: backend for backend, name in BACKENDS.items()}
     with _one_at_a_time:
         own_variant = choose(backends[variant])

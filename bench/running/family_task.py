@@ -19,7 +19,7 @@ from malus.scenes.scene import Scene
 
 @dataclass(frozen=True)
 class FamilyTask:
-    """What shall be done for one family of scenes.
+    """Work to do on one family of scenes.
 
     Attributes
     ----------
@@ -65,12 +65,12 @@ class FamilyResult:
     clock: Callable[[], float] = time.perf_counter
 
     def whole(self, methods: Iterable[str]) -> set[str]:
-        """Those of `methods` that worked on every scene."""
+        """Methods that worked on every scene."""
         failed = {failure.method for failure in self.failures}
         return set() if None in failed else set(methods) - failed
 
     def worked(self, methods: Iterable[Method]) -> list[Method]:
-        """Those of `methods` that have not failed so far."""
+        """Methods that have not failed so far."""
         failed = {failure.method for failure in self.failures}
         return [method for method in methods if method.name not in failed]
 

@@ -20,21 +20,21 @@ FOLDERS = {
     "precision.csv": "a study",
     TABLE: "scores",
 }
-"""What a folder holds, by a file that only such a folder has. A run has a table, too."""
+"""Content of a folder by the file that marks it, in order: a run has the table of scores, too."""
 
 
-def prepare_folder(out: Path, what: str = "") -> Path:
+def prepare_folder(out: Path, content: str = "") -> Path:
     """Make the output folder, check that it can be written, and remove abandoned temporary files.
 
-    `what` is one of the names in `FOLDERS`: what will be written there.
+    `content` is one of the names in `FOLDERS`, or empty for a folder of any kind.
 
     Raises
     ------
     InputError
-        If it cannot be written, or holds something else than `what`.
+        If it cannot be written, or holds something else than `content`.
     """
     try:
-        _check_holds(out, what)
+        _check_holds(out, content)
         out.mkdir(parents=True, exist_ok=True)
         for folder in (out, out / PARTS, out / EXAMPLES):
             remove_abandoned(folder)
@@ -48,12 +48,12 @@ def prepare_folder(out: Path, what: str = "") -> Path:
     return out
 
 
-def _check_holds(out: Path, what: str) -> None:
+def _check_holds(out: Path, content: str) -> None:
     """Refuse a folder that holds the files of another command."""
-    held = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), what)
-    if what and held != what:
+    held = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), content)
+    if content and held != content:
         hint = "choose another `out`; nothing was changed"
-        raise InputError(f"output folder {out}", f"a new folder, or {what}", held, hint)
+        raise InputError(f"output folder {out}", f"a new folder, or {content}", held, hint)
 
 
 def _try_to_write(out: Path) -> None:

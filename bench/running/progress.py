@@ -38,7 +38,7 @@ def silent(_done: int, _total: int, _label: str) -> None:
     """Progress that is shown nowhere."""
 
 
-def with_progress(console: Console, what: str, work: Callable[[Progress], Any]) -> Any:
+def with_progress(console: Console, label: str, work: Callable[[Progress], Any]) -> Any:
     """Call `work` under a progress bar on the console, and return its value."""
     columns = (
         TextColumn("{task.description}"),
@@ -47,9 +47,9 @@ def with_progress(console: Console, what: str, work: Callable[[Progress], Any]) 
         TimeRemainingColumn(),
     )
     with Bar(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(what, total=None)
+        task = bar.add_task(label, total=None)
 
-        def show(done: int, total: int, label: str) -> None:
-            bar.update(task, completed=done, total=total, description=label)
+        def show(done: int, total: int, next_label: str) -> None:
+            bar.update(task, completed=done, total=total, description=next_label)
 
         return work(show)

@@ -18,7 +18,7 @@ from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged,
 from malus.bench.running.plan import FamilyPlan, plan, plan_record
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results, origin, read_results, write_run, write_tables
-from malus.bench.running.work import Engine, here
+from malus.bench.running.work import Engine, in_this_process
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
 from malus.renderers.variant import Variant, choose
@@ -71,7 +71,7 @@ def run(
     suite_run = SuiteRun(suite, families, methods, folder, chosen_variant, progress, retry_failed)
     with owned(folder, suite.id):
         write_plan(folder, suite, families, methods, chosen_variant)
-        for task, result in (engine or here(chosen_variant))(suite_run.tasks()):
+        for task, result in (engine or in_this_process(chosen_variant))(suite_run.tasks()):
             suite_run.keep(task, result)
         progress(len(families), len(families), "writing")
         totals = RunTotals()
@@ -123,22 +123,22 @@ class SuiteRun:
 
     def _missing_methods(self, name: str) -> dict[str, str]:
         """Methods that a part lacks, without those whose failure is final."""
-        done = _whole_methods(self.parts.table(name))
-        if done >= set(self.methods):
+        methods = _whole_methods(self.parts.table(name))
+        if methods >= set(self.methods):
             self.taken_over += 1
             return {}
         failures = self.parts.failures(name)
-        failed = {why.method for why in failures if why.is_final(self.retry_failed)}
+        failed = {failure.method for failure in failures if failure.is_final(self.retry_failed)}
         if None in failed:
             return {}
         return {
             method: reference
             for method, reference in self.methods.items()
-            if method not in done | failed
+            if method not in methods | failed
         }
 
     def keep(self, task: FamilyTask, result: FamilyResult) -> None:
-        """Store the result of a task: examples first, so that a part that is there has them."""
+        """Store the result of a task, the examples first: a part is never there without them."""
         for name, content in result.examples.items():
             _write_bytes(self.folder / EXAMPLES / name, content)
         old = self.parts.table(task.id)

@@ -111,14 +111,14 @@ def score_together(
     if family is None or plan.metrics or plan.ladder or not per_band:
         return False
     scenes = tuple(result.scene for result in results)
-    outcome = results[0].outcome  # the seconds of all
+    outcome = results[0].outcome  # that of the first scene has the seconds of all
     try:
         with outcome.stage(stage):
             pixels = FamilyPixels.of(family, scenes)
         with outcome.stage("score"):
             judge = FamilyJudge(pixels)
         columns = [describe(scene) for scene in scenes]
-        records = [_records_of(each, pixels, judge, columns, outcome) for each in plan.methods]
+        records = [_records_of(method, pixels, judge, columns, outcome) for method in plan.methods]
     except NotTogether:
         return False
     for number, result in enumerate(results):

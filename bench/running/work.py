@@ -33,34 +33,34 @@ from malus.renderers.variant import Variant
 from malus.scenes.scene import Scene
 
 Engine = Callable[[Iterable[FamilyTask]], Iterator[tuple[FamilyTask, FamilyResult]]]
-"""Does tasks, in any order; takes the next from the iterable only when it is about to start it."""
+"""Does tasks in any order, and takes each from the iterable only when it is about to start it."""
 
 
-def here(variant: Variant) -> Engine:
-    """Engine that does one task after the other in this process."""
+def in_this_process(variant: Variant) -> Engine:
+    """Engine that does tasks in this process, one after the other."""
 
-    def one_after_the_other(
+    def results_of(
         tasks: Iterable[FamilyTask],
     ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         for task in tasks:
             yield task, work(task, variant, os.cpu_count() or 1)
 
-    return one_after_the_other
+    return results_of
 
 
-def apart(variant: Variant, worker: WorkerProcess) -> Engine:
-    """Engine that does one task after the other in a worker process.
+def in_worker_process(variant: Variant, worker: WorkerProcess) -> Engine:
+    """Engine that does tasks in a worker process, one after the other.
 
     A family that crashes the worker or takes too long is tried again, then recorded as failed.
     """
 
-    def one_after_the_other(
+    def results_of(
         tasks: Iterable[FamilyTask],
     ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         for task in tasks:
             yield task, _in_worker(worker, task, variant)
 
-    return one_after_the_other
+    return results_of
 
 
 def _in_worker(worker: WorkerProcess, task: FamilyTask, variant: Variant) -> FamilyResult:

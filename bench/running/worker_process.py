@@ -118,7 +118,7 @@ class WorkerProcess:
         worker_end.close()
 
     def _reason(self, seconds: float) -> str:
-        """Why the worker is gone, after so many seconds of its task."""
+        """Reason why the worker ended, after that many seconds of its task."""
         self._process.join()
         code = self._process.exitcode
         self._stop()

@@ -38,7 +38,7 @@ the same for any number of threads, so that results are too."""
 
 
 class NotTogether(Exception):  # no error: the scenes are scored one by one
-    """Something about these scenes asks for scoring each on its own."""
+    """These scenes have to be scored one by one."""
 
 
 def groups(scenes: Sequence[Scene]) -> Iterator[tuple[Scene, ...]]:

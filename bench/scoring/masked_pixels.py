@@ -111,7 +111,7 @@ def _flat(stokes: FloatArray) -> FloatArray:
 
 
 def two_rows(value: Any, indices: NDArray[np.intp], shape: tuple[int, ...]) -> Any:
-    """Values of an image at `indices`, in two equal rows; other values as they are."""
+    """Values of an image at `indices`, repeated in two rows; values that are no image unchanged."""
     if np.shape(value)[:2] != shape:
         return value
     values = value.reshape(-1, *value.shape[2:]).take(indices, axis=0)

@@ -69,12 +69,12 @@ def _values(study: Study, options: dict[str, Any]) -> dict[str, Any]:
     from malus.scenes.core.errors import InputError
     from malus.scenes.core.registry import lookup
 
-    known = {option.name: option for option in study.options}
+    by_name = {option.name: option for option in study.options}
     for name in options:
-        lookup(name, known, f"study {study.name}", "the name of an option")
-    values = {name: options.get(name, option.default) for name, option in known.items()}
+        lookup(name, by_name, f"study {study.name}", "the name of an option")
+    values = {name: options.get(name, option.default) for name, option in by_name.items()}
     for name, value in values.items():
-        option = known[name]
+        option = by_name[name]
         if option.choices and value not in option.choices:
             raise InputError(name, f"one of {', '.join(option.choices)}", str(value), "choose one")
         least, most = option.least, option.most

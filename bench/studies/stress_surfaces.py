@@ -15,7 +15,7 @@ Change = Callable[[Observation], Observation]
 
 
 def _from_near(observation: Observation) -> Observation:
-    """See it through a perspective camera: each pixel has its own view direction."""
+    """View the object through a perspective camera: each pixel has its own view direction."""
     height, width = observation.mask.shape
     y, x = np.meshgrid(np.linspace(-0.4, 0.4, height), np.linspace(0.4, -0.4, width), indexing="ij")
     direction = np.stack([x, y, np.ones_like(x)], axis=-1)
@@ -29,7 +29,7 @@ def _from_near(observation: Observation) -> Observation:
 
 
 def _metal(observation: Observation) -> Observation:
-    """Make it of gold, which has no diffuse light."""
+    """Make the object of gold, which has no diffuse light."""
     eta = np.array([1.3 + 1.9j, 0.4 + 2.4j, 0.15 + 3.4j])
     return replace(observation, eta=eta, diffuse=np.zeros_like(observation.diffuse))
 
@@ -58,14 +58,14 @@ def _textured(observation: Observation) -> Observation:
     return replace(mapped, eta=eta, alpha=alpha)
 
 
-def _after(first: Change, then: Change) -> Change:
-    """One change after another."""
-    return lambda observation: then(first(observation))
+def _both_changes(first: Change, second: Change) -> Change:
+    """The second change applied to the result of the first."""
+    return lambda observation: second(first(observation))
 
 
 def surface_cases() -> list[ImageCase]:
     """Extreme images with perspective cameras, maps of surfaces and metals."""
-    near, mapped = partial(_after, _from_near), partial(_after, _mapped)
+    near, mapped = partial(_both_changes, _from_near), partial(_both_changes, _mapped)
     return [
         ImageCase("perspective camera", _from_near, False),
         ImageCase("view straight up", near(planted("view_direction", (0, 1, 0))), True),  # type: ignore[arg-type]
@@ -73,7 +73,7 @@ def surface_cases() -> list[ImageCase]:
         ImageCase("NaN in a view", near(planted("view_direction", np.nan, 2)), True),
         ImageCase("view from behind", near(planted("view_direction", (0, 0, -1))), True),  # type: ignore[arg-type]
         ImageCase("metal", _metal, False),
-        ImageCase("metal seen from near", _after(_metal, _from_near), False),
+        ImageCase("metal seen from near", _both_changes(_metal, _from_near), False),
         ImageCase("maps of one surface", _mapped, False),
         ImageCase("maps of glass and metal", _two_objects, False),
         ImageCase("maps of glass and metal seen from near", near(_two_objects), False),

@@ -17,7 +17,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.reconstruct.facets.breakpoints import Measure, Surfaces, azimuth_breaks, slope_breaks
 from malus.reconstruct.facets.rules import (
@@ -29,9 +28,7 @@ from malus.reconstruct.facets.rules import (
     stretched,
 )
 from malus.reconstruct.fresnel import EtaArray, excess
-from malus.scenes.core.arrays import BoolArray, Float64Array
-
-IndexArray = NDArray[np.intp]
+from malus.scenes.core.arrays import BoolArray, Float64Array, IndexArray
 
 # Numbers in one temporary array: 64 kB, which stay in cache.
 _BLOCK = 8192

@@ -18,13 +18,11 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from malus.reconstruct.facets.chebyshev import chebyshev_series, coefficients, lobatto
-from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.arrays import Float64Array, IndexArray
 
-IndexArray = NDArray[np.intp]
 Function = Callable[[Float64Array], Float64Array]
 """Values (count,) at points (count, axes)."""
 

@@ -2,7 +2,7 @@
 
 What is not given is estimated. The order is that of the paper's pipeline; the physics at its end is
 the best known for one distant light: specular light is polarised by the facets that mirror it, at
-the half vector, and diffuse light by the interface that it crossed, if its shading shows that it
+the half vector, and diffuse light by the surface that it crossed, if its shading shows that it
 crossed one.
 """
 
@@ -24,7 +24,7 @@ from malus.reconstruct.single_image.light_direction import estimate_direction
 from malus.reconstruct.single_image.outline import outline_of
 from malus.reconstruct.single_image.parameters import SurfaceParameters, fit_parameters
 from malus.reconstruct.single_image.reduced import reduce
-from malus.reconstruct.single_image.separation import separate
+from malus.reconstruct.single_image.separation import check_separation, separate
 from malus.reconstruct.single_image.shading import BodyKind, diffuse_shading, specular_shading
 from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
 from malus.scenes.core.arrays import Float64Array, NumberArray
@@ -142,6 +142,8 @@ def run_chain(
     ------
     Inapplicable
         As `blind` does.
+    InputError
+        If there is no such separation.
 
     Notes
     -----
@@ -160,6 +162,7 @@ def run_chain(
     >>> round(float(result.observation.eta.mean()), 2), result.body
     (1.5, 'unpolarised')
     """
+    check_separation(separation, "separation")
     _require_light(observation)
     specular, separation_statements = _by_colour(observation, separation)
     direction, irradiance, shape_statements = _light(observation)

@@ -102,7 +102,7 @@ def estimate_illuminant(
     """
     if method not in ILLUMINANTS:
         names = ", ".join(ILLUMINANTS)
-        raise InputError("illuminant", f"one of {names}", method, "choose one of them")
+        raise InputError("method", f"one of {names}", method, "choose one of them")
     return ILLUMINANTS[method](image, mask)
 
 

@@ -88,7 +88,7 @@ def fit_parameters(
     normals : (n, 3) unit normals in the image frame: x right, y up, z towards the viewer
     direction : (3,) unit vector towards the light, in the image frame
     body : 'unpolarised' or 'polarised'
-        Lambertian, or diffuse light that crosses the interface twice.
+        Lambertian, or diffuse light that crosses the surface twice.
     irradiance : float, optional
         Of the light, W m⁻² nm⁻¹ for radiances in W m⁻² sr⁻¹ nm⁻¹. Without it η cannot be measured
         and 1.5 is assumed.
@@ -215,10 +215,10 @@ def _notes(eta_known: bool, eta: float, alpha: float, level: FloatArray) -> tupl
         notes.append(f"eta is assumed ({TYPICAL_ETA:g}): the irradiance is not known")
     elif eta in ETA_RANGE:
         notes.append(
-            f"eta ran into its bound {eta:g}: the level of mirrored light is not plausible"
+            f"eta ran into its bound {eta:g}: the level of specular light is not plausible"
         )
     if min(alpha / ALPHA_RANGE[0], ALPHA_RANGE[1] / alpha) < 1.01:
         notes.append(f"alpha ran into its bound {alpha:.2g}")
     if not np.any(level > 0):
-        notes.append("no mirrored light was found")
+        notes.append("no specular light was found")
     return tuple(notes)

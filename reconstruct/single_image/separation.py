@@ -79,6 +79,13 @@ SEPARATIONS = {
 """The separations by name."""
 
 
+def check_separation(name: str, parameter: str) -> None:
+    """Raise InputError, which names the parameter, where there is no separation of that name."""
+    if name not in SEPARATIONS:
+        names = ", ".join(SEPARATIONS)
+        raise InputError(parameter, f"one of {names}", name, "choose one of them")
+
+
 def separations() -> dict[str, SeparationMethod]:
     """The methods that separate diffuse from specular light by colour, by name.
 
@@ -148,9 +155,7 @@ def separate(
     >>> bool(np.abs(parts.specular - specular).max() < 1e-6)
     True
     """
-    if method not in SEPARATIONS:
-        names = ", ".join(SEPARATIONS)
-        raise InputError("separation", f"one of {names}", method, "choose one of them")
+    check_separation(method, "method")
     if image.shape[-1] < 2:
         raise Inapplicable("grey image where colour is needed: it has one band")
     colour = _light_colour(image, illuminant)

@@ -118,12 +118,12 @@ class Dataset:
         return replace(truth, scene=with_own_files(truth.scene, self.path, self._checked))
 
 
-def open_dataset(path: Path | str) -> Dataset:
+def open_dataset(folder: Path | str) -> Dataset:
     """Open the dataset in a folder, by path or URL.
 
     Parameters
     ----------
-    path : path or URL of a folder
+    folder : path or URL of a folder
 
     Returns
     -------
@@ -147,10 +147,10 @@ def open_dataset(path: Path | str) -> Dataset:
     >>> open_dataset(folder).truth(scene.id).scene == scene
     True
     """
-    folder = as_path(path)
-    file = folder / DATASET
+    opened = as_path(folder)
+    file = opened / DATASET
     content, sha256 = read_json(file, MAX_DATASET_BYTES)
-    return Dataset(folder, DatasetRecord.parse(content, str(file)), sha256)
+    return Dataset(opened, DatasetRecord.parse(content, str(file)), sha256)
 
 
 class DatasetWriter:

@@ -99,4 +99,6 @@ def _copy_of(named: NamedFile, folder: Path) -> Path:
     # Digest and suffix become a file name: nothing in them may lead out of the folder.
     name = named.digest if _DIGEST.fullmatch(named.digest) else "unknown"
     suffix = Path(named.file_name or "").suffix.lower()
-    return folder / FOLDERS[named.what] / (name + (suffix if _SUFFIX.fullmatch(suffix) else ""))
+    return (
+        folder / FOLDERS[named.file_kind] / (name + (suffix if _SUFFIX.fullmatch(suffix) else ""))
+    )

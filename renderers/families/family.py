@@ -18,7 +18,7 @@ from malus.renderers.mitsuba import stokes_integrator, wavefront
 from malus.renderers.mitsuba.bsdfs import bsdfs
 from malus.renderers.mitsuba.kernel_warnings import refused_warnings
 from malus.renderers.mitsuba.lobe_samples import Lobes
-from malus.renderers.mitsuba.path_traced import Rendered, render_room
+from malus.renderers.mitsuba.path_traced import RenderedScene, render_room
 from malus.renderers.mitsuba.patterns import (
     check_coordinates,
     has_surface,
@@ -40,7 +40,7 @@ def render_family(
     variant: Variant | None = None,
     errors: bool = True,
     nodes: int | None = None,
-) -> Family | Rendered | PatternedFamily | RepeatedRenders:
+) -> Family | RenderedScene | PatternedFamily | RepeatedRenders:
     """Render all that the truths of `scenes` need; they must share a FamilyKey.
 
     Parameters
@@ -67,15 +67,17 @@ def render_family(
         raise ValueError(f"scenes: expected scenes of one family, found {len(keys)} families")
     key, chosen_variant, options = keys.pop(), variant or choose(), RenderOptions(errors, nodes)
 
-    mitsuba(chosen_variant)  # what it says of libraries on its way is no warning of a render
+    mitsuba(
+        chosen_variant
+    )  # loaded first: what it prints of missing libraries is no warning of a render
 
-    def render_once(sampling: Sampling) -> Family | Rendered | PatternedFamily:
+    def render_once(sampling: Sampling) -> Family | RenderedScene | PatternedFamily:
         with refused_warnings(f"scene {scenes[0].id}"):
             return render_watched(sampling)
 
-    def render_watched(sampling: Sampling) -> Family | Rendered | PatternedFamily:
+    def render_watched(sampling: Sampling) -> Family | RenderedScene | PatternedFamily:
         if key.room:
-            return Rendered(render_room(key.room, sampling, chosen_variant))
+            return RenderedScene(render_room(key.room, sampling, chosen_variant))
         if key.pattern:
             return _patterned(key, scenes, sampling, chosen_variant, options)
         return _plain(key, scenes, sampling, chosen_variant, options)
@@ -114,7 +116,7 @@ def _plain(
     variant: Variant,
     options: RenderOptions,
 ) -> Family:
-    """A family of one object with one surface."""
+    """Render a family of one object with one surface."""
     points = family_nodes(scenes, options.nodes)
     started = time.perf_counter()
     lobes = _render(key, list(points.rendered), sampling, variant, options)
@@ -133,7 +135,7 @@ def _patterned(
     variant: Variant,
     options: RenderOptions,
 ) -> PatternedFamily:
-    """A family of one object with several surfaces, each rendered on its own."""
+    """Render a family of one object with several surfaces, each on its own."""
     if not variant.vectorised:
         hint = "install LLVM 17 or later (`malus doctor` says how), or choose one surface"
         where, expected = f"scene {scenes[0].id}", "LLVM or CUDA for several surfaces on one object"

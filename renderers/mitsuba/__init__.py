@@ -1,1 +1,1 @@
-"""Scenes as Mitsuba objects, and the kernels that render both lobes."""
+"""Scenes as Mitsuba objects, and the kernels that render specular and diffuse light."""

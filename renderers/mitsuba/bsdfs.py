@@ -1,4 +1,4 @@
-"""Pools of Mitsuba BSDFs whose parameters change without a new kernel."""
+"""Mitsuba BSDFs that are loaded once; new parameters need no new kernel."""
 
 from __future__ import annotations
 
@@ -23,36 +23,43 @@ def bsdfs(
     body: AnyBody,
     measured: Measured | None = None,
 ) -> tuple[list[Any], list[Any]]:
-    """Interface and body BSDFs at the given indices; one body where it does not depend on η.
+    """BSDFs of both lobes at the given indices; one diffuse BSDF where it does not depend on η.
 
-    Of a `measured` material, at the given wavelengths in nm, in place of the interface.
+    For a `measured` material, `etas` are wavelengths in nm, and its table stands in place of the
+    specular lobe.
     """
     mi = mitsuba(variant)
     if measured is not None:
         return measured_bsdfs(variant, measured, tuple(etas)), [_pool(variant, 1, body)[0][0]]
-    interface = _pool(variant, len(etas), None, body == "none")
-    scattering = _pool(variant, len(etas) if body == "polarised" else 1, body)
-    _update(mi, interface, etas, alpha)
+    specular = _pool(variant, len(etas), None, body == "none")
+    diffuse = _pool(variant, len(etas) if body == "polarised" else 1, body)
+    _update(mi, specular, etas, alpha)
     if body == "polarised":
-        _update(mi, scattering, etas, alpha)
-    return [bsdf for bsdf, _ in interface], [bsdf for bsdf, _ in scattering]
+        _update(mi, diffuse, etas, alpha)
+    return [bsdf for bsdf, _ in specular], [bsdf for bsdf, _ in diffuse]
 
 
 @functools.lru_cache(maxsize=32)
 def _pool(
     variant: Variant, count: int, body: AnyBody | None, metal: bool = False
 ) -> list[tuple[Any, Any]]:
-    """BSDFs, each with its parameters: to ask a BSDF for them takes as long as to set them."""
+    """BSDFs of a lobe, specular where `body` is None, each with its parameters.
+
+    The parameters are kept because asking Mitsuba for them takes as long as setting them.
+    """
     mi = mitsuba(variant)
-    some: Index = 1.5 + 1j if metal else 1.5
-    describe = specular_bsdf(some, 0.3) if body is None else diffuse_bsdf(some, 0.3, body)
-    loaded = [mi.load_dict(describe) for _ in range(count)]
+    any_index: Index = 1.5 + 1j if metal else 1.5
+    description = (
+        specular_bsdf(any_index, 0.3) if body is None else diffuse_bsdf(any_index, 0.3, body)
+    )
+    loaded = [mi.load_dict(description) for _ in range(count)]
     return [(bsdf, mi.traverse(bsdf)) for bsdf in loaded]
 
 
 def _update(
     mi: ModuleType, pool: Sequence[tuple[Any, Any]], etas: Sequence[Index], alpha: float
 ) -> None:
+    """Set index and roughness of every BSDF of a pool."""
     import drjit as dr
 
     # The same variable in every BSDF: Dr.Jit then computes the facet distribution only once.

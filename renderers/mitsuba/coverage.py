@@ -1,7 +1,7 @@
-"""Which pixels the object covers entirely, whatever the samples: those whose corners all hit it.
+"""Masks: the pixels that an object covers entirely, because it is hit at all four corners.
 
-A mask that asked the random samples would gain and lose pixels of the rim from seed to seed, and
-scores that live at the rim would jump with it.
+A mask from random samples would gain and lose pixels at the object's outline with every seed, and
+the scores of those pixels would change with it.
 """
 
 from __future__ import annotations
@@ -11,15 +11,13 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.mitsuba.rays import Film
+from malus.scenes.core.arrays import BoolArray, Int32Array
 
-Mask = NDArray[np.bool_]
 
-
-def inside(mi: ModuleType, scene: Any, resolution: int) -> Mask:
-    """Pixels (resolution²,) whose four corners hit the only shape of `scene`."""
+def inside(mi: ModuleType, scene: Any, resolution: int) -> BoolArray:
+    """Whether the only shape of `scene` is hit at all four corners of each pixel (resolution²,)."""
     corner = np.linspace(0.0, 1.0, resolution + 1, dtype=np.float32)
     x, y = (grid.ravel() for grid in np.meshgrid(corner, corner))
     sensor = scene.sensors()[0]
@@ -33,7 +31,7 @@ def inside(mi: ModuleType, scene: Any, resolution: int) -> Mask:
     return (hit[:-1, :-1] & hit[1:, :-1] & hit[:-1, 1:] & hit[1:, 1:]).ravel()
 
 
-def covering(mi: ModuleType, film: Film, scene: Any, shapes: Sequence[Any]) -> NDArray[np.int32]:
+def covering(mi: ModuleType, film: Film, scene: Any, shapes: Sequence[Any]) -> Int32Array:
     """Index (pixels,) in `shapes` of the one that all four corners of a pixel hit, or -1."""
     import drjit as dr
 
@@ -45,7 +43,7 @@ def covering(mi: ModuleType, film: Film, scene: Any, shapes: Sequence[Any]) -> N
     index = dr.full(mi.Int32, -1, len(x))
     for number, shape in enumerate(shapes):
         index = dr.select(hit == mi.ShapePtr(shape), number, index)
-    at = np.asarray(index).reshape(resolution + 1, resolution + 1)
-    others = (at[1:, :-1], at[:-1, 1:], at[1:, 1:])
-    same = np.logical_and.reduce([at[:-1, :-1] == other for other in others])
-    return np.where(same, at[:-1, :-1], -1).ravel().astype(np.int32)
+    corners = np.asarray(index).reshape(resolution + 1, resolution + 1)
+    upper_left, others = corners[:-1, :-1], (corners[1:, :-1], corners[:-1, 1:], corners[1:, 1:])
+    same = np.logical_and.reduce([upper_left == other for other in others])
+    return np.where(same, upper_left, -1).ravel().astype(np.int32)

@@ -1,7 +1,7 @@
-"""Warnings of Dr.Jit and OptiX during a render are errors: what they disable is missing light.
+"""Turn warnings of Dr.Jit and OptiX during a render into errors: such pictures lack light.
 
-Where OptiX cannot do what a kernel asks for, Dr.Jit prints a line, leaves the ray tracing out and
-goes on. The picture then looks like one, and is wrong.
+Where OptiX cannot run a kernel, Dr.Jit prints a line, leaves the ray tracing out and goes on. The
+picture then looks plausible, and is wrong.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _FROM_DRJIT = re.compile(r"\b(?:jitc?_\w+|validate)\(\): ?.*")
 """Every message of Dr.Jit's core begins with the function that it comes from."""
 
 _HARMLESS = ("jit_flush_malloc_cache(): ", "jit_find_library(): ", "jitc_llvm_init(): ")
-"""Messages that do not touch the numbers: about speed, and about a library of another variant."""
+"""Messages that do not concern the numbers, but speed or a library of another variant."""
 
 
 class KernelWarning(RuntimeError):
@@ -39,15 +39,15 @@ class _Listening:
 
 
 @contextlib.contextmanager
-def refused_warnings(what: str) -> Iterator[None]:
+def refused_warnings(label: str) -> Iterator[None]:
     """Raise for anything that Dr.Jit or OptiX warns of inside the block.
 
-    Dr.Jit writes its warnings to Python's `sys.stderr`, whose place is taken meanwhile.
+    Dr.Jit writes its warnings to Python's `sys.stderr`, which is replaced meanwhile.
 
     Parameters
     ----------
-    what : str
-        What is rendered, for the message.
+    label : str
+        Name of what is rendered, for the message.
 
     Raises
     ------
@@ -67,4 +67,6 @@ def refused_warnings(what: str) -> Iterator[None]:
         yield
     serious = [text for text in listening.warnings if not text.startswith(_HARMLESS)]
     if serious:
-        raise KernelWarning(f"{what}: the render is not to be trusted, it was warned: {serious[0]}")
+        raise KernelWarning(
+            f"{label}: the render is not to be trusted, it was warned: {serious[0]}"
+        )

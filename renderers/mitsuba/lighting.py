@@ -1,10 +1,10 @@
-"""How light reaches a hit: directions to shade it from, and what each of them is worth.
+"""Importance sampling of the light at a hit: random directions towards it, and their weights.
 
 A sampler is called with a hit and returns pairs of a local direction towards the light and a
-weight, the radiance over the density of having drawn that direction. Where directions come both
-from the light and from the BSDF, the balance heuristic of Veach and Guibas (SIGGRAPH 1995) makes
-the weight radiance / (density of one + density of the other) in both cases. The densities of
-Mitsuba's BSDFs used here do not depend on η, so that one draw serves every node.
+weight, the radiance divided by the probability density of that direction. Where directions are
+drawn both from the light and from the BSDF, the balance heuristic of Veach and Guibas (SIGGRAPH
+1995) divides by the sum of both densities. The densities of Mitsuba's BSDFs used here do not depend
+on η, so that the same directions serve every node.
 """
 
 from __future__ import annotations
@@ -26,25 +26,29 @@ Draws = list[tuple[Any, Any]]
 
 @dataclass
 class Sampler:
-    """The parts of a light; all parameters are fields, where a frozen function can see them."""
+    """Draws directions towards the parts of a light.
+
+    Its values are fields, so that a function recorded by Dr.Jit can be called with other values.
+    """
 
     parts: list[Any]
 
     def __call__(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
-        """Directions to shade a hit from, some of them drawn from the BSDF."""
+        """Directions and weights for a hit, some of them drawn from the BSDF."""
         return [pair for part in self.parts for pair in part.draws(hit, bsdf, random, valid)]
 
 
 def sampler(mi: ModuleType, light: Light, scene: Any) -> Sampler:
-    """The sampler of a light; parameters are opaque, so that no light needs a new kernel.
+    """The sampler of a light; another light of the same kind needs no new kernel.
 
-    A radiance map is that of `scene`, whose rays meet the objects: on CUDA a kernel sees one scene.
+    A radiance map is taken from `scene`, which also holds the objects: on CUDA a kernel can trace
+    rays in one scene only.
     """
     return Sampler([_part(mi, part, scene) for part in parts(light)])
 
 
 def radiance_map_of(light: Light) -> Environment | Sky | None:
-    """The part of a light that is a radiance map, if any: a scene has to hold it."""
+    """The part of a light that is a radiance map, or None; it has to be part of a Mitsuba scene."""
     return next((p for p in parts(light) if isinstance(p, Environment | Sky)), None)
 
 
@@ -54,7 +58,7 @@ def _part(mi: ModuleType, light: Light, scene: Any) -> Any:
     if isinstance(light, Uniform):
         return _Uniform(_constant(mi, light.radiance))
     if isinstance(light, Area):
-        # 1 − cos of the half angle, which for a small one would lose its digits in 32 bits.
+        # 1 − cos of the half angle without cancellation, which in 32 bits matters for small lamps.
         span = _constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
         return _Area(_vector(mi, light.direction), span, _constant(mi, light.radiance))
     return _Environment(scene.environment())
@@ -71,7 +75,7 @@ def _vector(mi: ModuleType, values: Any) -> Any:
 
 
 def _from_bsdf(hit: Any, bsdf: Any, random: Any, valid: Any) -> tuple[Any, Any]:
-    """A local direction drawn from the BSDF and its density, zero where there is none."""
+    """A local direction drawn from the BSDF and its probability density, zero off the object."""
     import drjit as dr
     import mitsuba as mi
 
@@ -161,13 +165,13 @@ class _Environment:
         import drjit as dr
         import mitsuba as mi
 
-        seen = dr.zeros(mi.SurfaceInteraction3f)
-        seen.wi = -direction
-        return self.emitter.eval(seen, active)[0, 0][0]
+        interaction = dr.zeros(mi.SurfaceInteraction3f)
+        interaction.wi = -direction
+        return self.emitter.eval(interaction, active)[0, 0][0]
 
 
 def environment_emitter(mi: ModuleType, light: Environment | Sky) -> dict[str, Any]:
-    """Mitsuba's `envmap` of the light, whose y axis is up before it is turned."""
+    """Mitsuba's `envmap` of a radiance map, turned about z by the light's `turn_deg`."""
     values = radiance_map(light)
     bitmap = mi.Bitmap(np.ascontiguousarray(np.repeat(values[..., None], 3, axis=-1)))
     turn = mi.ScalarTransform4f().rotate([0, 0, 1], light.turn_deg)

@@ -1,4 +1,4 @@
-"""What a renderer hands over: both lobes of one family at the nodes in η, on compact pixels."""
+"""Stokes samples of the specular and the diffuse lobe of a family at every node in η."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+from malus.scenes.core.arrays import BoolArray, Float32Array, IntArray
 
 HALVES = 2
-"""Independent halves of the samples; what they disagree by is the Monte Carlo noise."""
+"""Independent halves of the samples; the difference of their means shows the Monte Carlo noise."""
 
 
 @dataclass(frozen=True)
@@ -38,19 +37,22 @@ class Lobes:
         Variances of the mean of all samples, and the covariance of both lobes, where asked for.
     """
 
-    specular: Floats
-    diffuse: Floats
-    pixels: NDArray[np.int64]
-    normals: Floats
-    covered: NDArray[np.bool_]
-    specular_variance: Floats | None = None
-    diffuse_variance: Floats | None = None
-    covariance: Floats | None = None
+    specular: Float32Array
+    diffuse: Float32Array
+    pixels: IntArray
+    normals: Float32Array
+    covered: BoolArray
+    specular_variance: Float32Array | None = None
+    diffuse_variance: Float32Array | None = None
+    covariance: Float32Array | None = None
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Channels of sums over samples: normal, specular and diffuse nodes, and maybe products."""
+    """Order of the sums over samples: normal, specular and diffuse nodes, products if `errors`.
+
+    Every quantity has three channels: x, y and z of the normal; s0, s1 and s2 of a Stokes vector.
+    """
 
     specular: int
     diffuse: int
@@ -58,57 +60,56 @@ class Layout:
 
     @property
     def counts(self) -> list[int]:
-        """Triples of channels in each part."""
+        """Number of vectors of three channels in each part."""
         products = [self.specular, self.diffuse, self.specular] if self.errors else []
         return [1, self.specular, self.diffuse, *products]
 
     @property
-    def places(self) -> list[tuple[int, int, int]]:
-        """Of every triple: how many come in parts before its own, its part's count, its number."""
+    def vectors(self) -> list[tuple[int, int, int]]:
+        """For each vector: number of vectors in earlier parts, size of its part, index in it."""
         starts = np.cumsum([0, *self.counts]).tolist()
         parts = zip(starts, self.counts, strict=False)
         return [(before, count, node) for before, count in parts for node in range(count)]
 
     @property
     def channels(self) -> int:
-        """All channels."""
+        """Number of channels of all parts."""
         return 3 * sum(self.counts)
 
-    def split(self, sums: Floats) -> list[Floats]:
-        """The parts (2, count, pixels, 3) of sums that lie one after the other, as views."""
+    def split(self, sums: Float32Array) -> list[Float32Array]:
+        """Views (2, count, pixels, 3) of each part of flat sums."""
         ends = HALVES * 3 * np.cumsum(self.counts) * (sums.size // (HALVES * self.channels))
         parts = zip(np.split(sums, ends[:-1]), self.counts, strict=True)
         return [part.reshape(HALVES, count, -1, 3) for part, count in parts]
 
 
 def lobes_from_sums(
-    blocks: Sequence[Floats],
+    blocks: Sequence[Float32Array],
     layout: Layout,
     samples: int,
-    pixels: NDArray[np.int64],
-    covered: NDArray[np.bool_],
+    pixels: IntArray,
+    covered: BoolArray,
 ) -> Lobes:
     """Means and variances from sums over the samples of each half.
 
     Parameters
     ----------
     blocks : flat arrays
-        Of some pixels each, part after part (normal, Stokes vectors of the specular and of
-        the diffuse nodes, and where the layout has them their squares and the products of both
-        lobes), each part (2, count, pixels, 3). They are divided in place.
+        Sums for some of the pixels each, in the order of `layout`; products are the squares of
+        both lobes and the products of one with the other. They are divided in place.
     samples : int
         Samples of a half.
     """
     split = [layout.split(block) for block in blocks]
     for block in blocks:
         block /= np.float32(samples)
-    normal, mirrored, scattered, *products = (
+    normal, specular, diffuse, *products = (
         parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
         for parts in zip(*split, strict=True)
     )
     lobes = Lobes(
-        specular=mirrored,
-        diffuse=scattered,
+        specular=specular,
+        diffuse=diffuse,
         pixels=pixels,
         normals=unit(normal.mean(axis=(0, 1))),
         covered=covered,
@@ -116,20 +117,21 @@ def lobes_from_sums(
     return _with_variances(lobes, products, HALVES * samples) if products else lobes
 
 
-def _with_variances(lobes: Lobes, products: list[Floats], samples: int) -> Lobes:
-    mirrored, scattered, both = (product.mean(axis=0) for product in products)
+def _with_variances(lobes: Lobes, products: list[Float32Array], samples: int) -> Lobes:
+    """The lobes with the variances of their means, from sums of squares and products."""
+    specular, diffuse, both = (product.mean(axis=0) for product in products)
     mean_specular, mean_diffuse = lobes.specular.mean(axis=0), lobes.diffuse.mean(axis=0)
     scale = np.float32(1.0 / (samples - 1))
     return replace(
         lobes,
         # Rounding can leave a tiny negative variance where all samples are equal.
-        specular_variance=np.maximum(mirrored - mean_specular**2, 0) * scale,
-        diffuse_variance=np.maximum(scattered - mean_diffuse**2, 0) * scale,
+        specular_variance=np.maximum(specular - mean_specular**2, 0) * scale,
+        diffuse_variance=np.maximum(diffuse - mean_diffuse**2, 0) * scale,
         covariance=(both - mean_specular * mean_diffuse) * scale,
     )
 
 
-def unit(vectors: Floats) -> Floats:
+def unit(vectors: Float32Array) -> Float32Array:
     """Vectors (..., 3) of length 1; zero stays zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

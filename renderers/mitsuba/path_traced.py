@@ -1,11 +1,11 @@
-"""Scenes of several objects, lit by each other: both lobes of every pixel, by tracing paths.
+"""Render scenes of several objects, which light each other, by tracing paths of light.
 
 Mitsuba's own BSDFs and its `path` integrator do the work. Where a ray of the camera first meets an
-object, the BSDF is asked for the mirrored and the scattered light apart. Light comes to that point
-from the light itself, drawn as in `lighting` and shadowed by all objects, and from the other
-objects: along a direction drawn from the BSDF, as the Stokes vector that the integrator finds there
-with the light hidden from it. Bands follow one another with the same random numbers, so that their
-noise is alike and colours are not speckled.
+object, the BSDF is evaluated for the specular and the diffuse lobe apart. That point is lit by the
+light itself, sampled as in `lighting` and shadowed by all objects, and by the other objects: along
+a direction drawn from the BSDF, by the Stokes vector that the integrator returns there with the
+light hidden from it. All bands use the same random numbers, so that their noise is alike and
+colours are not speckled.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.mitsuba.coverage import covering
 from malus.renderers.mitsuba.lighting import Sampler, sampler
-from malus.renderers.mitsuba.lobe_samples import HALVES, Floats, unit
+from malus.renderers.mitsuba.lobe_samples import HALVES, unit
 from malus.renderers.mitsuba.patterns import surface_shares
-from malus.renderers.mitsuba.placed import painted, parts_of, pattern_on, placed_object
+from malus.renderers.mitsuba.placed import object_bsdf, parts_of, pattern_on, placed_object
 from malus.renderers.mitsuba.pooled import pooled
 from malus.renderers.mitsuba.rays import Film, stream_number, streams, to_camera_frame
 from malus.renderers.mitsuba.translate import LAMP_DISTANCE, emitters, sensor
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, mitsuba
+from malus.scenes.core.arrays import Float32Array, Float64Array, NumberArray, UInt32Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.materials.surface import Patterned
 from malus.scenes.scene import Sampling, Scene
@@ -37,10 +37,11 @@ PIXELS_A_LAUNCH = 1 << 16
 _NORMAL, _SPECULAR, _DIFFUSE, _SQUARES = (slice(i, i + 3) for i in (0, 3, 6, 9))
 _HITS = 12
 _CHANNELS = 13
+"""Channels of the sums over samples: normal, both lobes, squares of their sum, and hits."""
 
 
 def render_room(scene: Scene, sampling: Sampling, variant: Variant) -> Truth:
-    """The truth of a scene with surroundings; all objects are seen, and all are in the mask.
+    """The truth of a scene with surroundings; its mask holds the pixels of all objects.
 
     Raises
     ------
@@ -55,60 +56,57 @@ def render_room(scene: Scene, sampling: Sampling, variant: Variant) -> Truth:
 
 
 @dataclass(frozen=True)
-class Rendered:
-    """A family of one scene, which is rendered as it is; `whole` is its truth."""
+class RenderedScene:
+    """A family of one scene, whose truth is the render itself, without interpolation."""
 
-    whole: Truth
+    rendered_truth: Truth
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
-        """The truth, as of a `Family`; raises ValueError for another scene."""
-        if scene != self.whole.scene:
-            raise ValueError(f"scene {scene.id}: expected scene {self.whole.scene.id}")
+        """The truth, as from a `Family`; raises ValueError for another scene."""
+        if scene != self.rendered_truth.scene:
+            raise ValueError(f"scene {scene.id}: expected scene {self.rendered_truth.scene.id}")
         if standard_error:
-            return self.whole
-        return replace(self.whole, standard_error=np.zeros_like(self.whole.standard_error))
-
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
-        """Images (angles, height, width, bands) through a polariser, as of a `Family`."""
-        truth = self.truth(scene)
-        return np.stack([truth.polarised(angle) for angle in angles_deg]).astype(np.float32)
+            return self.rendered_truth
+        return replace(
+            self.rendered_truth, standard_error=np.zeros_like(self.rendered_truth.standard_error)
+        )
 
 
 class Room:
-    """Objects before a camera, under a light."""
+    """A Mitsuba scene of several objects, ready to render every band of it."""
 
     def __init__(self, mi: ModuleType, described: Scene, sampling: Sampling) -> None:
         self.mi, self.described, self.sampling = mi, described, sampling
         scene = described
-        coats = [painted(mi, placed) for placed in scene.objects]
-        self.paints = [paint for _, paints in coats for paint in paints]
+        object_bsdfs = [object_bsdf(mi, placed) for placed in scene.objects]
+        self.bsdfs = [bsdf for _, bsdfs in object_bsdfs for bsdf in bsdfs]
         self.shapes = [
             placed_object(mi, placed, bsdf)
-            for placed, (bsdf, _) in zip(scene.objects, coats, strict=True)
+            for placed, (bsdf, _) in zip(scene.objects, object_bsdfs, strict=True)
         ]
         parts = {f"object{i}": shape for i, shape in enumerate(self.shapes)}
         reach = _reach(scene)
         away = scene.camera.distance or 2 * reach
         # One scene, because a kernel on CUDA traces rays in one scene only. Rays of the camera and
-        # shadow rays end before the lamp, paths of light reach it.
-        self.far, lamp = away + 2 * reach, max(LAMP_DISTANCE * reach, 10 * away)
+        # shadow rays end before the lamp, which is an object too; paths of light reach it.
+        self.ray_length, lamp = away + 2 * reach, max(LAMP_DISTANCE * reach, 10 * away)
         self.scene = mi.load_dict(
             {"type": "scene", "sensor": sensor(mi, scene.camera, 2 * reach)}
             | emitters(mi, scene.light, lamp)
             | parts
         )
-        self.film = Film.of(self.scene.sensors()[0], scene.camera.resolution, self.far)
+        self.film = Film.of(self.scene.sensors()[0], scene.camera.resolution, self.ray_length)
         self.owner = covering(mi, self.film, self.scene, self.shapes)
         self.path = _path(mi, sampling.max_depth)
         everything, flags = mi.TransportMode.Radiance, mi.BSDFFlags
-        self.any = mi.BSDFContext()
+        self.all_lobes = mi.BSDFContext()
         self.lobes = [
             mi.BSDFContext(everything, int(flags.GlossyReflection | flags.DeltaReflection)),
             mi.BSDFContext(everything, int(flags.DiffuseReflection)),
         ]
 
     def truth(self) -> Truth:
-        """All bands."""
+        """Render all bands, and put them together as a truth."""
         scene, side = self.described, self.described.camera.resolution
         sums = np.stack([self._band(band) for band in range(len(scene.wavelengths_nm))], axis=-1)
         samples = self.sampling.samples
@@ -138,8 +136,8 @@ class Room:
             alpha_map=alpha,
         )
 
-    def _maps(self) -> tuple[NDArray[np.inexact[Any]], NDArray[np.float64]]:
-        """η (height, width, bands) and α (height, width); off the objects those of the first."""
+    def _maps(self) -> tuple[NumberArray, Float64Array]:
+        """Maps of η (height, width, bands) and α (height, width); the first object's off all."""
         side, bands = self.described.camera.resolution, self.described.wavelengths_nm
         owner = np.maximum(self.owner, 0)
         parts = [parts_of(placed.surface) for placed in self.described.objects]
@@ -147,20 +145,20 @@ class Room:
         eta = np.empty((side**2, len(bands)), dtype=np.result_type(*indices))
         alpha = np.empty(side**2)
         for number, placed in enumerate(self.described.objects):
-            here, seen = owner == number, np.ones((side**2, 1), dtype=np.float32)
+            here, shares = owner == number, np.ones((side**2, 1), dtype=np.float32)
             if isinstance(placed.surface, Patterned):
-                at = pattern_on(self.mi, placed)
-                seen = surface_shares(self.mi, self.film, self.scene, at, len(parts[number]))
-            eta[here] = seen[here] @ indices[number]
-            alpha[here] = seen[here] @ [part.alpha for part in parts[number]]
+                pattern, count = pattern_on(self.mi, placed), len(parts[number])
+                shares = surface_shares(self.mi, self.film, self.scene, pattern, count)
+            eta[here] = shares[here] @ indices[number]
+            alpha[here] = shares[here] @ [part.alpha for part in parts[number]]
         return eta.reshape(side, side, -1), alpha.reshape(side, side)
 
-    def _band(self, band: int) -> Floats:
+    def _band(self, band: int) -> Float32Array:
         """Sums over the samples of every half and pixel, (channels, halves, pixels)."""
         nm = (self.described.wavelengths_nm[band],)
-        for paint in self.paints:
-            albedo = paint.surface.albedos(self.described.wavelengths_nm)[band]
-            paint.set_band(paint.surface.indices(nm)[0].item(), float(albedo))
+        for bsdf in self.bsdfs:
+            albedo = bsdf.surface.albedos(self.described.wavelengths_nm)[band]
+            bsdf.set_band(bsdf.surface.indices(nm)[0].item(), float(albedo))
         light = sampler(self.mi, self.described.light, self.scene)
         total = self.described.camera.resolution**2
         sums = np.empty((_CHANNELS, HALVES, total), dtype=np.float32)
@@ -169,7 +167,8 @@ class Room:
             self._launch(pixels, light, sums[:, :, pixels[0] : pixels[-1] + 1])
         return sums
 
-    def _launch(self, pixels: NDArray[np.uint32], light: Sampler, result: Floats) -> None:
+    def _launch(self, pixels: UInt32Array, light: Sampler, result: Float32Array) -> None:
+        """Write the sums of some pixels to `result`, by one kernel."""
         import drjit as dr
 
         mi, count = self.mi, HALVES * len(pixels)
@@ -179,25 +178,29 @@ class Room:
         owner = dr.gather(mi.Int32, mi.Int32(self.owner[pixels]), local)
         seed = dr.opaque(mi.UInt32, self.sampling.seed)
         rays, draws = streams(mi, stream_number(pixel, half), seed)
-        further = mi.load_dict({"type": "independent"})
-        further.seed(self.sampling.seed + int(pixels[0]), count)
+        path_sampler = mi.load_dict({"type": "independent"})
+        path_sampler.seed(self.sampling.seed + int(pixels[0]), count)
 
-        def step(i: Any, sums: list[Any], rays: Any, draws: Any, further: Any) -> tuple[Any, ...]:
+        def step(
+            i: Any, sums: list[Any], rays: Any, draws: Any, path_sampler: Any
+        ) -> tuple[Any, ...]:
             ray = self.film.ray(mi, pixel, rays)
-            values = self._sample(ray, owner, light, draws, further)
+            values = self._sample(ray, owner, light, draws, path_sampler)
             sums = [s + v for s, v in zip(sums, values, strict=True)]
-            return i + 1, sums, rays, draws, further
+            return i + 1, sums, rays, draws, path_sampler
 
         samples = dr.opaque(mi.UInt32, self.sampling.samples // HALVES)
         zeros = [dr.zeros(mi.Float, count) for _ in range(_CHANNELS)]
-        state = (dr.zeros(mi.UInt32, count), zeros, rays, draws, further)
+        state = (dr.zeros(mi.UInt32, count), zeros, rays, draws, path_sampler)
         _, sums, *_ = dr.while_loop(state, lambda i, *_: i < samples, step)
         dr.eval(sums)
         for row, values in zip(result, sums, strict=True):
             row[:] = np.asarray(values).reshape(HALVES, -1)
 
-    def _sample(self, ray: Any, owner: Any, light: Sampler, draws: Any, further: Any) -> list[Any]:
-        """What one ray adds to every channel."""
+    def _sample(
+        self, ray: Any, owner: Any, light: Sampler, draws: Any, path_sampler: Any
+    ) -> list[Any]:
+        """Contribution of one ray to every channel."""
         import drjit as dr
 
         mi = self.mi
@@ -205,49 +208,49 @@ class Room:
         valid = hit.is_valid()
         shaded = [mi.Float(0.0) for _ in range(3 * len(self.lobes))]
         to_camera = to_camera_frame(mi, self.film.sensor, ray)
-        for direction, weight, stokes in self._incoming(hit, light, draws, further):
+        for direction, weight, stokes in self._incoming(hit, light, draws, path_sampler):
             for k, lobe in enumerate(self.lobes):
                 mueller = hit.bsdf().eval(lobe, hit, direction, valid)
                 mueller = to_camera @ hit.to_world_mueller(mueller, -direction, hit.wi)
                 for row in range(3):
-                    seen = sum(mueller[row, j][0] * s for j, s in enumerate(stokes))
-                    shaded[3 * k + row] += dr.select(weight > 0, seen * weight, 0.0)
+                    outgoing = sum(mueller[row, j][0] * s for j, s in enumerate(stokes))
+                    shaded[3 * k + row] += dr.select(weight > 0, outgoing * weight, 0.0)
         normal = [dr.select(valid, c, 0.0) for c in hit.sh_frame.n]
         whole = [a + b for a, b in zip(shaded[:3], shaded[3:], strict=True)]
-        own = mi.Bool(False)
+        on_owner = mi.Bool(False)
         for index, shape in enumerate(self.shapes):
-            own |= (hit.shape == mi.ShapePtr(shape)) & (owner == index)
-        return [*normal, *shaded, *(w * w for w in whole), dr.select(own, mi.Float(1), 0.0)]
+            on_owner |= (hit.shape == mi.ShapePtr(shape)) & (owner == index)
+        return [*normal, *shaded, *(w * w for w in whole), dr.select(on_owner, mi.Float(1), 0.0)]
 
-    def _incoming(self, hit: Any, light: Sampler, draws: Any, further: Any) -> list[Any]:
-        """Directions (local), weights and Stokes vectors of light that comes to a hit."""
+    def _incoming(self, hit: Any, light: Sampler, draws: Any, path_sampler: Any) -> list[Any]:
+        """Directions (local), weights and Stokes vectors of the light that arrives at a hit."""
         import drjit as dr
 
         mi, valid, bsdf = self.mi, hit.is_valid(), hit.bsdf()
-        found = []
+        arriving = []
         for direction, weight in light(hit, bsdf, draws, valid):
             ray = hit.spawn_ray(hit.to_world(direction))
-            ray.maxt = mi.Float(self.far)
+            ray.maxt = mi.Float(self.ray_length)
             shadow = self.scene.ray_test(ray, valid)
-            found.append((direction, dr.select(shadow, 0.0, weight), [mi.Float(1.0)]))
+            arriving.append((direction, dr.select(shadow, 0.0, weight), [mi.Float(1.0)]))
         if self.path is None:
-            return found
+            return arriving
         u, uv = draws.next_float32(), mi.Point2f(draws.next_float32(), draws.next_float32())
-        drawn, _ = bsdf.sample(self.any, hit, u, uv, valid)
+        drawn, _ = bsdf.sample(self.all_lobes, hit, u, uv, valid)
         usable = valid & (drawn.pdf > 0)
         ray = mi.RayDifferential3f(hit.spawn_ray(hit.to_world(drawn.wo)))
-        radiance, _, _ = self.path.sample(self.scene, further, ray, None, usable)
+        radiance, _, _ = self.path.sample(self.scene, path_sampler, ray, None, usable)
         stokes = [radiance[row, 0][0] for row in range(4)]
-        return [*found, (drawn.wo, dr.select(usable, 1.0 / drawn.pdf, 0.0), stokes)]
+        return [*arriving, (drawn.wo, dr.select(usable, 1.0 / drawn.pdf, 0.0), stokes)]
 
 
 def _path(mi: ModuleType, max_depth: int) -> Any:
-    """The integrator of what other objects send; None where light meets one object only."""
+    """Integrator of the light from other objects; None where paths end at the first object."""
     if max_depth == 2:
         return None
     return mi.load_dict({"type": "path", "max_depth": max_depth - 1, "hide_emitters": True})
 
 
 def _reach(scene: Scene) -> float:
-    """Beyond all objects: where an orthographic camera stands."""
+    """Radius of a sphere around the origin that holds all objects."""
     return max(math.hypot(*p.position) + 2 * p.scale for p in scene.objects)

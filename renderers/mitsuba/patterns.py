@@ -1,4 +1,4 @@
-"""Several surfaces on one object: which of them a hit has, as Dr.Jit code."""
+"""Patterns in Dr.Jit code: which of an object's surfaces a hit lies on."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from malus.renderers.mitsuba.lobe_samples import Floats
 from malus.renderers.mitsuba.rays import Film
 from malus.renderers.mitsuba.translate import tessellated
+from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.shapes.patterns import Checker, ImageTexture, Pattern, Spots, Stripes
 from malus.scenes.shapes.shapes import MeshFile, ShapeOrPlane
 
 SurfaceNumber = Callable[[Any], Any]
-"""From hits to a number in 0..count − 1: the surface there, or between two a mixture of them."""
+"""Maps hits to a surface's number in 0..count − 1; in between, a mixture of both neighbours."""
 
 
 def surface_number(mi: ModuleType, pattern: Pattern, count: int) -> SurfaceNumber:
-    """The pattern of `count` surfaces as Dr.Jit code."""
+    """The function that gives the number of the surface at a hit, for a pattern of `count`."""
     import drjit as dr
 
     def turn(number: Any) -> Any:
@@ -81,7 +81,7 @@ def check_coordinates(pattern: Pattern, shape: ShapeOrPlane) -> None:
         If it has none.
     """
     if isinstance(pattern, ImageTexture) and pattern.projection == "uv":
-        assert isinstance(shape, MeshFile)  # a scene allows no other
+        assert isinstance(shape, MeshFile)  # a scene allows uv only for meshes
         if tessellated(shape).uv is None:
             hint = "export the mesh with them, or choose another projection"
             raise InputError(f"mesh {shape.file}", "texture coordinates for uv", "none", hint)
@@ -90,16 +90,18 @@ def check_coordinates(pattern: Pattern, shape: ShapeOrPlane) -> None:
 def has_surface(
     mi: ModuleType, pattern: Pattern, count: int, index: int
 ) -> Callable[[Any, Any], Any]:
-    """Whether a hit has the surface of that index; a mixture is decided by a random number.
+    """The function that says whether a hit has the surface of that index.
+
+    Where two surfaces are mixed, a random number decides.
 
     The same random numbers give every hit exactly one surface.
     """
     import drjit as dr
 
-    at, mixed = surface_number(mi, pattern, count), isinstance(pattern, ImageTexture)
+    number_at, mixed = surface_number(mi, pattern, count), isinstance(pattern, ImageTexture)
 
     def belongs(hit: Any, random: Any) -> Any:
-        number = at(hit)
+        number = number_at(hit)
         if mixed:
             number = dr.minimum(dr.floor(number + random.next_float32()), count - 1.0)
         return number == float(index)
@@ -107,23 +109,25 @@ def has_surface(
     return belongs
 
 
-def surface_shares(mi: ModuleType, film: Film, scene: Any, at: SurfaceNumber, count: int) -> Floats:
-    """Share (pixels, count) of each surface in what a pixel sees, from 4 × 4 rays a pixel.
+def surface_shares(
+    mi: ModuleType, film: Film, scene: Any, number_at: SurfaceNumber, count: int
+) -> Float32Array:
+    """Share (pixels, count) of each surface in the area of a pixel, from 4 × 4 rays a pixel.
 
-    They do not depend on samples or seed. Off the object the first surface has all.
+    They do not depend on samples or seed. Off the object the share of the first surface is 1.
     """
     import drjit as dr
 
     resolution = film.resolution
     pixel = dr.arange(mi.UInt32, resolution**2)
     corner = mi.Point2f(pixel % resolution, pixel // resolution)
-    found = np.zeros((resolution**2, count), dtype=np.float64)
+    shares = np.zeros((resolution**2, count), dtype=np.float64)
     for step in range(16):
         offset = mi.Point2f((step % 4 + 0.5) / 4, (step // 4 + 0.5) / 4)
         hit = scene.ray_intersect(film.ray_through(mi, (corner + offset) / resolution))
-        number = at(hit)
+        number = number_at(hit)
         for index in range(count):
             near = dr.maximum(1.0 - dr.abs(number - index), 0.0)
-            found[:, index] += np.asarray(dr.select(hit.is_valid(), near, 0.0))
-    found[found.sum(axis=1) == 0, 0] = 1.0
-    return np.asarray(found / found.sum(axis=1, keepdims=True), dtype=np.float32)
+            shares[:, index] += np.asarray(dr.select(hit.is_valid(), near, 0.0))
+    shares[shares.sum(axis=1) == 0, 0] = 1.0
+    return np.asarray(shares / shares.sum(axis=1, keepdims=True), dtype=np.float32)

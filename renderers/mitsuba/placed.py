@@ -1,7 +1,7 @@
-"""Objects of scenes with surroundings as Mitsuba shapes, whose bands need no new kernel.
+"""Objects of scenes with surroundings as Mitsuba shapes; another band needs no new kernel.
 
 Several surfaces on one object are a chain of Mitsuba's `blendbsdf`. Its weights are a texture of
-ours, which tells from the place in space how much of the next surface a point has.
+our own, which gives the share of the next surface at a position in space.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from malus.scenes.surroundings import Placed
 _ETA, _K, _BODY, _LAMBERT = "eta.value", "k.value", "diffuse_reflectance.value", "reflectance.value"
 
 
-class Painted:
+class SurfaceBSDF:
     """The BSDF of a surface, set to one band after the other.
 
     A `polarised` body is part of Mitsuba's `pplastic`. An `unpolarised` one is Mitsuba's `diffuse`;
-    its sum with the interface is twice their mean, a `blendbsdf` of both at twice the reflectance.
+    the sum of both lobes is twice their mean, a `blendbsdf` of both at twice the reflectance.
     """
 
     def __init__(self, mi: ModuleType, surface: Dielectric | Conductor) -> None:
@@ -35,20 +35,20 @@ class Painted:
             self.bsdf = mi.load_dict(specular_bsdf(1.5 + 1j, surface.alpha))
             self.parts = [(self.bsdf, _ETA), (self.bsdf, _K)]
         elif surface.body == "polarised":
-            # The mirror's factor stays at its default: Mitsuba makes one object of two equal
-            # textures, and a change of the albedo would change both.
+            # The factor of the specular lobe stays at its default: Mitsuba makes one object of two
+            # equal textures, and a change of the albedo would change both.
             self.bsdf = mi.load_dict(specular_bsdf(1.5, surface.alpha))
             self.parts = [(self.bsdf, _ETA), (self.bsdf, _BODY)]
         else:
             twice = {"specular_reflectance": {"type": "uniform", "value": 2.0}}
-            interface = mi.load_dict(specular_bsdf(1.5, surface.alpha) | twice)
-            body = mi.load_dict(diffuse_bsdf(1.5, surface.alpha, "unpolarised"))
-            blend = {"type": "blendbsdf", "weight": 0.5, "interface": interface, "body": body}
+            specular = mi.load_dict(specular_bsdf(1.5, surface.alpha) | twice)
+            diffuse = mi.load_dict(diffuse_bsdf(1.5, surface.alpha, "unpolarised"))
+            blend = {"type": "blendbsdf", "weight": 0.5, "specular": specular, "diffuse": diffuse}
             self.bsdf = mi.load_dict(blend)
-            self.parts = [(interface, _ETA), (body, _LAMBERT)]
+            self.parts = [(specular, _ETA), (diffuse, _LAMBERT)]
 
     def set_band(self, eta: float | complex, albedo: float) -> None:
-        """Change index and albedo; a conductor has none, but its k."""
+        """Set index and albedo; for a conductor n and k."""
         import drjit as dr
 
         values = (eta.real, eta.imag if isinstance(eta, complex) else albedo)
@@ -60,56 +60,56 @@ class Painted:
 
 
 def parts_of(surface: Surface) -> tuple[Dielectric | Conductor, ...]:
-    """The plain surfaces that an object has: one, or those of its pattern."""
+    """The surfaces of an object: one, or those of its pattern."""
     assert not isinstance(surface, Measured)  # scenes with surroundings refuse them
     return surface.surfaces if isinstance(surface, Patterned) else (surface,)
 
 
-def painted(mi: ModuleType, placed: Placed) -> tuple[Any, list[Painted]]:
-    """The BSDF of the whole object, and the paints that it is made of."""
-    paints = [Painted(mi, part) for part in parts_of(placed.surface)]
+def object_bsdf(mi: ModuleType, placed: Placed) -> tuple[Any, list[SurfaceBSDF]]:
+    """The BSDF of a whole object, and the BSDFs of its surfaces."""
+    bsdfs = [SurfaceBSDF(mi, part) for part in parts_of(placed.surface)]
     if isinstance(placed.surface, Patterned):
         check_coordinates(placed.surface.pattern, placed.shape)
-    whole = paints[0].bsdf
-    for index, paint in enumerate(paints[1:]):
-        weight = _beyond(mi, pattern_on(mi, placed), index)
-        blend = {"type": "blendbsdf", "weight": weight, "first": whole, "second": paint.bsdf}
+    whole = bsdfs[0].bsdf
+    for index, next_surface in enumerate(bsdfs[1:]):
+        weight = _share_of_next(mi, pattern_on(mi, placed), index)
+        blend = {"type": "blendbsdf", "weight": weight, "first": whole, "second": next_surface.bsdf}
         whole = mi.load_dict(blend)
-    return whole, paints
+    return whole, bsdfs
 
 
 def pattern_on(mi: ModuleType, placed: Placed) -> SurfaceNumber:
-    """The pattern of an object where it stands: it moves, turns and grows with the object."""
+    """Surface numbers of an object in the scene: the pattern moves, turns and grows with it."""
     assert isinstance(placed.surface, Patterned)
-    at = surface_number(mi, placed.surface.pattern, len(placed.surface.surfaces))
+    number_at = surface_number(mi, placed.surface.pattern, len(placed.surface.surfaces))
     to_own = mi.Matrix3f((placed.rotation.T / placed.scale).tolist())
     flat = isinstance(placed.shape, Plane)
 
-    def there(hit: Any) -> Any:
+    def number_in_scene(hit: Any) -> Any:
         own = mi.Point3f(to_own @ mi.Vector3f(hit.p - mi.Point3f(*placed.position)))
         # Rounding must not decide on which side of a boundary at y = 0 a plane lies.
         point = mi.Point3f(own.x, mi.Float(0.0), own.z) if flat else own
-        return at(SimpleNamespace(p=point, uv=hit.uv))
+        return number_at(SimpleNamespace(p=point, uv=hit.uv))
 
-    return there
+    return number_in_scene
 
 
-def _beyond(mi: ModuleType, at: SurfaceNumber, index: int) -> Any:
-    """A texture in 0..1: how far the pattern's number lies beyond surface `index`, to the next."""
+def _share_of_next(mi: ModuleType, number_at: SurfaceNumber, index: int) -> Any:
+    """A texture in 0..1: the share of the surfaces after that of `index`."""
     import drjit as dr
 
-    class Beyond(mi.Texture):  # type: ignore[misc, name-defined]
+    class ShareOfNext(mi.Texture):  # type: ignore[misc, name-defined]
         def eval_1(self, hit: Any, active: Any = True) -> Any:  # noqa: ARG002
-            return dr.clip(at(hit) - index, 0.0, 1.0)
+            return dr.clip(number_at(hit) - index, 0.0, 1.0)
 
         def to_string(self) -> str:
-            return f"Beyond[{index}]"
+            return f"ShareOfNext[{index}]"
 
-    return Beyond(mi.Properties())
+    return ShareOfNext(mi.Properties())
 
 
 def placed_object(mi: ModuleType, placed: Placed, bsdf: Any) -> Any:
-    """The object where it stands, as a Mitsuba shape that carries `bsdf`."""
+    """An object at its position, as a Mitsuba shape with `bsdf`."""
     if isinstance(placed.shape, Sphere):
         ball = {"type": "sphere", "center": list(placed.position), "radius": placed.scale}
         return mi.load_dict(ball | {"bsdf": bsdf})
@@ -123,7 +123,7 @@ def placed_object(mi: ModuleType, placed: Placed, bsdf: Any) -> Any:
 
 
 def _upright(mi: ModuleType, placed: Placed) -> Any:
-    """Mitsuba's rectangle faces +z; a plane faces +y before it is turned."""
+    """Transform of Mitsuba's rectangle, which faces +z, to the plane, which faces +y unturned."""
     whole = np.eye(4)
     facing_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     whole[:3, :3] = placed.scale * placed.rotation @ facing_up

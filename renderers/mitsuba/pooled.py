@@ -1,25 +1,25 @@
 """Standard errors of scenes whose light partly comes by rare paths.
 
-A pixel that has not met a rare bright path is too dark and, judged by its own samples, too sure of
-it: squares of residuals over errors are then far above 1 in the mean, without bound where a
-pixel's samples are all equal. What is rare in a pixel is less rare in its neighbourhood, where
-the same paths carry the variance.
+A pixel that no rare bright path has reached is too dark, and its own samples underestimate its
+error: in the mean, squared residuals are then far above squared errors, and where all samples of a
+pixel are equal, its error would be 0. Some of the pixels around it were reached by such paths and
+show the variance.
 """
 
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from malus.scenes.core.arrays import AnyArray
 
 OBJECT_WEIGHT = 0.1
-"""What the mean over the whole object counts, in pixels: it is there for windows without light."""
+"""Weight, in pixels, of the mean over the whole object: for pixels with no light around them."""
 
 
-def pooled(variance: NDArray[Any], owner: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """Variances as the mean over the 3 by 3 pixels about each that see the same object.
+def pooled(variance: AnyArray, owner: AnyArray) -> AnyArray:
+    """Mean variance of the 3 by 3 pixels around each that show the same object.
 
     The mean over all pixels of that object is added with a small weight, so that no variance is
     zero where others of its object are not.
@@ -27,14 +27,14 @@ def pooled(variance: NDArray[Any], owner: NDArray[np.integer[Any]]) -> NDArray[A
     Parameters
     ----------
     variance : (height, width, bands, 3)
-        Each pixel's own, from its own samples.
+        Variance from each pixel's own samples.
     owner : (height, width)
-        Number of the object that a pixel sees; where it is negative, the pixel's own is kept.
+        Number of the object in a pixel; where it is negative, the pixel's own variance is kept.
 
     Examples
     --------
-    >>> seen = np.array([[0, 0, 1], [0, 0, -1]])
-    >>> pooled(np.array([[4.0, 0, 7], [0, 0, 5]])[..., None, None], seen)[..., 0, 0].tolist()
+    >>> owner = np.array([[0, 0, 1], [0, 0, -1]])
+    >>> pooled(np.array([[4.0, 0, 7], [0, 0, 5]])[..., None, None], owner)[..., 0, 0].tolist()
     [[1.0, 1.0, 7.0], [1.0, 1.0, 5.0]]
     """
     height, width = owner.shape
@@ -48,7 +48,7 @@ def pooled(variance: NDArray[Any], owner: NDArray[np.integer[Any]]) -> NDArray[A
         total += np.where(same, around[there], 0)
         count += same
     for index in np.unique(owner[owner >= 0]):
-        seen = owner == index
-        total[seen] += OBJECT_WEIGHT * variance[seen].mean(axis=0, dtype=np.float64)
+        on_object = owner == index
+        total[on_object] += OBJECT_WEIGHT * variance[on_object].mean(axis=0, dtype=np.float64)
     mean = total / (count + OBJECT_WEIGHT)
     return np.where(own >= 0, mean, variance).astype(variance.dtype)

@@ -1,4 +1,4 @@
-"""The camera's rays: their random streams, and the frame of the Stokes vectors it sees."""
+"""Rays of the camera: their random numbers, and the frame of the Stokes vectors along them."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _PURPOSES = 2
 def streams(mi: ModuleType, number: Any, seed: Any) -> tuple[Any, Any]:
     """Independent streams of random numbers: one for the rays, one for the shading.
 
-    `number` tells the pixel and the half of its samples: pixel * HALVES + half.
+    `number` is that of `stream_number`: each pixel and half of its samples has its own.
     """
-    found = []
+    generators = []
     for purpose in range(_PURPOSES):
         state, sequence = mi.sample_tea_32(number * _PURPOSES + purpose, seed)
-        stream = mi.PCG32()
-        stream.seed(mi.UInt64(state), mi.UInt64(sequence))
-        found.append(stream)
-    return found[0], found[1]
+        generator = mi.PCG32()
+        generator.seed(mi.UInt64(state), mi.UInt64(sequence))
+        generators.append(generator)
+    return generators[0], generators[1]
 
 
 def stream_number(pixel: Any, half: Any) -> Any:
@@ -32,7 +32,7 @@ def stream_number(pixel: Any, half: Any) -> Any:
 
 @dataclass
 class Film:
-    """A square sensor and its resolution.
+    """The square film of a camera: rays through its points.
 
     Mitsuba 3.9's orthographic camera hides the transform from its film from functions that Dr.Jit
     freezes; `to_camera` is a copy of it, None for other cameras. Rays end at the distance `far`,
@@ -71,7 +71,7 @@ class Film:
 
 
 def to_camera_frame(mi: ModuleType, sensor: Any, ray: Any) -> Any:
-    """Mueller rotation from Mitsuba's frame for the ray to +x of the image."""
+    """Mueller matrix that turns Stokes vectors from Mitsuba's frame of a ray to +x of the image."""
     import drjit as dr
 
     up = sensor.world_transform() @ mi.Vector3f(0, 1, 0)

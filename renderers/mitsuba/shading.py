@@ -1,8 +1,9 @@
-"""One kernel: the camera's rays, the light that comes to their hits, and the BSDFs that shade them.
+"""The kernel that renders a family: rays of the camera, light at their hits, and all BSDFs.
 
-Light directions are drawn once a hit and shared by the BSDFs of a lobe, so that the noise is a
-smooth function of η. Dr.Jit traces every call into Mitsuba anew, although it knows the kernel;
-`shade` is therefore written to be frozen (`dr.freeze`): all that changes comes as an argument.
+Directions of light are drawn once a hit and shared by the BSDFs of a lobe, so that the noise is a
+smooth function of η. Dr.Jit traces every call into Mitsuba anew, also where the kernel is compiled
+already; `shade` is therefore written so that `dr.freeze` can record it: everything that changes is
+an argument.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from malus.renderers.mitsuba.rays import Film, streams, to_camera_frame
 
 @dataclass
 class Shading:
-    """What every hit is shaded with: the BSDFs at the nodes, and whether variances are kept.
+    """The BSDFs at the nodes that shade every hit, and whether variances are kept.
 
-    `where`, from a hit and random numbers, tells which hits are shaded; by default all. `replay`
-    is False where something changes that a recording cannot see: `where` is a function, and
-    Mitsuba's measured BSDFs hide their tables.
+    `where` maps a hit and random numbers to whether the hit is shaded; by default all are. `replay`
+    is False where a recording would miss a change: `where` is a function, and Mitsuba's measured
+    BSDFs do not show their tables to Dr.Jit.
     """
 
     specular: Sequence[Any]
@@ -34,7 +35,7 @@ class Shading:
 
     @property
     def layout(self) -> Layout:
-        """How the sums over samples are laid out."""
+        """Order of the sums over samples."""
         return Layout(len(self.specular), len(self.diffuse), self.errors)
 
     def lobe(
@@ -55,9 +56,9 @@ class Shading:
             for k, bsdf in enumerate(bsdfs):
                 mueller = bsdf.eval(context, hit, direction, valid)
                 mueller = hit.to_world_mueller(mueller, -direction, hit.wi)
-                # Unpolarised light: the first column is the Stokes vector of what it becomes.
+                # Unpolarised light becomes the first column of the Mueller matrix.
                 stokes = [mueller[row, 0] for row in range(3)]
-                # Turning it is cheaper to trace than turning all of the matrix.
+                # Turning this vector is cheaper to trace than turning the whole matrix.
                 for row in (1, 2):
                     turned = to_camera[row, 1] * stokes[1] + to_camera[row, 2] * stokes[2]
                     values[3 * k + row] += dr.select(weight > 0, turned[0] * weight, 0.0)
@@ -66,8 +67,8 @@ class Shading:
 
 
 @dataclass
-class View:
-    """What stands before the camera; a `convex` shape casts no shadow on itself."""
+class CameraView:
+    """A scene and the film that sees it; a `convex` shape casts no shadow on itself."""
 
     scene: Any
     film: Film
@@ -94,9 +95,9 @@ class Threads:
     Attributes
     ----------
     count : int
-        A number of Python's, because a recording is of arrays of one size.
+        A Python number: a recording holds for arrays of one size only.
     stream : (count,)
-        Numbers of the random streams, which tell pixel and half.
+        Numbers of the random streams; each gives pixel and half.
     pixels, seed, samples : opaque
         Number of pixels, seed, and samples of a thread.
     """
@@ -108,7 +109,9 @@ class Threads:
     samples: Any
 
 
-def shade(mi: ModuleType, view: View, light: Sampler, shading: Shading, threads: Threads) -> Any:
+def shade(
+    mi: ModuleType, view: CameraView, light: Sampler, shading: Shading, threads: Threads
+) -> Any:
     """Sums over the samples of every thread, flat and in the order of `Layout`."""
     import drjit as dr
 
@@ -121,24 +124,24 @@ def shade(mi: ModuleType, view: View, light: Sampler, shading: Shading, threads:
         return i + 1, [s + v for s, v in zip(sums, values, strict=True)], rays, draws
 
     state = (mi.UInt32(0), [mi.Float(0.0) for _ in range(layout.channels)], rays, draws)
-    # Without a second trace that looks for loop invariants: it costs more than they do.
+    # Looking for loop invariants needs a second trace, which costs more than it saves.
     with dr.scoped_set_flag(dr.JitFlag.OptimizeLoops, False):
         _, sums, _, _ = dr.while_loop(state, lambda i, *_: i < threads.samples, step)
     thread = dr.arange(mi.UInt32, threads.count)
     half = threads.stream % HALVES
     result = dr.empty(mi.Float, layout.channels * threads.count)
-    for number, (before, count, node) in enumerate(layout.places):
-        place = threads.pixels * (HALVES * before + half * (count - 1) + node) + thread
-        # Said to have no conflicts, all writes share one kernel.
+    for number, (before, count, node) in enumerate(layout.vectors):
+        position = threads.pixels * (HALVES * before + half * (count - 1) + node) + thread
+        # As writes do not overlap, one kernel can do them all.
         triple = mi.Vector3f(*sums[3 * number : 3 * number + 3])
-        dr.scatter(result, triple, place, mode=dr.ReduceMode.NoConflicts)
+        dr.scatter(result, triple, position, mode=dr.ReduceMode.NoConflicts)
     return result
 
 
 def _sample(
-    mi: ModuleType, view: View, ray: Any, light: Sampler, shading: Shading, random: Any
+    mi: ModuleType, view: CameraView, ray: Any, light: Sampler, shading: Shading, random: Any
 ) -> list[Any]:
-    """Normal, Stokes of every BSDF, and the products that the variances need."""
+    """Contribution of one ray: normal, Stokes vectors of every BSDF, and products for variances."""
     import drjit as dr
 
     hit = view.scene.ray_intersect(ray)

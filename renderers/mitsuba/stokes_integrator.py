@@ -1,7 +1,6 @@
-"""The same lobes from Mitsuba's own `stokes` integrator, one render a node: works in any variant.
+"""Render a family with Mitsuba's own `stokes` integrator, node by node, in any variant.
 
-This is how malus renders where neither LLVM nor CUDA works, and the independent reference that
-the vectorised path is tested against.
+malus renders so where neither LLVM nor CUDA works; tests compare the vectorised kernels with it.
 """
 
 from __future__ import annotations
@@ -10,11 +9,10 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.coverage import inside
-from malus.renderers.mitsuba.lobe_samples import Floats, Lobes, unit
+from malus.renderers.mitsuba.lobe_samples import Lobes, unit
 from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
 from malus.renderers.mitsuba.translate import (
     diffuse_bsdf,
@@ -25,31 +23,32 @@ from malus.renderers.mitsuba.translate import (
 )
 from malus.renderers.variant import SCALAR, Variant, mitsuba
 from malus.scenes.camera import Camera
+from malus.scenes.core.arrays import BoolArray, Float32Array
 from malus.scenes.lights.lights import Environment, Light, Sky
 from malus.scenes.lights.sky import parts
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes.shapes import Shape
 
 BATCHES = 8
-"""Independent renders that the standard error comes from: four a half, 7 degrees of freedom."""
+"""Independent renders that give the standard error: four a half, 7 degrees of freedom."""
 
 WAVELENGTH_NM = 555.0
-"""The spectral variant looks through a 1 nm wide window here; nothing in a node disperses."""
+"""The spectral variant renders 1 nm around it: indices of a node do not depend on wavelength."""
 
 
 def render_lobes(
     variant: Variant, key: FamilyKey, nodes: list[float | complex], sampling: Sampling
 ) -> Lobes:
-    """Lobes of one family at its nodes."""
+    """Stokes samples of both lobes of one family at its nodes."""
     mi = mitsuba(variant)
     batches = max(b for b in range(2, BATCHES + 1, 2) if sampling.samples % b == 0)
-    window = _window(mi, variant, key.shape, key.camera)
+    base_scene = _base_scene(mi, variant, key.shape, key.camera)
     specular_bsdfs = _specular_bsdfs(variant, key, nodes)
     diffuse_nodes = nodes if key.body == "polarised" else nodes[:1]
     diffuse_bsdfs = [diffuse_bsdf(node, key.alpha, key.body) for node in diffuse_nodes]
-    specular = _renders(mi, window, key.light, specular_bsdfs, batches, sampling, stream=0)
-    diffuse = _renders(mi, window, key.light, diffuse_bsdfs, batches, sampling, stream=1)
-    normals, touched, covered = _geometry(mi, window, sampling)
+    specular = _renders(mi, base_scene, key.light, specular_bsdfs, batches, sampling, stream=0)
+    diffuse = _renders(mi, base_scene, key.light, diffuse_bsdfs, batches, sampling, stream=1)
+    normals, touched, covered = _geometry(mi, base_scene, sampling)
     pixels = np.flatnonzero(touched)
     specular, diffuse = specular[:, :, pixels], diffuse[:, :, pixels]
     return Lobes(
@@ -71,18 +70,18 @@ def _specular_bsdfs(variant: Variant, key: FamilyKey, nodes: list[float | comple
     return [specular_bsdf(node, key.alpha) for node in nodes]
 
 
-def _halves(batches: Floats) -> Floats:
+def _halves(batches: Float32Array) -> Float32Array:
     count, *rest = batches.shape
     halves = batches.reshape(2, count // 2, *rest).mean(axis=1)
     return np.asarray(halves, dtype=np.float32)
 
 
-def _variance_of_mean(batches: Floats) -> Floats:
+def _variance_of_mean(batches: Float32Array) -> Float32Array:
     return np.asarray(batches.var(axis=0, ddof=1) / len(batches), dtype=np.float32)
 
 
-def _window(mi: ModuleType, variant: Variant, shape: Shape, camera: Camera) -> dict[str, Any]:
-    """Everything of the scene but BSDF, light and integrator."""
+def _base_scene(mi: ModuleType, variant: Variant, shape: Shape, camera: Camera) -> dict[str, Any]:
+    """The scene without BSDF, light and integrator."""
     look = sensor(mi, camera)
     if variant.name == SCALAR:
         look["srf"] = {
@@ -94,21 +93,21 @@ def _window(mi: ModuleType, variant: Variant, shape: Shape, camera: Camera) -> d
     return {"type": "scene", "sensor": look, "shape": shape}
 
 
-def _load(mi: ModuleType, window: dict[str, Any], bsdf: Any, **more: Any) -> Any:
+def _load(mi: ModuleType, base_scene: dict[str, Any], bsdf: Any, **more: Any) -> Any:
     loaded = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
-    shape = shape_object(mi, window["shape"], loaded)
-    return mi.load_dict(window | {"shape": shape} | more)
+    shape = shape_object(mi, base_scene["shape"], loaded)
+    return mi.load_dict(base_scene | {"shape": shape} | more)
 
 
 def _renders(
     mi: ModuleType,
-    window: dict[str, Any],
+    base_scene: dict[str, Any],
     light: Light,
     bsdfs: list[Any],
     batches: int,
     sampling: Sampling,
     stream: int,
-) -> Floats:
+) -> Float32Array:
     """Stokes images of every batch and BSDF, shape (batches, len(bsdfs), pixels, 3).
 
     BSDFs are dictionaries that differ in their index, or loaded already.
@@ -117,17 +116,19 @@ def _renders(
         "type": "stokes",
         "direct": {"type": "path", "max_depth": 2, "hide_emitters": True},
     }
-    images = np.zeros((batches, len(bsdfs), window["sensor"]["film"]["width"] ** 2, 3), np.float32)
-    for part in parts(light):  # one at a time, because the film's response is that of its kind
-        scene = _load(mi, window, bsdfs[0], light=emitter(mi, part), integrator=integrator)
-        response = _response(mi, window, part)
+    images = np.zeros(
+        (batches, len(bsdfs), base_scene["sensor"]["film"]["width"] ** 2, 3), np.float32
+    )
+    for part in parts(light):  # apart, because the film's response depends on the kind of light
+        scene = _load(mi, base_scene, bsdfs[0], light=emitter(mi, part), integrator=integrator)
+        response = _response(mi, base_scene, part)
         for node, bsdf in enumerate(bsdfs):
             if isinstance(bsdf, dict):
                 _set_index(mi, scene, bsdf)
             else:
-                scene = _load(mi, window, bsdf, light=emitter(mi, part), integrator=integrator)
+                scene = _load(mi, base_scene, bsdf, light=emitter(mi, part), integrator=integrator)
             for batch in range(batches):
-                # The same seed for every node: noise is a smooth function of the index.
+                # The same seed for every node makes noise a smooth function of the index.
                 seed = (sampling.seed * BATCHES + batch) * 2 + stream
                 raw = np.asarray(mi.render(scene, spp=sampling.samples // batches, seed=seed))
                 images[batch, node] += _stokes(raw).reshape(-1, 3) / response
@@ -146,7 +147,7 @@ def _set_index(mi: ModuleType, scene: Any, bsdf: dict[str, Any]) -> None:
     parameters.update()
 
 
-def _stokes(raw: Floats) -> Floats:
+def _stokes(raw: Float32Array) -> Float32Array:
     """s0, s1, s2 of the green channel, the one with the largest response at 555 nm.
 
     The integrator appends S0.R, S0.G, S0.B, S1.R, … S3.B to the film's own channels.
@@ -155,13 +156,13 @@ def _stokes(raw: Floats) -> Floats:
     return raw[..., [first + 1, first + 4, first + 7]]
 
 
-def _response(mi: ModuleType, window: dict[str, Any], light: Light) -> float:
-    """What the film records for a radiance of 1: the sRGB weight of the narrow window.
+def _response(mi: ModuleType, base_scene: dict[str, Any], light: Light) -> float:
+    """Value of the green channel for a radiance of 1: the sRGB weight of the 1 nm.
 
-    Environment maps come as colours and are turned into spectra in another way than plain
-    numbers, so that the weight is measured on a map of ones.
+    Mitsuba makes spectra of a map's colours in another way than of plain numbers: for maps, the
+    weight is measured on a map of ones.
     """
-    look = window["sensor"]
+    look = base_scene["sensor"]
     small = look | {"film": look["film"] | {"width": 8, "height": 8}}
     sky: dict[str, Any] = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
     if isinstance(light, Environment | Sky):
@@ -178,15 +179,15 @@ def _response(mi: ModuleType, window: dict[str, Any], light: Light) -> float:
 
 
 def _geometry(
-    mi: ModuleType, window: dict[str, Any], sampling: Sampling
-) -> tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Shading normals summed over rays (pixels, 3); pixels that are touched, and covered."""
-    views = {"type": "aov", "aovs": "normal:sh_normal,hit:shape_index"}
-    scene = _load(mi, window, {"type": "diffuse"}, integrator=views)
+    mi: ModuleType, base_scene: dict[str, Any], sampling: Sampling
+) -> tuple[Float32Array, BoolArray, BoolArray]:
+    """Mean shading normals (pixels, 3); whether pixels are touched, and covered, by the object."""
+    variables = {"type": "aov", "aovs": "normal:sh_normal,hit:shape_index"}
+    scene = _load(mi, base_scene, {"type": "diffuse"}, integrator=variables)
     raw = np.asarray(mi.render(scene, spp=sampling.samples, seed=sampling.seed))
     names = list(scene.integrator().aov_names())
     channels = raw[..., raw.shape[-1] - len(names) :].reshape(-1, len(names))
     normals = channels[:, [names.index(f"normal.{axis}") for axis in "XYZ"]]
     hits = channels[:, names.index("hit.I")]
     all_hit = hits > 1 - 0.5 / sampling.samples
-    return normals, hits > 0, all_hit & inside(mi, scene, window["sensor"]["film"]["width"])
+    return normals, hits > 0, all_hit & inside(mi, scene, base_scene["sensor"]["film"]["width"])

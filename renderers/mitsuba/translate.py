@@ -1,4 +1,4 @@
-"""From a scene's plain data to Mitsuba objects and dictionaries."""
+"""Mitsuba objects and dictionaries from the data of a scene."""
 
 from __future__ import annotations
 
@@ -19,31 +19,33 @@ from malus.scenes.shapes.geometry import TriangleMesh
 from malus.scenes.shapes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
 
 CONVEX = frozenset({"sphere"})
-"""Kinds of shape that cast no shadow on themselves: no shadow ray is traced for them."""
+"""Kinds of shape that cast no shadow on themselves and need no shadow rays."""
 
 ORTHOGRAPHIC_DISTANCE = 3.0
 LAMP_DISTANCE = 1000.0
-"""Of a lamp, over the radius of the objects: seen from them it moves by 0.06° at most."""
+"""Distance of a lamp in radii of the objects: its direction differs by 0.06° at most."""
 
 
 def sensor(
     mi: ModuleType, camera: Camera, distance: float = ORTHOGRAPHIC_DISTANCE
 ) -> dict[str, Any]:
-    """The camera as a sensor with a box filter: pixels are independent, runs bit-identical.
+    """The camera as a Mitsuba sensor with a box filter, so that pixels are independent.
 
-    `distance` is where an orthographic camera stands; its images do not depend on it.
+    `distance` is that of an orthographic camera from the origin; images do not depend on it.
     """
     if camera.distance is not None:
         distance, lens = camera.distance, {"type": "perspective", "fov": camera.fov_deg}
     else:
         lens = {"type": "orthographic"}
-    look = mi.ScalarTransform4f().look_at(
+    to_world = mi.ScalarTransform4f().look_at(
         origin=[0, 0, distance], target=[0, 0, 0], up=camera.axes[1].tolist()
     )
     if camera.projection == "orthographic":
-        look = look @ mi.ScalarTransform4f().scale([camera.half_width, camera.half_width, 1])
+        to_world = to_world @ mi.ScalarTransform4f().scale(
+            [camera.half_width, camera.half_width, 1]
+        )
     return lens | {
-        "to_world": look,
+        "to_world": to_world,
         "film": {
             "type": "hdrfilm",
             "width": camera.resolution,
@@ -57,7 +59,7 @@ def sensor(
 
 
 def shape_object(mi: ModuleType, shape: Shape, bsdf: Any) -> Any:
-    """The shape as a Mitsuba object that carries `bsdf`."""
+    """A shape as a Mitsuba object with `bsdf`."""
     if isinstance(shape, Sphere):
         return mi.load_dict({"type": "sphere", "bsdf": bsdf})
     return mesh_object(mi, tessellated(shape), bsdf)
@@ -81,7 +83,7 @@ def tessellated(shape: Shape) -> TriangleMesh:
 
 
 def mesh_object(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
-    """The mesh as a Mitsuba object that carries `bsdf`."""
+    """A mesh as a Mitsuba object with `bsdf`."""
     properties = mi.Properties()
     properties["mesh_bsdf"] = bsdf
     result = mi.Mesh(
@@ -104,7 +106,7 @@ def mesh_object(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
 
 
 def emitters(mi: ModuleType, light: Light, lamp_distance: float = LAMP_DISTANCE) -> dict[str, Any]:
-    """The parts of a light as emitters of a scene, by name; arguments as those of `emitter`."""
+    """The parts of a light as emitters of a Mitsuba scene, by name; see `emitter`."""
     return {f"light{k}": emitter(mi, part, lamp_distance) for k, part in enumerate(parts(light))}
 
 
@@ -127,19 +129,19 @@ def emitter(mi: ModuleType, light: Light, lamp_distance: float = LAMP_DISTANCE) 
 
 
 def _lamp(mi: ModuleType, light: Area, distance: float) -> dict[str, Any]:
-    """A disk so far away that it looks the same from all over the objects."""
+    """A disk so far away that its direction is the same all over the objects."""
     away = [distance * c for c in light.direction]
     radius = distance * math.tan(math.radians(light.half_angle_deg))
-    look = mi.ScalarTransform4f().look_at(origin=away, target=[0, 0, 0], up=_upward(light))
+    to_world = mi.ScalarTransform4f().look_at(origin=away, target=[0, 0, 0], up=_upward(light))
     return {
         "type": "disk",
-        "to_world": look @ mi.ScalarTransform4f().scale([radius, radius, 1]),
+        "to_world": to_world @ mi.ScalarTransform4f().scale([radius, radius, 1]),
         "emitter": {"type": "area", "radiance": _flat(light.radiance)},
     }
 
 
 def _upward(light: Area) -> list[float]:
-    """Any direction that is not that of the lamp."""
+    """A direction that is not parallel to that of the lamp."""
     return [1.0, 0.0, 0.0] if abs(light.direction[1]) > 0.9 else [0.0, 1.0, 0.0]
 
 
@@ -157,10 +159,11 @@ def specular_bsdf(eta: float | complex, alpha: float) -> dict[str, Any]:
 
 
 def diffuse_bsdf(eta: float | complex, alpha: float, body: AnyBody) -> dict[str, Any]:
-    """The body lobe alone at albedo 1; both bodies are linear in the albedo.
+    """The diffuse lobe alone at albedo 1; both bodies are linear in the albedo.
 
-    'polarised' is `pplastic` without its mirror term; 'unpolarised' is Lambertian, which is the
-    paper's assumption. A conductor has none: its albedo is zero, and so is what is rendered here.
+    'polarised' is `pplastic` without its specular term; 'unpolarised' is Lambertian, which is the
+    paper's assumption. A conductor has no diffuse light: its albedo is zero, so that what is
+    rendered here does not count.
     """
     if body != "polarised":
         return {"type": "diffuse", "reflectance": _flat(1.0)}

@@ -1,8 +1,8 @@
-"""Both lobes of a whole family from one trace, on Mitsuba's vectorised variants.
+"""Render both lobes of a family at all nodes in η at once, on Mitsuba's vectorised variants.
 
-One kernel traces the primary rays once and lets Mitsuba's own BSDFs shade each hit for every node
-in η and for both lobes. A thread serves one pixel and one half of its samples and sums them in a
-fixed order: results do not depend on the number of threads.
+One kernel traces the rays of the camera once and evaluates Mitsuba's own BSDFs at each hit, for
+every node in η and for both lobes. A thread sums the samples of one pixel and one half in a fixed
+order: results do not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from malus.renderers.mitsuba.coverage import inside
 from malus.renderers.mitsuba.lighting import (
@@ -23,24 +22,26 @@ from malus.renderers.mitsuba.lighting import (
     radiance_map_of,
     sampler,
 )
-from malus.renderers.mitsuba.lobe_samples import HALVES, Floats, Lobes, lobes_from_sums
+from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, lobes_from_sums
 from malus.renderers.mitsuba.rays import Film, stream_number, streams
-from malus.renderers.mitsuba.shading import Shading, Threads, View, shade
+from malus.renderers.mitsuba.shading import CameraView, Shading, Threads, shade
 from malus.renderers.mitsuba.translate import CONVEX, sensor, shape_object
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.camera import Camera
+from malus.scenes.core.arrays import BoolArray, Float32Array, IntArray
 from malus.scenes.lights.lights import Environment, Light, Sky
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes.shapes import Shape
 
 PIXELS_A_LAUNCH = 1 << 16
-"""Bounds the memory of one launch to a few hundred megabytes, whatever the image's size."""
+"""Most pixels of one launch, which bounds its memory to a few hundred megabytes."""
+
 RECORDINGS = 16
-"""Kinds of light, body and number of nodes whose calls a stage remembers."""
+"""Most recorded calls that a stage keeps: one for each kind of light, body and number of nodes."""
 
 
 def stage(variant: Variant, shape: Shape, camera: Camera, light: Light) -> Stage:
-    """The stage for a shape, a camera and a light; the last ones are kept, nothing is reloaded."""
+    """The stage for a shape, a camera and a light; the last four stay loaded."""
     return cached_stage(variant, shape, camera, radiance_map_of(light))
 
 
@@ -48,31 +49,31 @@ def stage(variant: Variant, shape: Shape, camera: Camera, light: Light) -> Stage
 def cached_stage(
     variant: Variant, shape: Shape, camera: Camera, around: Environment | Sky | None
 ) -> Stage:
-    """The stage of a shape, a camera and the radiance map around them, if there is one."""
+    """The stage of a shape, a camera and the radiance map around them, or None without one."""
     return Stage(mitsuba(variant), shape, camera, around)
 
 
 @dataclass(frozen=True)
-class Touched:
-    """Pixels with at least one hit among the very rays to be shaded.
+class TouchedPixels:
+    """Pixels with at least one hit among the rays that will be shaded.
 
     Attributes
     ----------
     pixels : (P,)
         Flat indices into the image.
     covered : (P,) bool
-        Whether the object covers them entirely.
+        Whether the object covers the pixel entirely.
     streams : Dr.Jit arrays (HALVES * pixels of a launch,)
         Numbers of the random streams of each launch.
     """
 
-    pixels: NDArray[np.int64]
-    covered: NDArray[np.bool_]
+    pixels: IntArray
+    covered: BoolArray
     streams: list[Any]
 
 
 class Stage:
-    """A shape before a camera, ready to be lit and shaded by many BSDFs.
+    """A Mitsuba scene of a shape and a camera, for renders with many lights and BSDFs.
 
     A radiance map `around` it is part of its scene; other lights are parameters of a render.
     """
@@ -98,14 +99,14 @@ class Stage:
             | ({"map": environment_emitter(mi, around)} if around else {})
         )
         film = Film.of(self.scene.sensors()[0], camera.resolution)
-        self.view = View(self.scene, film, shape.kind in CONVEX)
+        self.view = CameraView(self.scene, film, shape.kind in CONVEX)
         self.inside = inside(mi, self.scene, self.resolution)
-        # On CUDA, a recording of Mitsuba 3.9's `envmap` ends the process when it is played again.
+        # On CUDA, replaying a recording of Mitsuba 3.9's `envmap` ends the process.
         recordable = around is None or not mi.variant().startswith("cuda")
-        # New kinds of light and body are no reason to warn.
+        # Dr.Jit would warn of each new kind of light or body.
         freeze = functools.partial(dr.freeze, limit=RECORDINGS, warn_after=1 << 30)
         self._replay: Callable[..., Any] = freeze(shade) if recordable else shade
-        self._touched: dict[Sampling, Touched] = {}
+        self._touched: dict[Sampling, TouchedPixels] = {}
 
     def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:
         """Shade every hit with every BSDF of `shading` under `light`."""
@@ -119,7 +120,8 @@ class Stage:
             blocks, shading.layout, half_samples, touched.pixels, touched.covered
         )
 
-    def _hits(self, sampling: Sampling) -> Touched:
+    def _hits(self, sampling: Sampling) -> TouchedPixels:
+        """The pixels that the object touches; kept for renders with other lights and surfaces."""
         if sampling in self._touched:
             return self._touched[sampling]
         total = self.resolution**2
@@ -133,18 +135,18 @@ class Stage:
         covered = self.inside & (hits == sampling.samples)
         launches = range(0, max(len(pixels), 1), PIXELS_A_LAUNCH)
         streams = [self._streams(pixels[i : i + PIXELS_A_LAUNCH]) for i in launches]
-        # Lights and surfaces share the rays.
-        self._touched = {sampling: Touched(pixels, covered[pixels], streams)}
+        self._touched = {sampling: TouchedPixels(pixels, covered[pixels], streams)}
         return self._touched[sampling]
 
-    def _streams(self, pixels: NDArray[np.int64]) -> Any:
-        """Numbers of the random streams of both halves, in memory of Dr.Jit's own."""
+    def _streams(self, pixels: IntArray) -> Any:
+        """Numbers of the random streams of both halves, as an evaluated Dr.Jit array."""
         numbers = [stream_number(pixels, half) for half in range(HALVES)]
         result = self.mi.UInt32(np.concatenate(numbers).astype(np.uint32))
         self.dr.eval(result)
         return result
 
     def _count_hits(self, stream: Any, sampling: Sampling) -> Any:
+        """Number of samples that hit the object, for each random stream."""
         mi, dr = self.mi, self.dr
         random, _ = streams(mi, stream, dr.opaque(mi.UInt32, sampling.seed))
         pixel = stream // HALVES
@@ -160,8 +162,8 @@ class Stage:
 
     def _shade(
         self, stream: Any, light: Sampler, shading: Shading, seed: int, samples: int
-    ) -> Floats:
-        """Sums over the samples, in the order of `Layout`."""
+    ) -> Float32Array:
+        """Sums over the samples of some pixels, in the order of `Layout`."""
         mi, dr = self.mi, self.dr
         count = dr.width(stream)
         opaque = (dr.opaque(mi.UInt32, number) for number in (count // HALVES, seed, samples))

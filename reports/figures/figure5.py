@@ -34,9 +34,9 @@ _ERROR = "normalised mean squared error"
 NOISE = "expected Monte Carlo noise, largest of any method"
 ENDLESS = "\nA dotted bar has its lower end below zero, where a logarithmic axis has no place."
 _LETTERS_AN_INCH = 15
-"""Of a caption: DejaVu Sans at 7 points has 18 of middling width."""
+"""Letters of a caption to an inch; DejaVu Sans at 7 points has 18 of middling width."""
 _HANDLE_INCHES = 0.5
-"""What a legend's line and its margins take."""
+"""Width of a legend's line and its margins."""
 _SHIFT = 0.008
 """Distance between the methods' error bars at one x, as a part of the axis' width."""
 

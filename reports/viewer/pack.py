@@ -113,7 +113,7 @@ class Packer:
 
     def _planes(self, stokes: AnyArray, truth: AnyArray | None = None) -> Planes:
         """Description of (pixels, 3); s0 is left out where it equals the truth's."""
-        first = 1 if truth is not None and _same(stokes[:, 0], truth[:, 0]) else 0
+        first = 1 if truth is not None and _equal_when_stored(stokes[:, 0], truth[:, 0]) else 0
         planes = [quantised(stokes[:, plane]) for plane in range(first, 3)]
         block = self._block(np.concatenate([q for q, _, _ in planes]).astype("<u2"))
         firsts, steps = [low for _, low, _ in planes], [step for _, _, step in planes]
@@ -124,8 +124,8 @@ class Packer:
         return len(self.blocks) - 1
 
 
-def _same(some: AnyArray, other: AnyArray) -> bool:
-    # Within half a step of what is stored anyway.
-    if not np.isfinite(some).all() or not some.size:
+def _equal_when_stored(planes: AnyArray, reference: AnyArray) -> bool:
+    """Whether planes differ by less than half a step of the stored reference."""
+    if not np.isfinite(planes).all() or not planes.size:
         return False
-    return bool(np.abs(some - other).max() <= 0.5 * float(np.ptp(other)) / STEPS)
+    return bool(np.abs(planes - reference).max() <= 0.5 * float(np.ptp(reference)) / STEPS)

@@ -14,6 +14,9 @@ Float64Array: TypeAlias = NDArray[np.float64]
 Float32Array: TypeAlias = NDArray[np.float32]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
+IndexArray: TypeAlias = NDArray[np.intp]
+Int32Array: TypeAlias = NDArray[np.int32]
+UInt32Array: TypeAlias = NDArray[np.uint32]
 
 NumberArray: TypeAlias = NDArray[np.inexact[Any]]
 """Real or complex numbers: a refractive index, for example."""

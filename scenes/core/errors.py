@@ -15,7 +15,7 @@ class InputError(ValueError):
     Parameters
     ----------
     where : str
-        File, key or option.
+        File, key or parameter.
     expected : str
         What would have been right.
     found : str

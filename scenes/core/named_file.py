@@ -14,10 +14,10 @@ from malus.scenes.core.model import Model
 
 
 class NamedFile(Model):
-    """A part of a scene that is in a file; `digest` is the hash of its bytes."""
+    """Base of the parts of a scene that are read from a file; `digest` is the hash of its bytes."""
 
-    what: ClassVar[str]
-    """Kind of the file, as error messages name it."""
+    file_kind: ClassVar[str]
+    """Kind of file, for error messages."""
     digest: str = ""
     _file: Path | None = PrivateAttr(default=None)
 
@@ -43,17 +43,17 @@ class NamedFile(Model):
         Raises
         ------
         InputError
-            If the file is another one, or cannot be read.
+            If its content does not match the digest, or it cannot be read.
         """
-        actual = digest_of(self.file, self.what)
+        actual = digest_of(self.file, self.file_kind)
         if self.digest not in ("", actual):
-            expected = f"a {self.what} with digest {self.digest}"
+            expected = f"a {self.file_kind} with digest {self.digest}"
             hint = "the file changed: give the command again, or find the old one"
             raise InputError(str(self.file), expected, actual, hint)
         return self.file
 
 
-def digest_of(path: Path, what: str) -> str:
+def digest_of(path: Path, file_kind: str) -> str:
     """First 16 hexadecimal digits of the SHA-256 of a regular file, links followed.
 
     Raises
@@ -61,9 +61,9 @@ def digest_of(path: Path, what: str) -> str:
     InputError
         If it cannot be read.
     """
-    with reading(str(path), f"a readable {what}", "check the path"):
+    with reading(str(path), f"a readable {file_kind}", "check the path"):
         # A pipe would be waited for.
         if path.exists() and not path.is_file():
-            raise InputError(str(path), f"a readable {what}", "no file", "check the path")
+            raise InputError(str(path), f"a readable {file_kind}", "no file", "check the path")
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()[:16]

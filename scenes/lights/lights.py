@@ -132,7 +132,7 @@ class Environment(NamedFile):
     kind: Literal["environment"] = "environment"
     name: str = Field(default="studio", min_length=1)
     turn_deg: float = Field(default=0.0, ge=-360, le=360, exclude_if=lambda turn: turn == 0.0)
-    what: ClassVar[str] = "radiance map"
+    file_kind: ClassVar[str] = "radiance map"
 
     @property
     def file_name(self) -> str | None:

@@ -49,7 +49,7 @@ class Measured(NamedFile):
     path: str = Field(min_length=1, max_length=4096)
     eta: float | None = Field(default=None, gt=1, le=4)
     alpha: float | None = Field(default=None, gt=0, le=1)
-    what: ClassVar[str] = "pBRDF file"
+    file_kind: ClassVar[str] = "pBRDF file"
 
     @property
     def file_name(self) -> str:
@@ -124,7 +124,7 @@ class PBRDF:
                 hint = "choose other bands"
                 raise InputError(str(self.path), expected, f"{wavelength:g} nm", hint)
 
-    def at(self, wavelength_nm: float) -> Float32Array:
+    def mueller_at(self, wavelength_nm: float) -> Float32Array:
         """Mueller matrices (phi_d, theta_d, theta_h, 4, 4) of one band, linear between two."""
         row = np.interp(wavelength_nm, self.wavelengths_nm, range(len(self.wavelengths_nm)))
         below, weight = int(row), np.float32(row % 1)

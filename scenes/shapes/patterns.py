@@ -100,7 +100,7 @@ class ImageTexture(NamedFile):
     kind: Literal["image"] = "image"
     path: str = Field(min_length=1, max_length=4096)
     projection: Literal["planar", "spherical", "uv"] = "planar"
-    what: ClassVar[str] = "picture"
+    file_kind: ClassVar[str] = "picture"
 
     @property
     def file_name(self) -> str:

@@ -104,7 +104,7 @@ class MeshFile(NamedFile):
     kind: Literal["mesh"] = "mesh"
     path: str = Field(min_length=1)
     shading: Shading = "smooth"
-    what: ClassVar[str] = "mesh file"
+    file_kind: ClassVar[str] = "mesh file"
 
     @property
     def file_name(self) -> str:

@@ -24,7 +24,7 @@ from malus.bench.running.cluster import engine, local_cluster, spread
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
 from malus.bench.running.status import status
-from malus.bench.running.work import Engine, apart, truths, work
+from malus.bench.running.work import Engine, in_worker_process, truths, work
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth
@@ -72,7 +72,7 @@ def loaded_process(stack: ExitStack) -> Engine:
     child = stack.enter_context(WorkerProcess())
     list(child.stream(pids_of_the_loaded))
     child.timeout = 5.0
-    return lambda tasks: apart(NOBODY, child)(smooth_first(tasks))
+    return lambda tasks: in_worker_process(NOBODY, child)(smooth_first(tasks))
 
 
 def pids_of_the_loaded() -> Iterator[int]:
@@ -129,7 +129,7 @@ def test_a_crash_or_a_hang_costs_its_own_family(
 def test_the_time_limit_reaches_every_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     limits: list[float] = []
     names = "malus.bench.running.cluster"
-    monkeypatch.setattr(f"{names}.apart", lambda _, child: limits.append(child.timeout))
+    monkeypatch.setattr(f"{names}.in_worker_process", lambda _, child: limits.append(child.timeout))
     monkeypatch.setattr(f"{names}.spread", lambda *arguments: limits.append(arguments[3]))
     monkeypatch.setattr(f"{names}._local", lambda *_: None)
     with engine(NOBODY, None, None, 7.0):
@@ -147,7 +147,7 @@ def test_a_family_that_crashed_once_is_done_by_the_next_process(tmp_path: Path) 
         def kills_first(tasks: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
             (killed[:],) = worker.stream(pids)
             os.kill(killed[0], signal.SIGKILL)
-            yield from apart(NOBODY, worker)(tasks)
+            yield from in_worker_process(NOBODY, worker)(tasks)
 
         results = run(SUITE, tmp_path / "killed", NOBODY, engine=kills_first)
     assert killed
@@ -235,7 +235,7 @@ def holds_the_lock() -> Iterator[int]:
 
 @pytest.mark.parametrize("seconds", [0, -1, float("nan"), float("inf")])
 def test_no_time_is_one_line(seconds: float) -> None:
-    with pytest.raises(InputError, match="--timeout: expected seconds above 0"):
+    with pytest.raises(InputError, match=r"^timeout: expected seconds above 0"):
         WorkerProcess(timeout=seconds)
 
 

@@ -44,7 +44,7 @@ from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import PLAN
 from malus.bench.running.plan import plan
 from malus.bench.running.status import status
-from malus.bench.running.work import Engine, here
+from malus.bench.running.work import Engine, in_this_process
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers.variant import choose
 from malus.scenes import InputError, Scene, Suite
@@ -142,7 +142,7 @@ def test_two_suites_at_once_in_one_folder_are_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="found a run; choose another `out`"):
             render_dataset(SUITE, tmp_path, NOBODY)
         run(SUITE, tmp_path, NOBODY)
-        yield from here(NOBODY)(tasks)
+        yield from in_this_process(NOBODY)(tasks)
 
     results = run(SUITE, tmp_path, NOBODY, engine=meanwhile)
     assert results.run["suite_id"] == SUITE.id
@@ -174,7 +174,7 @@ def counted(tasks: list[FamilyTask]) -> Engine:
     """The engine of this process, which notes what it is given."""
 
     def engine(source: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-        for task, result in here(NOBODY)(source):
+        for task, result in in_this_process(NOBODY)(source):
             tasks.append(task)
             yield task, result
 
@@ -308,7 +308,7 @@ def test_status_counts_what_is_left_and_refuses_what_is_no_run(tmp_path: Path) -
         status(tmp_path)
 
     def stops(source: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-        yield next(here(NOBODY)(source))
+        yield next(in_this_process(NOBODY)(source))
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

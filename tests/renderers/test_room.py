@@ -46,8 +46,8 @@ def by_mitsuba(scene: Scene, sampling: Sampling, runs: int) -> np.ndarray:
     """Stokes images (runs, height, width, 3) by Mitsuba's `stokes` over its `path` integrator."""
     mi = mitsuba(choose())
     room = Room(mi, scene, Sampling(samples=2))
-    for paint in room.paints:
-        paint.set_band(float(paint.surface.indices(scene.wavelengths_nm)[0]), paint.surface.albedo)
+    for bsdf in room.bsdfs:
+        bsdf.set_band(float(bsdf.surface.indices(scene.wavelengths_nm)[0]), bsdf.surface.albedo)
     path = {"type": "path", "max_depth": sampling.max_depth, "hide_emitters": True}
     loaded = mi.load_dict(
         {
