@@ -236,10 +236,12 @@ def mitsuba(variant: Variant) -> ModuleType:
     if "mitsuba" in sys.modules:
         import mitsuba as mi
     else:
-        # Without a path Dr.Jit would load the first libLLVM it finds, whatever its version.
-        os.environ["DRJIT_LIBLLVM_PATH"] = variant.llvm or os.devnull
+        # Without a path Dr.Jit would load the first libLLVM it finds, whatever its version. It
+        # looks once a process: a variant without LLVM must not hide it from a later one.
+        library = variant.llvm or getattr(_llvm(), "llvm", None)
+        os.environ["DRJIT_LIBLLVM_PATH"] = library or os.devnull
         # Without LLVM, Mitsuba prints a warning, though LLVM was not asked for.
-        with nullcontext() if variant.llvm else quiet():
+        with nullcontext() if library else quiet():
             import mitsuba as mi
     if mi.variant() != variant.name:
         mi.set_variant(variant.name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -77,3 +78,19 @@ def test_a_cache_that_is_damaged_is_no_cache(no_libraries: Path) -> None:
 def test_unknown_backend() -> None:
     with pytest.raises(InputError, match="cuda, llvm or scalar"):
         variant.choose("metal")
+
+
+def test_variants_follow_one_another_in_one_process() -> None:
+    """Dr.Jit looks for LLVM once: the scalar variant first must not hide it from what follows."""
+    if not variant.choose().vectorised:
+        pytest.skip("only the scalar variant runs here")
+    script = (
+        "from malus.renderers.self_check import rendered, SCENES\n"
+        "from malus.renderers.variant import choose\n"
+        "for backend, vectorised in (('scalar', False), ('auto', True), ('scalar', False)):\n"
+        "    variant = choose(backend)\n"
+        "    assert variant.vectorised == vectorised\n"
+        "    assert rendered(variant, SCENES['uniform light'], seed=1).image.max() > 0\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
