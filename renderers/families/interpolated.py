@@ -14,7 +14,6 @@ from malus.renderers.families.nodes import Nodes, node_coordinates
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.lobe_samples import Lobes
 from malus.renderers.truth import Truth
-from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray, Float32Array
 from malus.scenes.scene import Scene
 
@@ -43,9 +42,6 @@ class Family:
     variant: str
     seconds: float
     interpolation_error: dict[str, float] = field(default_factory=dict)
-    _transmitted: dict[tuple[tuple[float, ...], float], Float32Array] = field(
-        default_factory=dict, repr=False
-    )
 
     @functools.cached_property
     def normals(self) -> Float32Array:
@@ -90,39 +86,6 @@ class Family:
             diffuse_noise=self._image(diffuse_noise * albedo),
             interpolation_error=self.interpolation_error,
         )
-
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
-        """Images (angles, height, width, bands) through a polariser, without the Stokes images.
-
-        The transmitted radiance is linear in the Stokes vector: it is computed at the few nodes
-        and then interpolated to the bands.
-        """
-        self._check(scene)
-        albedo = scene.surface.albedos(scene.wavelengths_nm)
-        if np.ptp(albedo) > 0:
-            truth = self.truth(scene, standard_error=False)
-            return np.stack([truth.polarised(angle) for angle in angles_deg])
-        weights = self.nodes.weights(node_coordinates(scene)).astype(np.float32)
-        key = (angles_deg, float(albedo[0]))
-        nodes = self._transmitted.get(key)
-        if nodes is None:
-            nodes = self._transmitted[key] = self._transmit(*key)
-        side = self.key.camera.resolution
-        # Whole images, zero off the object: filling those in later costs four times as much.
-        images: Float32Array = np.matmul(nodes.swapaxes(1, 2), weights.T)
-        return images.reshape(len(angles_deg), side, side, len(weights))
-
-    def _transmit(self, angles_deg: tuple[float, ...], albedo: float) -> Float32Array:
-        """Radiance of both lobes behind the polariser at the nodes, (angles, K, height * width)."""
-        stokes = self.lobes.specular.mean(axis=0) + np.float32(albedo) * self.lobes.diffuse.mean(
-            axis=0
-        )
-        total = self.key.camera.resolution**2
-        nodes = np.zeros((len(angles_deg), len(stokes), total), dtype=np.float32)
-        for node, angle in zip(nodes, angles_deg, strict=True):
-            for image, values in zip(node, polarisation.polarised(stokes, angle), strict=True):
-                image[self.lobes.pixels] = values
-        return nodes
 
     def weights_of(
         self, scenes: Sequence[Scene]

@@ -36,6 +36,9 @@ class Lobes:
         Whether every sample of the pixel hit the object.
     specular_variance, diffuse_variance, covariance : (K, P, 3), (B, P, 3), (K, P, 3) or None
         Variances of the mean of all samples, and the covariance of both lobes, where asked for.
+    copy_seconds : float
+        Time that passed between the last kernel and these arrays: copies from the device, and
+        means of the sums.
     """
 
     specular: Floats
@@ -46,6 +49,7 @@ class Lobes:
     specular_variance: Floats | None = None
     diffuse_variance: Floats | None = None
     covariance: Floats | None = None
+    copy_seconds: float = 0.0
 
 
 @dataclass(frozen=True)

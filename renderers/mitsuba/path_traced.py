@@ -68,11 +68,6 @@ class Rendered:
             return self.whole
         return replace(self.whole, standard_error=np.zeros_like(self.whole.standard_error))
 
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Floats:
-        """Images (angles, height, width, bands) through a polariser, as of a `Family`."""
-        truth = self.truth(scene)
-        return np.stack([truth.polarised(angle) for angle in angles_deg]).astype(np.float32)
-
 
 class Room:
     """Objects before a camera, under a light."""
