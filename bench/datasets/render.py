@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.output_folder import prepare_folder
@@ -111,10 +112,10 @@ def _render_families(
     origins = {
         scene.id: _origin(family, suite, variant) for family in families for scene in family.scenes
     }
-    rendered = size = 0
     with (
         owned(folder, content_id(origins)),
         DatasetWriter(folder, origins, about(suite, variant)) as writer,
+        WritingThread(writer, origins) as writing,
     ):
         taken_over = len(writer.done)
         for family in families:
@@ -122,19 +123,21 @@ def _render_families(
             missing = [scene for scene in family.scenes if _is_left(scene, writer, retry_failed)]
             task = RenderTask(family, missing, suite.renderer, variant)
             for outcome in _outcomes(task, worker):
-                size += _write(outcome, family, origins, writer)
-                rendered += isinstance(outcome, Truth)
+                writing.wait()
                 progress(len(writer.done), len(origins), family.label)
+                writing.begin(outcome, family)
+        writing.wait()
+        progress(len(writer.done), len(origins), "")
     if not writer.done:
         why = next(iter(writer.failed.values())).reason
         raise InputError(f"suite {suite.name}", "a scene that can be rendered", "none", why)
     return {
         "out": str(folder),
         "scenes": len(origins),
-        "rendered": rendered,
+        "rendered": writing.truths,
         "taken_over": taken_over,
         "failed": len(writer.failed),
-        "bytes": size,
+        "bytes": writing.bytes,
     }
 
 
@@ -203,29 +206,67 @@ def _outcomes(task: RenderTask, worker: WorkerProcess | None) -> Iterator[Truth 
         yield from (Failure(name, None, str(death)) for name in left)
 
 
-def _write(
-    outcome: Truth | Failure,
-    family: FamilyPlan,
-    origins: Mapping[str, str],
-    writer: DatasetWriter,
-) -> int:
-    """Write a truth, or record why there is none; the number of bytes written.
+class WritingThread:
+    """Writes truths in a thread of its own, one after the other, while the next is rendered.
 
-    A failure without a scene is one of all scenes of the family that have no truth.
+    At most one is written at a time, so that memory holds that one and the next. As a context
+    manager it waits for the last one, also after an error or Ctrl-C: no scene is left half written.
+
+    Attributes
+    ----------
+    truths, bytes : int
+        Number of truths that were written, and of bytes.
     """
-    if isinstance(outcome, Truth):
-        writer.add(outcome, origins[outcome.scene.id])
-        return sum(file.stat().st_size for file in (writer.folder / outcome.scene.id).iterdir())
-    names = [scene.id for scene in family.scenes] if outcome.scene is None else [outcome.scene]
-    for name in names:
-        if name not in writer.done:
-            writer.fail(
-                FailedScene(
-                    scene=name,
-                    origin=origins[name],
-                    label=family.label,
-                    reason=outcome.reason,
-                    mendable=outcome.mendable,
+
+    def __init__(self, writer: DatasetWriter, origins: Mapping[str, str]) -> None:
+        self.truths = self.bytes = 0
+        self._writer, self._origins = writer, origins
+        self._thread = ThreadPoolExecutor(1, "malus-writes")
+        self._in_work: Future[None] | None = None
+
+    def __enter__(self) -> Self:
+        """Start nothing yet."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Wait for what is being written; `wait` tells its errors."""
+        self._thread.shutdown()
+
+    def wait(self) -> None:
+        """Wait for what is being written.
+
+        Raises
+        ------
+        InputError
+            If it could not be written.
+        """
+        if self._in_work is not None:
+            self._in_work.result()
+            self._in_work = None
+
+    def begin(self, outcome: Truth | Failure, family: FamilyPlan) -> None:
+        """Begin to write a truth, or to record why there is none; `wait` comes before."""
+        assert self._in_work is None
+        self._in_work = self._thread.submit(self._write, outcome, family)
+
+    def _write(self, outcome: Truth | Failure, family: FamilyPlan) -> None:
+        """Write a truth, or record a failure: without a scene, it is one of all without a truth."""
+        writer = self._writer
+        if isinstance(outcome, Truth):
+            name = outcome.scene.id
+            writer.add(outcome, self._origins[name])
+            self.bytes += sum(file.stat().st_size for file in (writer.folder / name).iterdir())
+            self.truths += 1
+            return
+        scenes = [scene.id for scene in family.scenes]
+        for name in scenes if outcome.scene is None else [outcome.scene]:
+            if name not in writer.done:
+                writer.fail(
+                    FailedScene(
+                        scene=name,
+                        origin=self._origins[name],
+                        label=family.label,
+                        reason=outcome.reason,
+                        mendable=outcome.mendable,
+                    )
                 )
-            )
-    return 0

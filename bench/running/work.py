@@ -6,7 +6,6 @@ process or in any other. An exception costs the scene and the method that it cam
 
 from __future__ import annotations
 
-import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -30,6 +29,7 @@ from malus.renderers.families.interpolated import Family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
+from malus.scenes.core.cores import usable_cores
 from malus.scenes.scene import Scene
 
 Engine = Callable[[Iterable[FamilyTask]], Iterator[tuple[FamilyTask, FamilyResult]]]
@@ -43,7 +43,7 @@ def here(variant: Variant) -> Engine:
         tasks: Iterable[FamilyTask],
     ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         for task in tasks:
-            yield task, work(task, variant, os.cpu_count() or 1)
+            yield task, work(task, variant, usable_cores())
 
     return one_after_the_other
 
@@ -73,7 +73,7 @@ def _in_worker(worker: WorkerProcess, task: FamilyTask, variant: Variant) -> Fam
 
 
 def _one_result(task: FamilyTask, variant: Variant) -> Iterator[FamilyResult]:
-    yield work(task, variant, os.cpu_count() or 1)
+    yield work(task, variant, usable_cores())
 
 
 def work(task: FamilyTask, variant: Variant, threads: int = 1) -> FamilyResult:
