@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,6 +22,8 @@ from malus.bench.running.work import truths
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.renderers.datasets.dataset import DatasetWriter
 from malus.renderers.datasets.dataset_record import FailedScene
+from malus.renderers.mitsuba.lighting import radiance_map_of
+from malus.renderers.mitsuba.translate import tessellated_ahead
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
@@ -29,6 +32,7 @@ from malus.scenes.core.model import content_id
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.versions import versions
 from malus.scenes.scene import Scene
+from malus.scenes.shapes.shapes import Shape
 from malus.scenes.suite import Suite
 
 
@@ -118,14 +122,12 @@ def _render_families(
         WritingThread(writer, origins) as writing,
     ):
         taken_over = len(writer.done)
-        for family in families:
-            progress(len(writer.done), len(origins), family.label)
-            missing = [scene for scene in family.scenes if _is_left(scene, writer, retry_failed)]
-            task = RenderTask(family, missing, suite.renderer, variant)
+        for task in _tasks(families, suite, variant, lambda s: _is_left(s, writer, retry_failed)):
+            progress(len(writer.done), len(origins), task.family.label)
             for outcome in _outcomes(task, worker):
                 writing.wait()
-                progress(len(writer.done), len(origins), family.label)
-                writing.begin(outcome, family)
+                progress(len(writer.done), len(origins), task.family.label)
+                writing.begin(outcome, task.family)
         writing.wait()
         progress(len(writer.done), len(origins), "")
     if not writer.done:
@@ -157,12 +159,53 @@ def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
 
 @dataclass(frozen=True)
 class RenderTask:
-    """Some scenes of a family that are to be rendered together."""
+    """Some scenes of a family that are to be rendered together.
+
+    Attributes
+    ----------
+    next_shape : Shape or None
+        Of the family after this one, whose mesh can be made meanwhile.
+    """
 
     family: FamilyPlan
     scenes: Sequence[Scene]
     renderer: str
     variant: Variant
+    next_shape: Shape | None = None
+
+
+def _tasks(
+    families: Sequence[FamilyPlan],
+    suite: Suite,
+    variant: Variant,
+    is_left: Callable[[Scene], bool],
+) -> list[RenderTask]:
+    """Tasks of the scenes that are left, those of one shape together: its tree is built once."""
+    tasks = []
+    for family in sorted(families, key=_by_stage(families)):
+        scenes = [scene for scene in family.scenes if is_left(scene)]
+        if scenes:
+            tasks.append(RenderTask(family, scenes, suite.renderer, variant))
+    shapes = [*(task.family.scenes[0].shape for task in tasks), None]
+    return [
+        replace(task, next_shape=following if following != own else None)
+        for task, (own, following) in zip(tasks, pairwise(shapes), strict=True)
+    ]
+
+
+def _by_stage(families: Sequence[FamilyPlan]) -> Callable[[FamilyPlan], int]:
+    """Sorting key: families of one shape, camera and radiance map stand where the first does."""
+    order: dict[Any, int] = {}
+
+    def key(family: FamilyPlan) -> int:
+        scene = family.scenes[0]
+        return order.setdefault(
+            (scene.shape, scene.camera, radiance_map_of(scene.light)), len(order)
+        )
+
+    for family in families:
+        key(family)
+    return key
 
 
 def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
@@ -173,7 +216,8 @@ def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
 def _rendered(task: RenderTask) -> Iterator[Truth | Failure]:
     """The truth of each scene, or why there is none."""
     result = FamilyResult()
-    with result.guard():
+    ahead = task.next_shape if task.renderer == "mitsuba" else None
+    with result.guard(), tessellated_ahead(ahead):
         rendered = truths(
             task.family, task.scenes, task.renderer, task.variant, result, errors=True
         )
@@ -187,8 +231,6 @@ def _outcomes(task: RenderTask, worker: WorkerProcess | None) -> Iterator[Truth 
 
     A task that crashes the worker is tried again, without the scenes that are there already.
     """
-    if not task.scenes:
-        return
     if worker is None:
         yield from _rendered(task)
         return
