@@ -74,14 +74,17 @@ class Family:
         albedo = scene.surface.albedos(scene.wavelengths_nm).astype(np.float32)[:, None]
         specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
         diffuse, diffuse_noise = self._mean_and_noise(self.lobes.diffuse, weights)
-        error = self._error(weights, albedo) if standard_error else np.zeros_like(specular)
+        side, bands = self.key.camera.resolution, len(weights)
+        error = np.zeros((side, side, bands, 3), np.float32)  # untouched memory costs nothing
+        if standard_error:
+            error = self._image(self._error(weights, albedo))
         return Truth(
             scene=scene,
             specular=self._image(specular),
             diffuse=self._image(diffuse * albedo),
             normals=self.normals,
             mask=self.mask,
-            standard_error=self._image(error),
+            standard_error=error,
             specular_noise=self._image(specular_noise),
             diffuse_noise=self._image(diffuse_noise * albedo),
             interpolation_error=self.interpolation_error,
@@ -148,8 +151,19 @@ class Family:
         """Values (pixels, ...) as an image (height, width, ...), zero off the object."""
         side = self.key.camera.resolution
         image = np.zeros((side * side, *values.shape[1:]), dtype=values.dtype)
-        image[self.lobes.pixels] = values
+        if values.shape[-1] == 3 and values.strides[-1] == values.itemsize:
+            # The same bytes, a Stokes vector at a time: numbers alone take four times as long.
+            triple = np.dtype((np.void, 3 * values.itemsize))
+            image.view(triple)[self.lobes.pixels] = values.view(triple)
+        else:
+            image[self.lobes.pixels] = values
         return image.reshape(side, side, *values.shape[1:])
+
+
+_PRODUCTS = 1 << 17
+"""Half of the multiplications from which on OpenBLAS starts threads."""
+_TILE = 96
+"""A multiple of the columns that BLAS multiplies at a time."""
 
 
 def interpolate(weights: Float32Array, nodes: Float32Array) -> Float32Array:
@@ -160,4 +174,11 @@ def interpolate(weights: Float32Array, nodes: Float32Array) -> Float32Array:
     if len(nodes) == 1:
         bands = (nodes.shape[1], len(weights), 3)
         return np.broadcast_to(nodes[0][:, None, :], bands)
-    return np.einsum("bk,kpc->pbc", weights, nodes, optimize=True)
+    result = np.empty((len(weights), *nodes.shape[1:]), np.float32)
+    values, flat = result.reshape(len(weights), -1), nodes.reshape(len(nodes), -1)
+    # A product that one core does at once: BLAS would wait for its threads longer than they work.
+    step = max(1, _PRODUCTS // weights.size // _TILE) * _TILE
+    for start in range(0, flat.shape[1], step):
+        block = slice(start, start + step)
+        np.matmul(weights, flat[:, block], out=values[:, block])
+    return result.transpose(1, 0, 2)
