@@ -18,7 +18,7 @@ from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.progress import Progress, silent
-from malus.bench.running.work import truths
+from malus.bench.running.truths import truths
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.renderers.datasets.dataset import DatasetWriter
 from malus.renderers.datasets.dataset_record import FailedScene
