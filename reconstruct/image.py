@@ -7,7 +7,6 @@ megabytes however large the image is.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -17,6 +16,7 @@ from malus.reconstruct.lobe_models import Lobe, LobeModel, ZenithTables, on_step
 from malus.reconstruct.observation import Components, Observation
 from malus.reconstruct.pixel_block import Block
 from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.cores import usable_cores
 
 BLOCK_PIXELS = 1 << 17
 """Measured best of 2^13 to 2^19: smaller blocks pay for calls, larger ones leave the cache."""
@@ -101,7 +101,7 @@ def _joined(lobes: Sequence[ZenithTables]) -> Float64Array:
 def _in_threads(work: Callable[[slice], None], blocks: Sequence[slice]) -> None:
     """Do the work on every block of rows, on all cores where there are several blocks."""
     if len(blocks) > 2:
-        with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        with ThreadPoolExecutor(max_workers=usable_cores()) as pool:
             list(pool.map(work, blocks))
     else:
         for rows in blocks:

@@ -149,13 +149,13 @@ def write_png(folder: Path, truth: Truth) -> None:
 
 def write_polanalyser(folder: Path, truth: Truth, pixels: str = "exr") -> None:
     """One image and one JSON for every band and polariser angle."""
-    brightest = float(truth.image.max())
+    stokes, brightest = truth.stokes, float(truth.image.max())
     full_scale = brightest if pixels == "png" and brightest > 0 else 1.0
     for band, wavelength in enumerate(truth.scene.wavelengths_nm):
         images = folder / f"{wavelength:.10g}nm"
         images.mkdir()
         for index, angle in enumerate(ANGLES_FROM_HORIZONTAL_DEG):
-            radiance = polarisation.polarised(truth.stokes[:, :, band], angle + FROM_VERTICAL_DEG)
+            radiance = polarisation.polarised(stokes[:, :, band], angle + FROM_VERTICAL_DEG)
             path = images / f"image{index:05d}.{pixels}"
             if pixels == "png":
                 save_16bit(path, to_16bit(radiance / full_scale))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.output_folder import prepare_folder
@@ -16,10 +18,12 @@ from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.progress import Progress, silent
-from malus.bench.running.work import truths
+from malus.bench.running.truths import truths
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.renderers.datasets.dataset import DatasetWriter
 from malus.renderers.datasets.dataset_record import FailedScene
+from malus.renderers.mitsuba.lighting import radiance_map_of
+from malus.renderers.mitsuba.translate import tessellated_ahead
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
@@ -28,6 +32,7 @@ from malus.scenes.core.model import content_id
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.versions import versions
 from malus.scenes.scene import Scene
+from malus.scenes.shapes.shapes import Shape
 from malus.scenes.suite import Suite
 
 
@@ -111,30 +116,30 @@ def _render_families(
     origins = {
         scene.id: _origin(family, suite, variant) for family in families for scene in family.scenes
     }
-    rendered = size = 0
     with (
         owned(folder, content_id(origins)),
         DatasetWriter(folder, origins, about(suite, variant)) as writer,
+        WritingThread(writer, origins) as writing,
     ):
         taken_over = len(writer.done)
-        for family in families:
-            progress(len(writer.done), len(origins), family.label)
-            missing = [scene for scene in family.scenes if _is_left(scene, writer, retry_failed)]
-            task = RenderTask(family, missing, suite.renderer, variant)
+        for task in _tasks(families, suite, variant, lambda s: _is_left(s, writer, retry_failed)):
+            progress(len(writer.done), len(origins), task.family.label)
             for outcome in _outcomes(task, worker):
-                size += _write(outcome, family, origins, writer)
-                rendered += isinstance(outcome, Truth)
-                progress(len(writer.done), len(origins), family.label)
+                writing.wait()
+                progress(len(writer.done), len(origins), task.family.label)
+                writing.begin(outcome, task.family)
+        writing.wait()
+        progress(len(writer.done), len(origins), "")
     if not writer.done:
         why = next(iter(writer.failed.values())).reason
         raise InputError(f"suite {suite.name}", "a scene that can be rendered", "none", why)
     return {
         "out": str(folder),
         "scenes": len(origins),
-        "rendered": rendered,
+        "rendered": writing.truths,
         "taken_over": taken_over,
         "failed": len(writer.failed),
-        "bytes": size,
+        "bytes": writing.bytes,
     }
 
 
@@ -154,12 +159,53 @@ def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
 
 @dataclass(frozen=True)
 class RenderTask:
-    """Some scenes of a family that are to be rendered together."""
+    """Some scenes of a family that are to be rendered together.
+
+    Attributes
+    ----------
+    next_shape : Shape or None
+        Of the family after this one, whose mesh can be made meanwhile.
+    """
 
     family: FamilyPlan
     scenes: Sequence[Scene]
     renderer: str
     variant: Variant
+    next_shape: Shape | None = None
+
+
+def _tasks(
+    families: Sequence[FamilyPlan],
+    suite: Suite,
+    variant: Variant,
+    is_left: Callable[[Scene], bool],
+) -> list[RenderTask]:
+    """Tasks of the scenes that are left, those of one shape together: its tree is built once."""
+    tasks = []
+    for family in sorted(families, key=_by_stage(families)):
+        scenes = [scene for scene in family.scenes if is_left(scene)]
+        if scenes:
+            tasks.append(RenderTask(family, scenes, suite.renderer, variant))
+    shapes = [*(task.family.scenes[0].shape for task in tasks), None]
+    return [
+        replace(task, next_shape=following if following != own else None)
+        for task, (own, following) in zip(tasks, pairwise(shapes), strict=True)
+    ]
+
+
+def _by_stage(families: Sequence[FamilyPlan]) -> Callable[[FamilyPlan], int]:
+    """Sorting key: families of one shape, camera and radiance map stand where the first does."""
+    order: dict[Any, int] = {}
+
+    def key(family: FamilyPlan) -> int:
+        scene = family.scenes[0]
+        return order.setdefault(
+            (scene.shape, scene.camera, radiance_map_of(scene.light)), len(order)
+        )
+
+    for family in families:
+        key(family)
+    return key
 
 
 def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
@@ -170,7 +216,8 @@ def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
 def _rendered(task: RenderTask) -> Iterator[Truth | Failure]:
     """The truth of each scene, or why there is none."""
     result = FamilyResult()
-    with result.guard():
+    ahead = task.next_shape if task.renderer == "mitsuba" else None
+    with result.guard(), tessellated_ahead(ahead):
         rendered = truths(
             task.family, task.scenes, task.renderer, task.variant, result, errors=True
         )
@@ -184,8 +231,6 @@ def _outcomes(task: RenderTask, worker: WorkerProcess | None) -> Iterator[Truth 
 
     A task that crashes the worker is tried again, without the scenes that are there already.
     """
-    if not task.scenes:
-        return
     if worker is None:
         yield from _rendered(task)
         return
@@ -203,29 +248,67 @@ def _outcomes(task: RenderTask, worker: WorkerProcess | None) -> Iterator[Truth 
         yield from (Failure(name, None, str(death)) for name in left)
 
 
-def _write(
-    outcome: Truth | Failure,
-    family: FamilyPlan,
-    origins: Mapping[str, str],
-    writer: DatasetWriter,
-) -> int:
-    """Write a truth, or record why there is none; the number of bytes written.
+class WritingThread:
+    """Writes truths in a thread of its own, one after the other, while the next is rendered.
 
-    A failure without a scene is one of all scenes of the family that have no truth.
+    At most one is written at a time, so that memory holds that one and the next. As a context
+    manager it waits for the last one, also after an error or Ctrl-C: no scene is left half written.
+
+    Attributes
+    ----------
+    truths, bytes : int
+        Number of truths that were written, and of bytes.
     """
-    if isinstance(outcome, Truth):
-        writer.add(outcome, origins[outcome.scene.id])
-        return sum(file.stat().st_size for file in (writer.folder / outcome.scene.id).iterdir())
-    names = [scene.id for scene in family.scenes] if outcome.scene is None else [outcome.scene]
-    for name in names:
-        if name not in writer.done:
-            writer.fail(
-                FailedScene(
-                    scene=name,
-                    origin=origins[name],
-                    label=family.label,
-                    reason=outcome.reason,
-                    mendable=outcome.mendable,
+
+    def __init__(self, writer: DatasetWriter, origins: Mapping[str, str]) -> None:
+        self.truths = self.bytes = 0
+        self._writer, self._origins = writer, origins
+        self._thread = ThreadPoolExecutor(1, "malus-writes")
+        self._in_work: Future[None] | None = None
+
+    def __enter__(self) -> Self:
+        """Start nothing yet."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Wait for what is being written; `wait` tells its errors."""
+        self._thread.shutdown()
+
+    def wait(self) -> None:
+        """Wait for what is being written.
+
+        Raises
+        ------
+        InputError
+            If it could not be written.
+        """
+        if self._in_work is not None:
+            self._in_work.result()
+            self._in_work = None
+
+    def begin(self, outcome: Truth | Failure, family: FamilyPlan) -> None:
+        """Begin to write a truth, or to record why there is none; `wait` comes before."""
+        assert self._in_work is None
+        self._in_work = self._thread.submit(self._write, outcome, family)
+
+    def _write(self, outcome: Truth | Failure, family: FamilyPlan) -> None:
+        """Write a truth, or record a failure: without a scene, it is one of all without a truth."""
+        writer = self._writer
+        if isinstance(outcome, Truth):
+            name = outcome.scene.id
+            writer.add(outcome, self._origins[name])
+            self.bytes += sum(file.stat().st_size for file in (writer.folder / name).iterdir())
+            self.truths += 1
+            return
+        scenes = [scene.id for scene in family.scenes]
+        for name in scenes if outcome.scene is None else [outcome.scene]:
+            if name not in writer.done:
+                writer.fail(
+                    FailedScene(
+                        scene=name,
+                        origin=self._origins[name],
+                        label=family.label,
+                        reason=outcome.reason,
+                        mendable=outcome.mendable,
+                    )
                 )
-            )
-    return 0

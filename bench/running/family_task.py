@@ -8,13 +8,16 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan
-from malus.reconstruct import Method
 from malus.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from malus.reconstruct import Method
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-
-import pandas as pd
-import pyarrow.parquet as pq
+from typing import TYPE_CHECKING
 
 from malus.bench.running.plan import FamilyPlan
 from malus.renderers.variant import Variant
@@ -25,6 +23,9 @@ from malus.scenes.core.files import open_regular, read_json, write_whole
 from malus.scenes.core.model import content_id
 from malus.scenes.core.result_files import PARTS
 from malus.scenes.suite import Suite
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PLAN = "plan.json"
 SCHEMA = 5
@@ -107,6 +108,7 @@ class Parts:
     Examples
     --------
     >>> import tempfile
+    >>> import pandas as pd
     >>> parts = Parts(Path(tempfile.mkdtemp()))
     >>> parts.write("a", pd.DataFrame({"method": ["eq8"]}), ["eq8"])
     >>> parts.methods("a"), parts.methods("b")
@@ -117,6 +119,8 @@ class Parts:
 
     def table(self, name: str) -> pd.DataFrame | None:
         """Rows of a family; None where there are none, or the file is damaged."""
+        import pandas as pd
+
         with suppress(Exception), open_regular(self._path(name)) as file:
             return pd.read_parquet(file)  # raises anything on a broken file
         return None
@@ -129,6 +133,8 @@ class Parts:
 
     def methods(self, name: str) -> tuple[str, ...]:
         """Methods that a part has for every scene of the family; only its footer is read."""
+        import pyarrow.parquet as pq
+
         with suppress(Exception), open_regular(self._path(name)) as file:
             metadata = pq.read_schema(file).pandas_metadata or {}  # raises anything, too
             return tuple(metadata.get("attributes", {}).get(METHODS, ()))
@@ -165,6 +171,8 @@ def merged(
     old: pd.DataFrame | None, new: pd.DataFrame | None, again: Iterable[str]
 ) -> pd.DataFrame | None:
     """Join two tables of a family; rows of methods done `again` come from the new one alone."""
+    import pandas as pd
+
     if old is None:
         return new
     kept = old[~old.method.isin(list(again))]

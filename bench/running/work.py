@@ -6,30 +6,25 @@ process or in any other. An exception costs the scene and the method that it cam
 
 from __future__ import annotations
 
-import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import Failure
-from malus.bench.running.plan import FamilyPlan
 from malus.bench.running.results import Record, table_of
 from malus.bench.running.scene_scores import SceneResult, ScoringPlan, score_together
+from malus.bench.running.truths import RENDERING, renderer_of
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.bench.scoring.family_scores import groups
 from malus.reconstruct import get_method
-from malus.renderers.families.family import render_family
-from malus.renderers.families.interpolated import Family
-from malus.renderers.torrance_sparrow import render_torrance_sparrow
-from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
+from malus.scenes.core.cores import usable_cores
 from malus.scenes.scene import Scene
 
 Engine = Callable[[Iterable[FamilyTask]], Iterator[tuple[FamilyTask, FamilyResult]]]
@@ -43,7 +38,7 @@ def in_this_process(variant: Variant) -> Engine:
         tasks: Iterable[FamilyTask],
     ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         for task in tasks:
-            yield task, work(task, variant, os.cpu_count() or 1)
+            yield task, work(task, variant, usable_cores())
 
     return results_of
 
@@ -73,7 +68,7 @@ def _in_worker(worker: WorkerProcess, task: FamilyTask, variant: Variant) -> Fam
 
 
 def _one_result(task: FamilyTask, variant: Variant) -> Iterator[FamilyResult]:
-    yield work(task, variant, os.cpu_count() or 1)
+    yield work(task, variant, usable_cores())
 
 
 def work(task: FamilyTask, variant: Variant, threads: int = 1) -> FamilyResult:
@@ -87,7 +82,7 @@ def work(task: FamilyTask, variant: Variant, threads: int = 1) -> FamilyResult:
     plan = ScoringPlan(methods, get_metrics(task.metrics), task.ladder)
     scene_results: list[SceneResult] = []
     with result.guard():
-        stage, truth_of, family = _renderer(task.family, task.renderer, variant, result, False)
+        stage, truth_of, family = renderer_of(task.family, task.renderer, variant, result, False)
 
         together = threads if all(method.per_pixel for method in methods) else 1
         # Threads wait for each other in Python: the work of each is measured by its own clock.
@@ -159,44 +154,3 @@ def _add_seconds(
     total = sum(busy.values())
     for stage, seconds in busy.items():
         result.seconds[stage] += elapsed * seconds / total
-
-
-RENDERING = ("render", "interpolate in eta")
-"""Stages that make the truths."""
-
-
-def truths(
-    family: FamilyPlan,
-    scenes: Iterable[Scene],
-    renderer: str,
-    variant: Variant,
-    result: FamilyResult,
-    errors: bool = False,
-) -> Iterator[tuple[Scene, Truth]]:
-    """Truths of some scenes of a family; those that fail are recorded in `result` and left out.
-
-    All of the family is rendered, because its nodes in η follow from all of its scenes. Standard
-    errors cost time, and no score needs them: they are zero without `errors`.
-    """
-    stage, truth_of, _ = _renderer(family, renderer, variant, result, errors)
-    for scene in scenes:
-        truth = None
-        with result.guard(scene), result.stage(stage):
-            truth = truth_of(scene)
-        if truth is not None:
-            yield scene, truth
-
-
-def _renderer(
-    family: FamilyPlan, renderer: str, variant: Variant, result: FamilyResult, errors: bool
-) -> tuple[str, Callable[[Scene], Truth], Family | None]:
-    """Function that makes the truth of a scene, and its stage; renders what all scenes share.
-
-    The third value are the renders where scenes are interpolated from them.
-    """
-    if renderer == "torrance-sparrow":
-        return RENDERING[0], render_torrance_sparrow, None
-    with result.stage(RENDERING[0]):
-        rendered = render_family(family.scenes, family.sampling, variant, errors=errors)
-    family_of_one_surface = rendered if isinstance(rendered, Family) else None
-    return RENDERING[1], partial(rendered.truth, standard_error=errors), family_of_one_surface

@@ -16,7 +16,6 @@ import numpy as np
 from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.observe import INPUTS, observe
 from malus.reconstruct import Inapplicable, Observation
-from malus.reconstruct.single_image.blind import run_chain
 
 EVERYTHING = "everything"
 RUNGS: dict[str, frozenset[str]] = {
@@ -57,6 +56,9 @@ def rungs(pixels: MaskedPixels) -> Iterator[tuple[str, Observation | Inapplicabl
 
 def _with_estimates(pixels: MaskedPixels, names: frozenset[str]) -> Observation:
     """The observation of the masked pixels, with estimates of the chain in place of `names`."""
+    # With it comes SciPy's optimisation, which a run without the ladder needs not wait for.
+    from malus.reconstruct.single_image.blind import run_chain
+
     truth, observation = pixels.truth, pixels.observation
     estimates = run_chain(observe(truth, INPUTS - names)).observation
     picture = truth.image[truth.mask]

@@ -23,8 +23,8 @@ def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findi
     Parameters
     ----------
     name : str
-        As `list_studies` has it: stress, precision, ratio, reconstruct, render, scaling or
-        single-image.
+        As `list_studies` has it: stress, precision, ratio, reconstruct, render, cores,
+        scaling or single-image.
     out : path or URL of a folder, optional
         Where tables and page, or the figures as JSON, are written. By default results/NAME for a
         study with a page, nowhere for another.
@@ -173,6 +173,24 @@ def _render(folder: Path | None, resolution: int, samples: int, backend: str) ->
     return Findings(tuple(lines), figures)
 
 
+def _cores(
+    folder: Path | None, most: int, resolution: int, samples: int, every: int, backend: str
+) -> Findings:
+    from malus.bench.studies.cores import (
+        figures,
+        measure,
+        numbers_of_cores,
+        reduced_fig5,
+        report_lines,
+    )
+    from malus.renderers.variant import choose
+    from malus.scenes.core.cores import usable_cores
+
+    suite = reduced_fig5(resolution, samples, every)
+    speeds = measure(suite, choose(backend), numbers_of_cores(most or usable_cores()))
+    return Findings(tuple(report_lines(speeds)), figures(speeds))
+
+
 def _scaling(folder: Path | None, most: int) -> Findings:
     from malus.bench.studies.scaling import measure, messages, report_lines
 
@@ -252,6 +270,21 @@ STUDIES = {
             options=(
                 StudyOption("resolution", 128, "Pixels a side.", least=2),
                 StudyOption("samples", 64, "Samples a pixel.", least=2),
+                _BACKEND,
+            ),
+        ),
+        Study(
+            "cores",
+            "A reduced fig5 on one core, two, … and all: speed-up, and what bounds it",
+            _cores,
+            details="Each number of cores has a process of its own; start, compilation and report"
+            " do not count.",
+            example={"every": "4"},
+            options=(
+                StudyOption("most", 0, "Most cores; 0 for all that may be used.", least=0),
+                StudyOption("resolution", 96, "Pixels a side.", least=2),
+                StudyOption("samples", 128, "Samples a pixel.", least=2),
+                StudyOption("every", 1, "Every n-th material.", least=1, most=24),
                 _BACKEND,
             ),
         ),

@@ -1,4 +1,9 @@
-"""Benchmark of rendering: seconds a polariser image, beside two ways without malus."""
+"""Benchmark of rendering: seconds a polariser image, beside two ways without malus.
+
+It takes the way that `malus run` and `malus render` take: renders at the nodes of every family, the
+truth of every scene with its noise, Stokes images of both lobes, and from these the images behind a
+polariser.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +18,14 @@ from malus.bench.running.plan import plan
 from malus.bench.studies.timing import timed
 from malus.renderers.comparison.plain_mitsuba import StokesByHand, plate_image
 from malus.renderers.comparison.profile import profiled
-from malus.renderers.families.family import polarised_images, render_family
+from malus.renderers.families.family import render_family
+from malus.renderers.families.interpolated import Family
 from malus.renderers.variant import Variant
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.lights.lights import Distant, Light, Uniform
 from malus.scenes.materials.materials import materials, surfaces
-from malus.scenes.polarisation import PAPER_ANGLES_DEG
+from malus.scenes.polarisation import PAPER_ANGLES_DEG, polarised
 from malus.scenes.scene import Sampling, Scene
 from malus.scenes.shapes.shapes import Sphere
 from malus.scenes.suite import Suite
@@ -30,7 +36,15 @@ LIGHTS: tuple[Light, ...] = (Distant(incidence_deg=60), Uniform())
 
 @dataclass
 class Speed:
-    """Median seconds a polariser image of one way to render, and the error of its images."""
+    """Median seconds a polariser image of one way to render, and the error of its images.
+
+    Attributes
+    ----------
+    images : int
+        Images that were timed.
+    parts : dict of part to seconds
+        Where the time went, over all turns.
+    """
 
     seconds_an_image: float
     error: float
@@ -77,7 +91,7 @@ def compare(
     first = scenes[0]
     plate = plate_image(variant, first, 0, 30.0, sampling)
     hand = stokes.images(first, 0, (30.0,), sampling)[0]
-    own = polarised_images(render_family([first], sampling, variant), first, (30.0,))[0, :, :, 0]
+    own = _polarised(variant, first, sampling)
     return {
         "plate": Speed(_median(plates), _error(plate, reference), repeats),
         "stokes": Speed(_median(hands) / len(ANGLES), _error(hand, reference), repeats * 5),
@@ -95,29 +109,45 @@ def _median(seconds: list[float]) -> float:
     return float(np.median(seconds[1:]))
 
 
-def _whole_matrix(variant: Variant, suite: Suite) -> dict[str, float]:
-    """Render every polariser image of the suite; seconds by part, all of them.
+RENDERING = ("kernels", "compilation", "copies", "python")
+"""Parts of the time of renders; 'python' is what is none of the others, planning too."""
+PARTS = (*RENDERING, "interpolation", "polarisers")
+"""Parts of the time: renders, then truths from them, then images behind polarisers."""
 
-    Seconds of neither interpolation nor kernels nor their compilation are Python's, planning too.
-    """
+
+def _whole_matrix(variant: Variant, suite: Suite) -> dict[str, float]:
+    """Render all truths of the suite and all their polariser images; seconds of each of `PARTS`."""
     started = time.perf_counter()
-    parts = {"interpolation": 0.0, "kernels": 0.0, "compilation": 0.0}
+    parts = dict.fromkeys(PARTS, 0.0)
     for family in plan(suite):
         with profiled(variant) as profile:
-            rendered = render_family(family.scenes, family.sampling, variant, errors=False)
+            renders = render_family(family.scenes, family.sampling, variant, errors=False)
+        assert isinstance(renders, Family)
         parts["kernels"] += profile.kernels
         parts["compilation"] += profile.compilation
-        before = time.perf_counter()
+        parts["copies"] += renders.lobes.copy_seconds
         for scene in family.scenes:
-            polarised_images(rendered, scene, ANGLES)
-        parts["interpolation"] += time.perf_counter() - before
+            before = time.perf_counter()
+            truth = renders.truth(scene, standard_error=False)
+            between = time.perf_counter()
+            stokes = truth.stokes
+            for angle in ANGLES:
+                polarised(stokes, angle)
+            parts["interpolation"] += between - before
+            parts["polarisers"] += time.perf_counter() - between
     return parts | {"python": time.perf_counter() - started - sum(parts.values())}
+
+
+def _polarised(variant: Variant, scene: Scene, sampling: Sampling) -> AnyArray:
+    """The first band of a scene through a polariser at 30°, (height, width)."""
+    truth = render_family([scene], sampling, variant).truth(scene, standard_error=False)
+    return truth.polarised(30.0)[:, :, 0]
 
 
 def _reference(variant: Variant, scene: Scene, sampling: Sampling) -> AnyArray:
     """The same image with 32 times the samples and another seed."""
     many = Sampling(samples=sampling.samples * 32, seed=sampling.seed + 1000)
-    return polarised_images(render_family([scene], many, variant), scene, (30.0,))[0, :, :, 0]
+    return _polarised(variant, scene, many)
 
 
 def _error(image: AnyArray, reference: AnyArray) -> float:
@@ -141,6 +171,24 @@ def report_lines(speeds: dict[str, Speed], light: Light) -> list[str]:
             f"  {names[key]}: {speed.seconds_an_image * 1e3:.4f} ms an image, {ratio:.0f}x ours, "
             f"rms error {speed.error:.2e} of the peak ({speed.images} images timed)"
         )
-    total = sum(ours.parts.values())
-    parts = ", ".join(f"{name} {100 * value / total:.0f} %" for name, value in ours.parts.items())
-    return [*lines, f"  where our time goes: {parts}"]
+    return [*lines, f"  where our time goes: {where_time_goes(ours.parts)}"]
+
+
+def where_time_goes(parts: dict[str, float]) -> str:
+    """The share of each stage in the seconds of its parts, and what most of a stage waits for.
+
+    Examples
+    --------
+    >>> seconds = (1.0, 0.0, 0.5, 0.5, 7.0, 1.0)
+    >>> where_time_goes(dict(zip(PARTS, seconds, strict=True))).split("; ")[0]
+    'renders 20 %, bound by kernels (kernels 10 %, compilation 0 %, copies 5 %, Python 5 %)'
+    """
+    share = {name: 100.0 * seconds / sum(parts.values()) for name, seconds in parts.items()}
+    renders = {name.replace("python", "Python"): share[name] for name in RENDERING}
+    bound = max(renders, key=lambda name: renders[name])
+    of_renders = ", ".join(f"{name} {value:.0f} %" for name, value in renders.items())
+    return (
+        f"renders {sum(renders.values()):.0f} %, bound by {bound} ({of_renders}); truths from them"
+        f" {share['interpolation']:.0f} %, bound by one core that interpolates and copies; images"
+        f" behind polarisers {share['polarisers']:.0f} %, bound by memory"
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 import time
 import warnings
@@ -31,6 +30,7 @@ from malus.bench.studies.stress_surfaces import surface_cases
 from malus.reconstruct import get_method, specular_dolp
 from malus.reconstruct.facets.breakpoints import Measure
 from malus.reports.tables.text_tables import stress_cells
+from malus.scenes.core.cores import usable_cores
 from malus.scenes.core.files import write_whole
 
 LARGEST_ERROR = 1e-8
@@ -197,7 +197,7 @@ def stress_table(
     """
     cases = rho_cases() if points is None else list(points)
     # Catching warnings is not safe between threads: only the reference, the slow part, uses them.
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(usable_cores()) as pool:
         exact = list(pool.map(_exact, cases))
     rows = [_rho_row(case, value) for case, value in zip(cases, exact, strict=True)]
     for case in image_cases() + surface_cases():

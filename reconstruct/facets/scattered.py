@@ -18,7 +18,6 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft, ndimage
 
 from malus.reconstruct.facets.chebyshev import chebyshev_series, coefficients, lobatto
 from malus.scenes.core.arrays import Float64Array, IndexArray
@@ -92,6 +91,8 @@ def _fit(function: Function, box: Box, counts: list[int]) -> Float64Array:
 
 def _spline(series: Float64Array, order: int) -> Float64Array:
     """B-spline coefficients of a Chebyshev series on uniform angles, `_FINER` times its length."""
+    from scipy import fft, ndimage
+
     values = series
     for axis, count in enumerate(series.shape):
         if count > 1:
@@ -104,6 +105,8 @@ def _spline(series: Float64Array, order: int) -> Float64Array:
 
 def _evaluate(box: Box, series: Float64Array, points: Float64Array, order: int) -> Float64Array:
     """Values of the series at points of its box, (count, axes) -> (count,)."""
+    from scipy import ndimage
+
     spline = _spline(series, order)
     varying = [axis for axis, count in enumerate(series.shape) if count > 1]
     if not varying:

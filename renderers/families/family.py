@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from malus.renderers.families.adaptive import Renders, RepeatedRenders, render_until
+from malus.renderers.families.adaptive import RepeatedRenders, render_until
 from malus.renderers.families.interpolated import Family, interpolate
 from malus.renderers.families.nodes import Nodes, family_nodes
 from malus.renderers.families.patterned import PatternedFamily, with_part
@@ -27,7 +27,7 @@ from malus.renderers.mitsuba.patterns import (
 )
 from malus.renderers.mitsuba.shading import Shading
 from malus.renderers.variant import Variant, choose, mitsuba
-from malus.scenes.core.arrays import Float32Array, FloatArray
+from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.scene import Sampling, Scene
 
@@ -87,17 +87,6 @@ def render_family(
         if sampling.target is None
         else render_until(render_once, scenes, sampling)
     )
-
-
-def polarised_images(renders: Renders, scene: Scene, angles_deg: tuple[float, ...]) -> FloatArray:
-    """Images (angles, height, width, bands) of one scene through a polariser.
-
-    A `Family` interpolates them without the Stokes images in between, which is faster.
-    """
-    if isinstance(renders, Family):
-        return renders.polarised(scene, angles_deg)
-    truth = renders.truth(scene, standard_error=False)
-    return np.stack([truth.polarised(angle) for angle in angles_deg])
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from malus.renderers.families.nodes import Nodes, node_coordinates
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.lobe_samples import Lobes
 from malus.renderers.truth import Truth
-from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray, Float32Array
 from malus.scenes.scene import Scene
 
@@ -43,9 +42,6 @@ class Family:
     variant: str
     seconds: float
     interpolation_error: dict[str, float] = field(default_factory=dict)
-    _transmitted: dict[tuple[tuple[float, ...], float], Float32Array] = field(
-        default_factory=dict, repr=False
-    )
 
     @functools.cached_property
     def normals(self) -> Float32Array:
@@ -78,51 +74,21 @@ class Family:
         albedo = scene.surface.albedos(scene.wavelengths_nm).astype(np.float32)[:, None]
         specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
         diffuse, diffuse_noise = self._mean_and_noise(self.lobes.diffuse, weights)
-        error = self._error(weights, albedo) if standard_error else np.zeros_like(specular)
+        side, bands = self.key.camera.resolution, len(weights)
+        error = np.zeros((side, side, bands, 3), np.float32)  # untouched memory costs nothing
+        if standard_error:
+            error = self._image(self._error(weights, albedo))
         return Truth(
             scene=scene,
             specular=self._image(specular),
             diffuse=self._image(diffuse * albedo),
             normals=self.normals,
             mask=self.mask,
-            standard_error=self._image(error),
+            standard_error=error,
             specular_noise=self._image(specular_noise),
             diffuse_noise=self._image(diffuse_noise * albedo),
             interpolation_error=self.interpolation_error,
         )
-
-    def polarised(self, scene: Scene, angles_deg: tuple[float, ...]) -> Float32Array:
-        """Images (angles, height, width, bands) through a polariser, without the Stokes images.
-
-        The transmitted radiance is linear in the Stokes vector: it is computed at the few nodes
-        and then interpolated to the bands.
-        """
-        self._check(scene)
-        albedo = scene.surface.albedos(scene.wavelengths_nm)
-        if np.ptp(albedo) > 0:
-            truth = self.truth(scene, standard_error=False)
-            return np.stack([truth.polarised(angle) for angle in angles_deg])
-        weights = self.nodes.weights(node_coordinates(scene)).astype(np.float32)
-        key = (angles_deg, float(albedo[0]))
-        nodes = self._transmitted.get(key)
-        if nodes is None:
-            nodes = self._transmitted[key] = self._transmit(*key)
-        side = self.key.camera.resolution
-        # Whole images, zero off the object: filling those in later costs four times as much.
-        images: Float32Array = np.matmul(nodes.swapaxes(1, 2), weights.T)
-        return images.reshape(len(angles_deg), side, side, len(weights))
-
-    def _transmit(self, angles_deg: tuple[float, ...], albedo: float) -> Float32Array:
-        """Radiance of both lobes behind the polariser at the nodes, (angles, K, height * width)."""
-        stokes = self.lobes.specular.mean(axis=0) + np.float32(albedo) * self.lobes.diffuse.mean(
-            axis=0
-        )
-        total = self.key.camera.resolution**2
-        nodes = np.zeros((len(angles_deg), len(stokes), total), dtype=np.float32)
-        for node, angle in zip(nodes, angles_deg, strict=True):
-            for image, values in zip(node, polarisation.polarised(stokes, angle), strict=True):
-                image[self.lobes.pixels] = values
-        return nodes
 
     def weights_of(
         self, scenes: Sequence[Scene]
@@ -185,8 +151,19 @@ class Family:
         """Values (pixels, ...) as an image (height, width, ...), zero off the object."""
         side = self.key.camera.resolution
         image = np.zeros((side * side, *values.shape[1:]), dtype=values.dtype)
-        image[self.lobes.pixels] = values
+        if values.shape[-1] == 3 and values.strides[-1] == values.itemsize:
+            # The same bytes, a Stokes vector at a time: numbers alone take four times as long.
+            triple = np.dtype((np.void, 3 * values.itemsize))
+            image.view(triple)[self.lobes.pixels] = values.view(triple)
+        else:
+            image[self.lobes.pixels] = values
         return image.reshape(side, side, *values.shape[1:])
+
+
+_PRODUCTS = 1 << 17
+"""Half of the multiplications from which on OpenBLAS starts threads."""
+_TILE = 96
+"""A multiple of the columns that BLAS multiplies at a time."""
 
 
 def interpolate(weights: Float32Array, nodes: Float32Array) -> Float32Array:
@@ -197,4 +174,11 @@ def interpolate(weights: Float32Array, nodes: Float32Array) -> Float32Array:
     if len(nodes) == 1:
         bands = (nodes.shape[1], len(weights), 3)
         return np.broadcast_to(nodes[0][:, None, :], bands)
-    return np.einsum("bk,kpc->pbc", weights, nodes, optimize=True)
+    result = np.empty((len(weights), *nodes.shape[1:]), np.float32)
+    values, flat = result.reshape(len(weights), -1), nodes.reshape(len(nodes), -1)
+    # A product that one core does at once: BLAS would wait for its threads longer than they work.
+    step = max(1, _PRODUCTS // weights.size // _TILE) * _TILE
+    for start in range(0, flat.shape[1], step):
+        block = slice(start, start + step)
+        np.matmul(weights, flat[:, block], out=values[:, block])
+    return result.transpose(1, 0, 2)

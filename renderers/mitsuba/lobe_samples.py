@@ -35,6 +35,9 @@ class Lobes:
         Whether every sample of the pixel hit the object.
     specular_variance, diffuse_variance, covariance : (K, P, 3), (B, P, 3), (K, P, 3) or None
         Variances of the mean of all samples, and the covariance of both lobes, where asked for.
+    copy_seconds : float
+        Time that passed between the last kernel and these arrays: copies from the device, and
+        means of the sums.
     """
 
     specular: Float32Array
@@ -45,6 +48,7 @@ class Lobes:
     specular_variance: Float32Array | None = None
     diffuse_variance: Float32Array | None = None
     covariance: Float32Array | None = None
+    copy_seconds: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -231,7 +231,8 @@ class Room:
         for direction, weight in light(hit, bsdf, draws, valid):
             ray = hit.spawn_ray(hit.to_world(direction))
             ray.maxt = mi.Float(self.ray_length)
-            shadow = self.scene.ray_test(ray, valid)
+            matters = valid & (weight > 0) & (direction.z > 0)  # as `CameraView.incoming`
+            shadow = self.scene.ray_test(ray, matters)
             arriving.append((direction, dr.select(shadow, 0.0, weight), [mi.Float(1.0)]))
         if self.path is None:
             return arriving

@@ -83,7 +83,9 @@ class CameraView:
             return draws
         unshadowed = []
         for direction, weight in draws:
-            shadow = self.scene.ray_test(hit.spawn_ray(hit.to_world(direction)), valid)
+            # Below the horizon a BSDF is zero, and what was drawn past the lamp has no weight.
+            matters = valid & (weight > 0) & (direction.z > 0)
+            shadow = self.scene.ray_test(hit.spawn_ray(hit.to_world(direction)), matters)
             unshadowed.append((direction, dr.select(shadow, 0.0, weight)))
         return unshadowed
 

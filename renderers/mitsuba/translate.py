@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
+import threading
+from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
 
@@ -80,6 +83,29 @@ def tessellated(shape: Shape) -> TriangleMesh:
 
             return load_mesh(shape.checked(), shading=shape.shading)[0]
     raise TypeError(f"no mesh for {shape!r}")
+
+
+@contextlib.contextmanager
+def tessellated_ahead(shape: Shape | None) -> Iterator[None]:
+    """Make the mesh of a shape in a thread while the block renders another; None makes nothing.
+
+    What is wrong with it is told when it is its turn.
+    """
+    if shape is None or isinstance(shape, Sphere):
+        yield
+        return
+
+    def make() -> None:
+        with contextlib.suppress(Exception):
+            tessellated(shape)
+
+    thread = threading.Thread(target=make, name="malus-mesh")
+    thread.start()
+    try:
+        yield
+    finally:
+        # The next family finds the mesh whole, and does not make it beside this thread.
+        thread.join()
 
 
 def mesh_object(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:

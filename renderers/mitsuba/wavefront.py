@@ -8,8 +8,9 @@ order: results do not depend on the number of threads.
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
@@ -28,7 +29,7 @@ from malus.renderers.mitsuba.shading import CameraView, Shading, Threads, shade
 from malus.renderers.mitsuba.translate import CONVEX, sensor, shape_object
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.camera import Camera
-from malus.scenes.core.arrays import BoolArray, Float32Array, IntArray
+from malus.scenes.core.arrays import BoolArray, IntArray
 from malus.scenes.lights.lights import Environment, Light, Sky
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes.shapes import Shape
@@ -112,13 +113,18 @@ class Stage:
         """Shade every hit with every BSDF of `shading` under `light`."""
         touched, lit_by = self._hits(sampling), sampler(self.mi, light, self.scene)
         half_samples = sampling.samples // HALVES
-        blocks = [
-            self._shade(stream, lit_by, shading, sampling.seed, half_samples)
-            for stream in touched.streams
-        ]
-        return lobes_from_sums(
+        blocks, seconds = [], 0.0
+        for stream in touched.streams:
+            sums = self._shade(stream, lit_by, shading, sampling.seed, half_samples)
+            self.dr.sync_thread()
+            started = time.perf_counter()
+            blocks.append(np.asarray(sums))
+            seconds += time.perf_counter() - started
+        started = time.perf_counter()
+        lobes = lobes_from_sums(
             blocks, shading.layout, half_samples, touched.pixels, touched.covered
         )
+        return replace(lobes, copy_seconds=seconds + time.perf_counter() - started)
 
     def _hits(self, sampling: Sampling) -> TouchedPixels:
         """The pixels that the object touches; kept for renders with other lights and surfaces."""
@@ -160,12 +166,10 @@ class Stage:
         _, hits, _ = dr.while_loop(state, lambda i, *_: i < count, step)
         return hits
 
-    def _shade(
-        self, stream: Any, light: Sampler, shading: Shading, seed: int, samples: int
-    ) -> Float32Array:
-        """Sums over the samples of some pixels, in the order of `Layout`."""
+    def _shade(self, stream: Any, light: Sampler, shading: Shading, seed: int, samples: int) -> Any:
+        """Sums over the samples of pixels, flat and in the order of `Layout`, on the device."""
         mi, dr = self.mi, self.dr
         count = dr.width(stream)
         opaque = (dr.opaque(mi.UInt32, number) for number in (count // HALVES, seed, samples))
         run = self._replay if shading.replay else shade
-        return np.asarray(run(mi, self.view, light, shading, Threads(count, stream, *opaque)))
+        return run(mi, self.view, light, shading, Threads(count, stream, *opaque))

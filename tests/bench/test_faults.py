@@ -17,14 +17,15 @@ import pandas as pd
 import pytest
 from runs import NOBODY, SUITE
 
-import malus.bench.running.work
+import malus.bench.running.truths
 from malus.bench import run
 from malus.bench.datasets.render import RenderTask, render_dataset
 from malus.bench.running.cluster import engine, local_cluster, spread
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
 from malus.bench.running.status import status
-from malus.bench.running.work import Engine, in_worker_process, truths, work
+from malus.bench.running.truths import truths
+from malus.bench.running.work import Engine, in_worker_process, work
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth
@@ -243,7 +244,7 @@ def test_no_time_is_one_line(seconds: float) -> None:
 
 
 def fails_to_render(error: BaseException, scene_id: str) -> Any:
-    render = malus.bench.running.work.render_torrance_sparrow
+    render = malus.bench.running.truths.render_torrance_sparrow
 
     def renderer(scene: Scene) -> object:
         if scene.id == scene_id:
@@ -260,7 +261,7 @@ def test_a_render_records_what_fails_and_goes_on(
     bad = good.pop(1).id
     with monkeypatch.context() as patch:
         patch.setattr(
-            "malus.bench.running.work.render_torrance_sparrow",
+            "malus.bench.running.truths.render_torrance_sparrow",
             fails_to_render(ZeroDivisionError("made up"), bad),
         )
         done = render_dataset(SUITE, tmp_path, NOBODY)
@@ -286,7 +287,7 @@ def test_a_render_tries_a_wrong_input_again_and_needs_one_scene(
         raise InputError("mesh.obj", "a mesh", "none", "mend it")
 
     with monkeypatch.context() as patch:
-        patch.setattr("malus.bench.running.work.render_torrance_sparrow", refuses)
+        patch.setattr("malus.bench.running.truths.render_torrance_sparrow", refuses)
         with pytest.raises(InputError, match=r"found none; mesh\.obj: expected a mesh"):
             render_dataset(SUITE, tmp_path, NOBODY)
     assert status(tmp_path).failed_families == 4

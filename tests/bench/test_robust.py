@@ -36,7 +36,7 @@ from runs import (
     wait_for,
 )
 
-import malus.bench.running.work
+import malus.bench.running.truths
 from malus.bench import run
 from malus.bench.datasets.render import render_dataset
 from malus.bench.running.cluster import WAITING, spread
@@ -216,7 +216,7 @@ def test_a_damaged_part_is_made_again(tmp_path: Path) -> None:
 
 
 def fails_on(scene_id: str, calls: list[str]) -> Callable[..., object]:
-    render = malus.bench.running.work.render_torrance_sparrow
+    render = malus.bench.running.truths.render_torrance_sparrow
 
     def renderer(scene: Scene) -> object:
         calls.append(scene.id)
@@ -234,7 +234,7 @@ def test_a_scene_that_cannot_be_rendered_is_recorded_and_the_run_goes_on(
     bad = next(SUITE.scenes()).id
     calls: list[str] = []
     with monkeypatch.context() as patch:
-        patch.setattr("malus.bench.running.work.render_torrance_sparrow", fails_on(bad, calls))
+        patch.setattr("malus.bench.running.truths.render_torrance_sparrow", fails_on(bad, calls))
         results = run(SUITE, tmp_path / "bad", NOBODY)
         assert len(calls) == 4
         assert run(SUITE, tmp_path / "bad", NOBODY).run["families_failed"] == 1
@@ -282,7 +282,7 @@ def test_a_wrong_input_is_tried_again_and_no_row_at_all_is_an_error(
         raise InputError("mesh.obj", "a mesh", "none", "mend it")
 
     with monkeypatch.context() as patch:
-        patch.setattr("malus.bench.running.work.render_torrance_sparrow", refuses)
+        patch.setattr("malus.bench.running.truths.render_torrance_sparrow", refuses)
         with pytest.raises(InputError, match=r"mesh\.obj: expected a mesh, found none; mend it"):
             run(SUITE, tmp_path, NOBODY)
     assert run(SUITE, tmp_path, NOBODY).run["families_failed"] == 0
@@ -297,7 +297,7 @@ def test_a_stop_that_a_library_wraps_is_still_a_stop(
         except KeyboardInterrupt as stop:
             raise RuntimeError("exception in a loop") from stop
 
-    monkeypatch.setattr("malus.bench.running.work.render_torrance_sparrow", wraps)
+    monkeypatch.setattr("malus.bench.running.truths.render_torrance_sparrow", wraps)
     with pytest.raises(KeyboardInterrupt):
         run(SUITE, tmp_path, NOBODY)
     assert not list((tmp_path / PARTS).glob("*"))

@@ -11,7 +11,7 @@ from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
 from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
 from malus.renderers.families.adaptive import RepeatedRenders, relative_error
-from malus.renderers.families.family import polarised_images, render_family
+from malus.renderers.families.family import render_family
 from malus.scenes import Area, Camera, Dielectric, Sampling, Scene, Sphere, load_suite
 
 LIT = {"shape": Sphere(), "light": Area(incidence_deg=45), "camera": Camera(resolution=10)}
@@ -79,16 +79,6 @@ def test_passes_are_independent_and_average() -> None:
     assert abs(np.corrcoef(noise)[0, 1]) < 0.4
     errors = np.hypot(0.25 * first.standard_error, 0.75 * second.standard_error)
     np.testing.assert_allclose(found.truth(ONE).standard_error, errors, rtol=1e-4)
-
-
-def test_polarised_images_are_those_of_the_truth() -> None:
-    angles = (0.0, 30.0)
-    for renders in (until(0.01, samples=64), render_family([ONE], Sampling(samples=8))):
-        truth = renders.truth(ONE)
-        expected = [truth.polarised(angle) for angle in angles]
-        # A family interpolates after the polariser instead of before: single precision rounds.
-        images = polarised_images(renders, ONE, angles)
-        np.testing.assert_allclose(images, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_stopping_biases_nothing() -> None:

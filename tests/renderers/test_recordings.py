@@ -44,7 +44,8 @@ def lobes(
 
 
 def arrays(found: Lobes) -> dict[str, Any]:
-    return {name: values.copy() for name, values in vars(found).items()}
+    values = vars(found).items()
+    return {name: array.copy() for name, array in values if isinstance(array, np.ndarray)}
 
 
 def test_what_is_played_again_is_what_is_traced(variant: Variant) -> None:

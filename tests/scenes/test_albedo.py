@@ -7,7 +7,7 @@ import pytest
 
 from malus.reconstruct import Inapplicable
 from malus.reconstruct.single_image.separation import separate
-from malus.renderers.families.family import FamilyKey, polarised_images, render_family
+from malus.renderers.families.family import FamilyKey, render_family
 from malus.scenes import Camera, Dielectric, Distant, InputError, Sampling, Scene, Sphere
 from malus.scenes.materials.albedo import reflectance, swatches
 
@@ -36,10 +36,6 @@ def test_a_colour_is_the_white_body_times_its_reflectance(albedo: object, body: 
     np.testing.assert_allclose(other.diffuse, one.diffuse * factor, rtol=2**-23)
     np.testing.assert_allclose(other.diffuse_noise, one.diffuse_noise * factor, rtol=2**-23)
     np.testing.assert_array_equal(other.specular, one.specular)
-    for seen, angle in zip(
-        polarised_images(family, coloured, (0.0, 30.0)), (0.0, 30.0), strict=True
-    ):
-        np.testing.assert_array_equal(seen, other.polarised(angle))
 
 
 def test_standard_errors_of_a_band_are_those_of_its_own_albedo() -> None:

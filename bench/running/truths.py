@@ -1,0 +1,58 @@
+"""Truths of the scenes of a family: what all share is rendered once, then each is made from it.
+
+Nothing that scores is imported here: making a dataset needs none of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+
+from malus.bench.running.family_task import FamilyResult
+from malus.bench.running.plan import FamilyPlan
+from malus.renderers.families.family import render_family
+from malus.renderers.families.interpolated import Family
+from malus.renderers.torrance_sparrow import render_torrance_sparrow
+from malus.renderers.truth import Truth
+from malus.renderers.variant import Variant
+from malus.scenes.scene import Scene
+
+RENDERING = ("render", "interpolate in eta")
+"""Stages that make the truths."""
+
+
+def truths(
+    family: FamilyPlan,
+    scenes: Iterable[Scene],
+    renderer: str,
+    variant: Variant,
+    result: FamilyResult,
+    errors: bool = False,
+) -> Iterator[tuple[Scene, Truth]]:
+    """Truths of some scenes of a family; those that fail are recorded in `result` and left out.
+
+    All of the family is rendered, because its nodes in η follow from all of its scenes. Standard
+    errors cost time, and no score needs them: they are zero without `errors`.
+    """
+    stage, truth_of, _ = renderer_of(family, renderer, variant, result, errors)
+    for scene in scenes:
+        truth = None
+        with result.guard(scene), result.stage(stage):
+            truth = truth_of(scene)
+        if truth is not None:
+            yield scene, truth
+
+
+def renderer_of(
+    family: FamilyPlan, renderer: str, variant: Variant, result: FamilyResult, errors: bool
+) -> tuple[str, Callable[[Scene], Truth], Family | None]:
+    """Function that makes the truth of a scene, and its stage; renders what all scenes share.
+
+    The third value are the renders where scenes are interpolated from them.
+    """
+    if renderer == "torrance-sparrow":
+        return RENDERING[0], render_torrance_sparrow, None
+    with result.stage(RENDERING[0]):
+        rendered = render_family(family.scenes, family.sampling, variant, errors=errors)
+    family_of_one_surface = rendered if isinstance(rendered, Family) else None
+    return RENDERING[1], partial(rendered.truth, standard_error=errors), family_of_one_surface

@@ -1,0 +1,55 @@
+"""The study of cores on a tiny size: its figures belong together. No time is judged here."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from malus.bench.running.worker_process import WorkerProcess
+from malus.bench.studies import cores
+from malus.renderers.variant import choose
+from malus.scenes import InputError
+from malus.scenes.core.cores import usable_cores
+
+
+def test_figures_of_a_tiny_run() -> None:
+    suite = cores.reduced_fig5(resolution=4, samples=2, every=24)
+    suite = suite.model_copy(update={"shapes": suite.shapes[:1], "surfaces": suite.surfaces[:1]})
+    speeds = cores.measure(suite, choose(), [1, 1])
+    for speed in speeds:
+        assert speed.cores == 1
+        assert speed.processor_seconds > 0.0
+        assert sum(speed.stages.values()) == pytest.approx(speed.seconds)
+        assert {"render", "reconstruct", "score", cores.OTHER} <= set(speed.stages)
+    first, second = cores.figures(speeds)
+    assert first["speed_up"] == 1.0
+    assert second["speed_up"] == pytest.approx(first["seconds"] / second["seconds"])
+    assert len(cores.report_lines(speeds)) == 3
+
+
+def test_what_bounds_more_cores_is_named_first() -> None:
+    one = cores.CoresSpeed(1, 10.0, 10.0, {"render": 4.0, "score": 4.0, "files": 2.0})
+    four = cores.CoresSpeed(4, 5.0, 12.0, {"render": 1.0, "score": 3.0, "files": 1.0})
+    words = cores.bound(one, four)
+    # Ideal would be 1.0, 1.0 and 0.5 s.
+    assert "could save 7.5 s of 10.0 s and save 5.0 s; lost: score 2.0 s, files 0.5 s." in words
+    assert "1.20x as long together, and 2.4 are busy" in words
+
+
+def what_it_may_use() -> Iterator[tuple[int, str]]:
+    yield usable_cores(), os.environ["NUMBA_NUM_THREADS"]
+
+
+def test_a_process_keeps_to_its_cores_and_this_one_does_not() -> None:
+    before = os.sched_getaffinity(0), dict(os.environ)
+    with cores._only(1), WorkerProcess() as worker:
+        assert list(worker.stream(what_it_may_use)) == [(1, "1")]
+    assert (os.sched_getaffinity(0), dict(os.environ)) == before
+
+
+def test_more_cores_than_there_are_is_refused() -> None:
+    suite = cores.reduced_fig5(resolution=4, samples=2, every=24)
+    with pytest.raises(InputError, match=r"most: expected .* cores"):
+        cores.measure(suite, choose("scalar"), [usable_cores() + 1])
