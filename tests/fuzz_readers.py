@@ -306,6 +306,16 @@ def spectral(path: Path) -> None:
     write_spectral(path, TRUTH.stokes, BANDS)
 
 
+def spectral_of_others(path: Path) -> None:
+    """Half floats, PIZ, one decimal, opacity, left-handed: what other programs write."""
+    import OpenEXR
+
+    names = [f"S{part}.{band:.1f}nm" for band in BANDS for part in range(3)]
+    planes = {name: np.full((SIDE, SIDE), 0.5, np.float16) for name in [*names, "A"]}
+    header = {"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header | {"polarisationHandedness": "left"}, planes).write(str(path))
+
+
 READERS = {
     "suite": Reader(of_file("a.toml", load_suite), lambda: SUITE),
     **{
@@ -371,6 +381,10 @@ READERS = {
     "spectral-exr": Reader(
         of_file("a.exr", lambda path: read_spectral(path, (SIDE, SIDE), BANDS)),
         written("a.exr", spectral),
+    ),
+    "spectral-exr-others": Reader(
+        of_file("a.exr", lambda path: read_spectral(path, (SIDE, SIDE), BANDS)),
+        written("a.exr", spectral_of_others),
     ),
     "scene-json": Reader(scene_json, dataset_file("{scene}/scene.json")),
     "dataset-json": Reader(dataset_json, dataset_file("dataset.json")),
