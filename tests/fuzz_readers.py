@@ -101,6 +101,22 @@ def mesh(kind: str) -> Callable[[], bytes]:
     return content
 
 
+_PLY = b"""ply
+format %s 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element %s
+end_header
+"""
+STRIPS = _PLY % (b"ascii", b"tristrips 1\nproperty list int int vertex_indices")
+STRIPS += b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n7 0 1 2 3 -1 0 1\n"
+POLYGONS = _PLY % (b"binary_little_endian", b"face 2\nproperty list uchar int vertex_indices")
+POLYGONS += np.float32([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 1]]).tobytes()
+POLYGONS += b"\4" + np.int32([0, 1, 2, 3]).tobytes() + b"\3" + np.int32([0, 1, 3]).tobytes()
+
+
 def measured_band(path: Path) -> object:
     table = open_pbrdf(path)
     table.check_bands([520.0])
@@ -322,6 +338,8 @@ READERS = {
         f"mesh-{kind}": Reader(of_file(f"a.{kind}", load_mesh), mesh(kind))
         for kind in ("obj", "ply", "stl", "glb", "off")
     },
+    "mesh-ply-strips": Reader(of_file("a.ply", load_mesh), lambda: STRIPS),
+    "mesh-ply-polygons": Reader(of_file("a.ply", load_mesh), lambda: POLYGONS),
     "png": Reader(of_file("a.png", read_picture), picture("png")),
     "png-16": Reader(of_file("a.png", read_picture), picture("png", np.uint16)),
     "jpeg": Reader(of_file("a.jpg", read_picture), picture("jpeg")),

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
 from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
-from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.errors import InputError
 from malus.scenes.shapes.geometry import TriangleMesh, fitted, unit_vectors
+from malus.scenes.shapes.mesh_files import MeshArrays, read_mesh_file
 from malus.scenes.shapes.shapes import Shading
 
 
@@ -148,7 +147,6 @@ def outward_normals(
     return normals
 
 
-LARGEST_FILE_BYTES = 2 << 30
 HUGE_FACES = 5_000_000
 """More faces than this are reported as a defect."""
 
@@ -157,16 +155,6 @@ _MERGE_DISTANCE = 2e-6
 
 _THINNEST = 1e-7
 """Height of a triangle in the unit sphere below which float32 cannot hold its orientation."""
-
-
-@dataclass(frozen=True)
-class _MeshArrays:
-    """A file's vertices (n, 3), faces (m, 3), and its normals (n, 3) and uv (n, 2), if any."""
-
-    vertices: Float64Array
-    faces: IntArray
-    normals: Float64Array | None
-    uv: Float64Array | None
 
 
 def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMesh, list[str]]:
@@ -206,88 +194,13 @@ def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMe
     if shading not in get_args(Shading):
         hint = "choose one of these"
         raise InputError(f"mesh {file}", "shading smooth, flat or file", repr(shading), hint)
-    arrays = _centred(_read(file), file)
+    arrays = _centred(read_mesh_file(file), file)
     if shading == "file" and arrays.normals is None:
         raise InputError(f"mesh {file}", "normals in the file", "none", "choose shading smooth")
     return _without_defects(arrays, shading, file)
 
 
-def _read(file: Path) -> _MeshArrays:
-    from trimesh.exchange.load import load_scene, mesh_formats
-
-    kind = file.suffix.lower().lstrip(".")
-    formats = sorted(mesh_formats())
-    _check_file(file)
-    if kind not in formats:
-        expected = f"a mesh file ({', '.join(formats)})"
-        raise InputError(f"mesh {file}", expected, repr(file.suffix), "convert it, to PLY say")
-    hint = "check that the file is whole and needs no other file"
-    # NaN and infinity pass here without a warning: _centred refuses them by name.
-    with reading(f"mesh {file}", f"a readable {kind} file", hint), np.errstate(all="ignore"):
-        with file.open("rb") as stream:
-            # An empty resolver: nothing outside this one file is opened.
-            scene = load_scene(stream, file_type=kind, resolver={}, process=False)
-        parts = list(_parts(scene))
-    if not parts:
-        hint = "give a file that holds triangles"
-        raise InputError(f"mesh {file}", "a mesh with faces", "no faces", hint)
-    return _joined(parts)
-
-
-def _parts(scene: Any) -> Iterator[_MeshArrays]:
-    """Every mesh of a trimesh scene, in its place; trimesh's Scene.to_mesh loses the normals."""
-    for node in scene.graph.nodes_geometry:
-        placement, name = scene.graph[node]
-        mesh = scene.geometry[name]
-        if len(getattr(mesh, "faces", ())):
-            # Asking for vertex_normals would compute some; the file's own are in the cache.
-            normals = mesh.vertex_normals if "vertex_normals" in mesh._cache else None
-            uv = getattr(mesh.visual, "uv", None)
-            yield _placed(np.asarray(placement), mesh.vertices, mesh.faces, normals, uv)
-
-
-def _placed(
-    placement: Float64Array, vertices: Any, faces: Any, normals: Any, uv: Any
-) -> _MeshArrays:
-    """One mesh in the scene's coordinates; a reflection also turns the winding of the faces."""
-    linear, shift = placement[:3, :3], placement[:3, 3]
-    reflected = np.linalg.det(linear) < 0
-    faces = np.asarray(faces, dtype=np.int64)
-    return _MeshArrays(
-        np.asarray(vertices, dtype=np.float64) @ linear.T + shift,
-        faces[:, ::-1] if reflected else faces,
-        # A normal is a covector: it goes with the inverse transpose.
-        None if normals is None else np.asarray(normals, dtype=np.float64) @ np.linalg.inv(linear),
-        uv if np.shape(uv) == (len(vertices), 2) and np.isfinite(uv).all() else None,
-    )
-
-
-def _joined(parts: list[_MeshArrays]) -> _MeshArrays:
-    """All parts as one mesh; normals and uv only where every part has them."""
-    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
-    normals = [part.normals for part in parts if part.normals is not None]
-    uv = [part.uv for part in parts if part.uv is not None]
-    return _MeshArrays(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
-        np.concatenate(normals) if len(normals) == len(parts) else None,
-        np.concatenate(uv) if len(uv) == len(parts) else None,
-    )
-
-
-def _check_file(file: Path) -> None:
-    where = f"mesh {file}"
-    with reading(where, "a readable file", "check the path"):
-        is_other = file.exists() and not file.is_file()
-        size = file.stat().st_size
-    if is_other:
-        raise InputError(where, "a file", "a folder or device", "check the path")
-    if size > LARGEST_FILE_BYTES:
-        limit = f"at most {LARGEST_FILE_BYTES / 2**30:g} GiB"
-        raise InputError(where, limit, f"{size / 2**30:.1f} GiB", "simplify the mesh")
-
-
-def _centred(arrays: _MeshArrays, file: Path) -> _MeshArrays:
+def _centred(arrays: MeshArrays, file: Path) -> MeshArrays:
     """The mesh without unused vertices, checked and moved into the unit sphere."""
     where, count = f"mesh {file}", len(arrays.vertices)
     if arrays.faces.min() < 0 or arrays.faces.max() >= count:
@@ -307,11 +220,11 @@ def _centred(arrays: _MeshArrays, file: Path) -> _MeshArrays:
         raise InputError(where, "a positive finite extent", found, hint) from None
     normals = None if arrays.normals is None else arrays.normals[used]
     uv = None if arrays.uv is None else arrays.uv[used]
-    return _MeshArrays(vertices, faces.reshape(-1, 3), normals, uv)
+    return MeshArrays(vertices, faces.reshape(-1, 3), normals, uv)
 
 
 def _without_defects(
-    arrays: _MeshArrays, shading: Shading, file: Path
+    arrays: MeshArrays, shading: Shading, file: Path
 ) -> tuple[TriangleMesh, list[str]]:
     """The mesh without degenerate faces and not inside out, and the defects that it had."""
     defects: list[str] = []
