@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.shapes.geometry import TriangleMesh, fitted, unit_vectors
 from malus.scenes.shapes.mesh_files import MeshArrays, read_mesh_file
-from malus.scenes.shapes.shapes import Shading
+from malus.scenes.shapes.shapes import Crease, Shading
 
 
 def merged_indices(vertices: Float64Array, distance: float) -> IntArray:
@@ -126,6 +128,39 @@ def angle_weighted_normals(vertices: Float64Array, faces: IntArray) -> Float64Ar
     return unit_vectors(np.where(cancelled[:, None], last, sums))
 
 
+def smooth_groups(vertices: Float64Array, faces: IntArray, crease: float) -> IntArray:
+    """For each corner of triangles (m, 3), the number of the smooth part of the surface round it.
+
+    Corners at one vertex share a number where edges lead from one face to the other that have two
+    faces whose normals differ by at most `crease`, radians.
+
+    Examples
+    --------
+    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    >>> faces = np.array([[0, 1, 2], [0, 3, 1]])  # at right angles
+    >>> smooth_groups(corners, faces, 1.0).max() + 1, smooth_groups(corners, faces, 2.0).max() + 1
+    (6, 4)
+    """
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    key = np.minimum(start, end) * (int(faces.max()) + 1) + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    one, other = order[first[count == 2]], order[first[count == 2] + 1]
+    normals = face_normals(vertices, faces)
+    angle = _angle(normals[one // 3], normals[other // 3])
+    smooth = angle <= crease
+    one, other = one[smooth], other[smooth]
+    # Edge k of a face runs from its corner k to the next: two faces share both of its ends.
+    ends = [np.stack([edge, edge - edge % 3 + (edge + 1) % 3]) for edge in (one, other)]
+    turned = start[one] != start[other]
+    ends[1] = np.where(turned, ends[1][::-1], ends[1])
+    size = faces.size
+    links = sparse.coo_array(
+        (np.ones(ends[0].size, bool), (ends[0].ravel(), ends[1].ravel())), shape=(size, size)
+    )
+    return connected_components(links, directed=False)[1].reshape(-1, 3).astype(np.int64)
+
+
 def _angle(a: Float64Array, b: Float64Array) -> Float64Array:
     # atan2 keeps its precision for thin angles, where arccos loses half the digits.
     sine = np.linalg.norm(np.cross(a, b), axis=1)
@@ -165,9 +200,9 @@ def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMe
     path : str or Path
         Any mesh format trimesh reads: OBJ, PLY, STL, GLB, ... Files that it refers to (materials,
         textures, buffers) are never opened.
-    shading : {"smooth", "flat", "file"}
+    shading : {"smooth", "flat", "file"} or Crease
         Normals: averages over the faces round a vertex weighted by their angles, none, or the
-        file's own.
+        file's own; with a `Crease`, averages that do not cross edges sharper than it.
 
     Returns
     -------
@@ -191,9 +226,9 @@ def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMe
     (1, 'open: 3 edges have only one face')
     """
     file = Path(path)
-    if shading not in get_args(Shading):
-        hint = "choose one of these"
-        raise InputError(f"mesh {file}", "shading smooth, flat or file", repr(shading), hint)
+    if not isinstance(shading, Crease) and shading not in ("smooth", "flat", "file"):
+        expected, hint = "shading smooth, flat or file, or a Crease", "choose one of them"
+        raise InputError(f"mesh {file}", expected, repr(shading), hint)
     arrays = _centred(read_mesh_file(file), file)
     if shading == "file" and arrays.normals is None:
         raise InputError(f"mesh {file}", "normals in the file", "none", "choose shading smooth")
@@ -250,12 +285,36 @@ def _without_defects(
         unit_normals = _unit_normals(arrays.normals, faces, file)
         normals = outward_normals(unit_normals, arrays.vertices, faces, defects)
         return _compact(arrays.vertices, faces, normals, arrays.uv), defects
+    if isinstance(shading, Crease):
+        return _creased(arrays, merged, faces, shading), defects
     smooth = angle_weighted_normals(arrays.vertices, merged) if shading == "smooth" else None
     if arrays.uv is None:
         return _compact(arrays.vertices, merged, smooth), defects
     # At a seam of the texture one position has several coordinates: its vertices are not merged.
     smooth = None if smooth is None else smooth[merged_to]
     return _compact(arrays.vertices[merged_to], faces, smooth, arrays.uv), defects
+
+
+def _creased(arrays: MeshArrays, merged: IntArray, faces: IntArray, crease: Crease) -> TriangleMesh:
+    """A mesh with a vertex for each smooth part round a point, and for each place in the texture.
+
+    `merged` (m, 3) are indices after vertices of one position were merged, `faces` before.
+    """
+    groups = smooth_groups(arrays.vertices, merged, math.radians(crease.crease_deg))
+    positions = np.empty((int(groups.max()) + 1, 3))
+    positions[groups] = arrays.vertices[merged]
+    normals = angle_weighted_normals(positions, groups)
+    if arrays.uv is None:
+        return _compact(positions, groups, normals)
+    keys = np.stack([groups.ravel(), faces.ravel()], axis=1)
+    (group, vertex), corners = _unique_rows(keys)
+    return _compact(positions[group], corners.reshape(-1, 3), normals[group], arrays.uv[vertex])
+
+
+def _unique_rows(keys: IntArray) -> tuple[IntArray, IntArray]:
+    """Columns (2, distinct rows) of the distinct rows of pairs (n, 2), and where each is (n,)."""
+    rows, where = np.unique(keys, axis=0, return_inverse=True)
+    return rows.T, where.ravel()
 
 
 def _unit_normals(normals: Float64Array, faces: IntArray, file: Path) -> Float64Array:

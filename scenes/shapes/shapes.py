@@ -9,7 +9,20 @@ from pydantic import Field, model_validator
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
 
-Shading = Literal["smooth", "flat", "file"]
+
+class Crease(Model):
+    """Normals that are smooth but for edges whose two faces turn by more than an angle.
+
+    Examples
+    --------
+    >>> Crease(crease_deg=40).crease_deg
+    40.0
+    """
+
+    crease_deg: float = Field(gt=0, lt=180)
+
+
+Shading = Literal["smooth", "flat", "file"] | Crease
 
 
 class Sphere(Model):
