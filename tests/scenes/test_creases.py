@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_up import icosphere
 
-from malus.scenes import InputError, MeshFile, load_suite
+from malus.scenes import InputError, MeshFile, Scene, load_suite
 from malus.scenes.shapes.meshes import angle_weighted_normals, load_mesh, smooth_groups
 from malus.scenes.shapes.shapes import Crease
 
@@ -98,7 +98,9 @@ def test_a_suite_tells_the_crease(tmp_path: Path) -> None:
     assert scene.shape.shading == Crease(crease_deg=40)
     (plain,) = load_suite(suite_of(tmp_path, "")).scenes()
     (said,) = load_suite(suite_of(tmp_path, ', shading = "smooth"')).scenes()
-    assert plain.id == said.id != scene.id
+    assert plain.id == scene.id != said.id
+    # A scene that was stored when the default was `smooth` says so, and stays what it was.
+    assert Scene.model_validate(said.model_dump(mode="json")).id == said.id
 
 
 @pytest.mark.parametrize("shading", ["{ crease_deg = 200 }", '"smoth"', "{ crease = 3 }"])
