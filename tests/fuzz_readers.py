@@ -101,6 +101,22 @@ def mesh(kind: str) -> Callable[[], bytes]:
     return content
 
 
+_PLY = b"""ply
+format %s 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element %s
+end_header
+"""
+STRIPS = _PLY % (b"ascii", b"tristrips 1\nproperty list int int vertex_indices")
+STRIPS += b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n7 0 1 2 3 -1 0 1\n"
+POLYGONS = _PLY % (b"binary_little_endian", b"face 2\nproperty list uchar int vertex_indices")
+POLYGONS += np.float32([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 1]]).tobytes()
+POLYGONS += b"\4" + np.int32([0, 1, 2, 3]).tobytes() + b"\3" + np.int32([0, 1, 3]).tobytes()
+
+
 def measured_band(path: Path) -> object:
     table = open_pbrdf(path)
     table.check_bands([520.0])
@@ -306,12 +322,24 @@ def spectral(path: Path) -> None:
     write_spectral(path, TRUTH.stokes, BANDS)
 
 
+def spectral_of_others(path: Path) -> None:
+    """Half floats, PIZ, one decimal, opacity, left-handed: what other programs write."""
+    import OpenEXR
+
+    names = [f"S{part}.{band:.1f}nm" for band in BANDS for part in range(3)]
+    planes = {name: np.full((SIDE, SIDE), 0.5, np.float16) for name in [*names, "A"]}
+    header = {"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header | {"polarisationHandedness": "left"}, planes).write(str(path))
+
+
 READERS = {
     "suite": Reader(of_file("a.toml", load_suite), lambda: SUITE),
     **{
         f"mesh-{kind}": Reader(of_file(f"a.{kind}", load_mesh), mesh(kind))
         for kind in ("obj", "ply", "stl", "glb", "off")
     },
+    "mesh-ply-strips": Reader(of_file("a.ply", load_mesh), lambda: STRIPS),
+    "mesh-ply-polygons": Reader(of_file("a.ply", load_mesh), lambda: POLYGONS),
     "png": Reader(of_file("a.png", read_picture), picture("png")),
     "png-16": Reader(of_file("a.png", read_picture), picture("png", np.uint16)),
     "jpeg": Reader(of_file("a.jpg", read_picture), picture("jpeg")),
@@ -371,6 +399,10 @@ READERS = {
     "spectral-exr": Reader(
         of_file("a.exr", lambda path: read_spectral(path, (SIDE, SIDE), BANDS)),
         written("a.exr", spectral),
+    ),
+    "spectral-exr-others": Reader(
+        of_file("a.exr", lambda path: read_spectral(path, (SIDE, SIDE), BANDS)),
+        written("a.exr", spectral_of_others),
     ),
     "scene-json": Reader(scene_json, dataset_file("{scene}/scene.json")),
     "dataset-json": Reader(dataset_json, dataset_file("dataset.json")),

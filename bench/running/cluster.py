@@ -22,7 +22,7 @@ from typing import Any
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import Failure
 from malus.bench.running.work import Engine, in_worker_process, work
-from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, at_most
+from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, at_most, main_hidden
 from malus.renderers.variant import BACKENDS, Variant, choose
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import content_id
@@ -161,16 +161,17 @@ def _local(workers: int, stack: ExitStack) -> Any:
         "distributed.scheduler.worker-saturation": 1.0,
     }
     stack.enter_context(config.set(settings))
-    cluster = distributed.LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        processes=True,
-        # Any free port: with none named, Dask takes 8787 and warns where another cluster has it.
-        dashboard_address="127.0.0.1:0",
-        scheduler_kwargs={"dashboard": False},
-        silence_logs=logging.CRITICAL,
-        preload=__name__,  # every worker calls dask_setup
-    )
+    with main_hidden():
+        cluster = distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            # Any free port: with none named, Dask takes 8787 and warns where another has it.
+            dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
+            silence_logs=logging.CRITICAL,
+            preload=__name__,  # every worker calls dask_setup
+        )
     stack.enter_context(cluster)
     return stack.enter_context(distributed.Client(cluster))
 

@@ -2,6 +2,10 @@
 
 Python cannot interrupt a renderer that never returns, nor outlive its segmentation fault. A worker
 process can be given up; the next task gets a fresh one.
+
+A new process of `multiprocessing` begins by running the program again that started it, which fails
+for one read from standard input and runs away for one without `if __name__ == "__main__"`. Workers
+therefore start without it, and run it only where a task holds something that it defines.
 """
 
 from __future__ import annotations
@@ -9,15 +13,21 @@ from __future__ import annotations
 import faulthandler
 import multiprocessing
 import os
+import pickle
 import signal
+import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker, spawn
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import DupFd
+from types import ModuleType
 from typing import Any, TypeVar
 
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, first_line
 
 ATTEMPTS = 2
 """Worker processes that one task may cost before it is recorded as failed."""
@@ -32,7 +42,12 @@ LONGEST_SECONDS = 1e6
 _END = "end"
 _ITEM = "item"
 _ERROR = "error"
+_READY = "ready"
 
+_START_SECONDS = 300.0
+"""Time in which a process has to start: it imports malus, which takes a second or two."""
+
+_start_lock = threading.Lock()
 
 _Item = TypeVar("_Item")
 
@@ -110,12 +125,37 @@ class WorkerProcess:
             raise
 
     def _start(self) -> None:
+        """Start a process and wait until it is ready.
+
+        Raises
+        ------
+        Died
+            Where it could not start; the message is the last line that it wrote.
+        """
         # A fork would copy locks that the threads of LLVM and BLAS hold.
         context = multiprocessing.get_context("spawn")
         self._connection, worker_end = context.Pipe()
-        self._process = context.Process(target=_serve, args=(worker_end,))
-        self._process.start()
-        worker_end.close()
+        with tempfile.TemporaryFile() as told:
+            with _start_lock, _errors_to(told.fileno()) as error_stream, main_hidden() as main:
+                arguments = (worker_end, error_stream, main)
+                process = context.Process(target=_serve, args=arguments)
+                try:
+                    process.start()
+                    self._process = process
+                except OSError as error:  # gone before it was told what to do
+                    why = f"it ended with {first_line(error)}"
+            worker_end.close()
+            if self._process is not None and _is_ready(self._connection):
+                return
+            if self._process is not None:
+                self._process.kill()
+                self._process.join()
+                why = f"it ended with code {self._process.exitcode}"
+                self._stop()
+            told.seek(0)
+            lines = told.read().decode("utf-8", "replace").strip().splitlines()
+        reason = lines[-1].strip()[:200] if lines else why
+        raise Died(f"the process that should do it could not start: {reason}")
 
     def _reason(self, seconds: float) -> str:
         """Reason why the worker ended, after that many seconds of its task."""
@@ -168,23 +208,111 @@ def at_most(seconds: float) -> Iterator[None]:
             faulthandler.cancel_dump_traceback_later()
 
 
-def _serve(connection: Connection) -> None:
+def _is_ready(connection: Connection) -> bool:
+    """Whether a new process says that it is ready, in time."""
+    try:
+        return connection.poll(_START_SECONDS) and connection.recv() == _READY
+    except (EOFError, ConnectionResetError):
+        return False
+
+
+class _Inherited:
+    """A file descriptor of this process that a process which is started gets, too."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """As the descriptor that the new process has: only while that is started."""
+        return _detached, (DupFd(self._descriptor),)
+
+
+def _detached(descriptor: Any) -> int:
+    return int(descriptor.detach())
+
+
+@contextmanager
+def _errors_to(file: int) -> Iterator[_Inherited | None]:
+    """Send the error stream to a file, as that of a process that is started; yields the former one.
+
+    None where this process has no error stream.
+    """
+    # It lives on, and would keep the file as its error stream.
+    resource_tracker.ensure_running()
+    try:
+        stream = os.dup(2)
+    except OSError:
+        yield None
+        return
+    try:
+        os.dup2(file, 2)
+        yield _Inherited(stream)
+    finally:
+        os.dup2(stream, 2)
+        os.close(stream)
+
+
+@contextmanager
+def main_hidden() -> Iterator[tuple[str | None, str | None]]:
+    """Keep a process that is started from running the program again; yields its name and path."""
+    main = sys.modules["__main__"]
+    name = getattr(getattr(main, "__spec__", None), "name", None)  # a debugger's has no __spec__
+    path = getattr(main, "__file__", None)
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield name, None if path is None else os.path.abspath(path)
+    finally:
+        sys.modules["__main__"] = main
+
+
+def _serve(
+    connection: Connection, error_stream: int | None, main: tuple[str | None, str | None]
+) -> None:
     """Do the tasks that come through the connection, until the parent closes it."""
+    if error_stream is not None:
+        os.dup2(error_stream, 2)
+        os.close(error_stream)
+    connection.send(_READY)
     # Ctrl-C goes to all processes of a terminal; the parent ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow_parent, daemon=True).start()
     while True:
         try:
-            function, arguments, timeout = connection.recv()
+            message = connection.recv_bytes()
         except EOFError:
             return
         try:
+            function, arguments, timeout = _unpickled(message, main)
             with at_most(timeout):
                 for item in function(*arguments):
                     connection.send((_ITEM, item))
             connection.send((_END, None))
         except Exception as error:
             connection.send((_ERROR, error))
+
+
+def _unpickled(message: bytes, main: tuple[str | None, str | None]) -> Any:
+    """The object of a message; the program that started this one is run where it defines a part.
+
+    Raises
+    ------
+    InputError
+        Where that program cannot be run again.
+    """
+    try:
+        return pickle.loads(message)
+    except AttributeError:
+        name, path = main
+        try:
+            if name is not None:
+                spawn._fixup_main_from_name(name)  # type: ignore[attr-defined]
+            elif path is not None:
+                spawn._fixup_main_from_path(path)  # type: ignore[attr-defined]
+            return pickle.loads(message)
+        except Exception as error:
+            expected = "methods that a worker process can import"
+            hint = "define them in a module of their own"
+            raise InputError("methods", expected, first_line(error), hint) from None
 
 
 def _follow_parent() -> None:

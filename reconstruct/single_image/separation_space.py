@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,10 +60,15 @@ def source_space(image: Image, mask: BoolArray, colour: Image) -> SourceSpace:
     count = len(planes)
     # Bands are few and last in memory: sums of planes are ten times faster than reductions there.
     intensity = _mean(planes)
-    square = planes[0] * planes[0]
+    # A power of two, so that nothing is rounded: squares of the largest floats would overflow.
+    scale = balanced.dtype.type(2.0 ** -max(math.frexp(float(intensity.max()))[1] - 50, 0))
+    small = planes[0] * scale
+    square = small * small
     for plane in planes[1:]:
-        square += plane * plane
-    chroma = np.sqrt(np.maximum(square / count - intensity * intensity, 0))
+        small = plane * scale
+        square += small * small
+    small = intensity * scale
+    chroma = np.sqrt(np.maximum(square / count - small * small, 0)) / scale
     values = intensity[mask]
     bright = (
         float(np.quantile(values[:: max(1, values.size // _SAMPLE)], 0.98)) if values.size else 0

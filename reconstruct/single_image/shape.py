@@ -184,8 +184,9 @@ def recover_shape(
         candidates = _distinct(candidates)
         error = candidates[0].error
         if smoothness <= JUDGED and not error < FAILED:
+            residual = f"{error:.0%} of" if error < 10.0 else "more than ten times"
             raise Inapplicable(
-                f"no shape explains the picture: residual {error:.0%} of its largest value"
+                f"no shape explains the picture: residual {residual} its largest value"
             )
         if error < STOP:
             break

@@ -27,17 +27,22 @@ import numpy as np
 from scipy import sparse
 from scipy.optimize import OptimizeResult, least_squares
 
+from malus.reconstruct.observation import Inapplicable
 from malus.reconstruct.single_image.jacobian_pattern import JacobianPattern
 from malus.reconstruct.single_image.outline import Outline
 from malus.reconstruct.single_image.parameters import ALPHA_RANGE
 from malus.reconstruct.single_image.shading import BodyKind, diffuse_shading, specular_shading
 from malus.reconstruct.single_image.stereographic import normals_of, plane_slopes, to_rim
 from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.errors import first_line
 
 RIM = 0.1
 """Weight of smoothness and integrability at pixels beside the outline. The outline runs somewhere
 through the ring, and near it normals change like a square root of the distance: the true normals of
 blobs have 4 to 8 times the bending there that they have inside, and 16 times the curl."""
+_DARK = 1e-6
+"""Part of the largest radiance below which a separated picture is dark: a rounding of single
+precision, which is not blown up to the weight of the other picture."""
 _STEP = 1e-5
 """Step of the central differences of the shading, whose second derivatives are of order one."""
 
@@ -120,19 +125,29 @@ class ShapeProblem:
     def solve(
         self, start: ShapeEstimate, max_steps: int, tolerance: float
     ) -> tuple[ShapeEstimate, OptimizeResult]:
-        """Minimise the sum of squares by scipy's trust-region method for sparse problems."""
-        minimum = least_squares(
-            self.residuals,
-            self._packed(start),
-            jac=self.jacobian,
-            method="trf",
-            tr_solver="lsmr",
-            tr_options={"regularize": True, "atol": 1e-4, "btol": 1e-4, "maxiter": 300},
-            ftol=tolerance,
-            xtol=1e-6,
-            gtol=1e-10,
-            max_nfev=max_steps,
-        )
+        """Minimise the sum of squares by scipy's trust-region method for sparse problems.
+
+        Raises
+        ------
+        Inapplicable
+            Where the search meets numbers that are not finite.
+        """
+        try:
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                minimum = least_squares(
+                    self.residuals,
+                    self._packed(start),
+                    jac=self.jacobian,
+                    method="trf",
+                    tr_solver="lsmr",
+                    tr_options={"regularize": True, "atol": 1e-4, "btol": 1e-4, "maxiter": 300},
+                    ftol=tolerance,
+                    xtol=1e-6,
+                    gtol=1e-10,
+                    max_nfev=max_steps,
+                )
+        except (ValueError, np.linalg.LinAlgError) as error:  # what scipy says of NaN and infinity
+            raise Inapplicable(f"no shape explains the picture: {first_line(error)}") from None
         f, g, albedo, level, alpha = self._unpacked(minimum.x)
         normals = normals_of(*to_rim(f, g))
         return replace(start, normals=normals, albedo=albedo, level=level, alpha=alpha), minimum
@@ -185,7 +200,8 @@ class ShapeProblem:
 
         Two separated pictures thus weigh no more than a whole one.
         """
-        peak = max(float(picture.radiance.max()), np.finfo(np.float64).tiny)
+        largest = max(float(part.radiance.max()) for part in self.pictures)
+        peak = max(float(picture.radiance.max()), _DARK * largest, np.finfo(np.float32).tiny)
         return 1.0 / (peak * np.sqrt(len(self.pictures)))
 
     def _shadings(

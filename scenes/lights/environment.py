@@ -10,6 +10,7 @@ import functools
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,8 @@ HEIGHT = 128
 SKY_HEIGHT = 256
 """Rows of a sky's map: its horizon is blurred by 0.15 % of the light that a sphere reflects."""
 _HDR_SIZE = re.compile(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n")
+
+_WINDOWS = ("data", "display")
 
 LARGEST_PIXELS = 1 << 26
 """Most pixels of a map, 64 megapixels: bounds the memory that a hostile file can ask for."""
@@ -48,7 +51,7 @@ def radiance_map(light: Environment | Sky) -> Float32Array:
         return sky.radiance(light, directions(SKY_HEIGHT, 2 * SKY_HEIGHT)).astype(np.float32)
     if light.name == "studio":
         return _studio()
-    readers = {".exr": read_grey, ".hdr": _read_hdr}
+    readers = {".exr": _read_exr_map, ".hdr": _read_hdr}
     suffix = light.file.suffix.lower()
     if suffix not in readers:
         expected = "studio, or the path of an .exr or .hdr file"
@@ -104,23 +107,42 @@ def _studio() -> Float32Array:
     return light.astype(np.float32)
 
 
+def _read_exr_map(path: Path) -> Float32Array:
+    """Mean of the colours of an EXR file that is a whole latitude-longitude map."""
+    header = _exr_header(path)
+    name = getattr(header.get("envmap"), "name", "ENVMAP_LATLONG")
+    if name != "ENVMAP_LATLONG":
+        found = "a cube map" if name == "ENVMAP_CUBE" else name
+        hint = "convert it, with OpenEXR's `exrenvmap -latlong` say"
+        raise InputError(str(path), "a latitude-longitude map (attribute envmap)", found, hint)
+    data, display = (np.asarray(header[f"{window}Window"]).tolist() for window in _WINDOWS)
+    if data != display:
+        found = f"a part of it: data window {data} in display window {display}"
+        raise InputError(str(path), "a map of all directions", found, "export the whole map")
+    return read_grey(path)
+
+
 def read_grey(path: Path) -> Float32Array:
     """Mean of the colours of an EXR file, (rows, columns) from the top.
 
     Raises
     ------
     InputError
-        A file that is missing, malformed, without colours or larger than 64 megapixels.
+        A file that is missing, malformed, without colours or larger than 64 megapixels; one of
+        several parts, of deep data, or of luminance and chroma.
     """
     import OpenEXR
 
-    with reading(str(path), "a readable EXR file", "check the path"):
-        with quiet(), OpenEXR.File(str(path), header_only=True) as file:
-            window = file.header()["dataWindow"]
-            size = np.asarray(window[1], np.int64) - np.asarray(window[0], np.int64) + 1
-        check_size(path, int(size[0]), int(size[1]))
-        with quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {name: np.asarray(c.pixels) for name, c in file.channels().items()}
+    _exr_header(path)
+    with (
+        reading(str(path), "a readable EXR file", "check the path"),
+        quiet(),
+        OpenEXR.File(str(path), separate_channels=True) as file,
+    ):
+        channels = {name: np.asarray(c.pixels) for name, c in file.channels().items()}
+    if {"Y", "RY", "BY"} <= set(channels):
+        found = "luminance and chroma (Y, RY, BY)"
+        raise InputError(str(path), "channels R, G, B or Y", found, "export it as RGB")
     colours = [channels[name] for name in ("R", "G", "B") if name in channels]
     colours = colours or [channels[name] for name in ("Y",) if name in channels]
     if not colours:
@@ -129,6 +151,30 @@ def read_grey(path: Path) -> Float32Array:
         )
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused by name
         return np.mean(colours, axis=0).astype(np.float32)
+
+
+def _exr_header(path: Path) -> dict[str, Any]:
+    """Header of an EXR file of one flat part, checked for its size before a pixel is decoded."""
+    import OpenEXR
+
+    with (
+        reading(str(path), "a readable EXR file", "check the path"),
+        quiet(),
+        OpenEXR.File(str(path), header_only=True) as file,
+    ):
+        headers = [dict(part.header) for part in file.parts]
+        header = headers[0]
+        window = header["dataWindow"]
+        size = np.asarray(window[1], np.int64) - np.asarray(window[0], np.int64) + 1
+        storage = str(header["type"])
+    if len(headers) > 1:
+        names = ", ".join(str(part.get("name", number)) for number, part in enumerate(headers, 1))
+        hint = "save the one that is meant alone"
+        raise InputError(str(path), "one picture", f"parts {names}", hint)
+    if "deep" in storage:
+        raise InputError(str(path), "one value a pixel and channel", storage, "flatten it first")
+    check_size(path, int(size[0]), int(size[1]))
+    return header
 
 
 def _read_hdr(path: Path) -> Float32Array:

@@ -27,6 +27,7 @@ AXES = ("phi_d", "theta_d", "theta_h")
 
 _MAGIC = b"tensor_file\0\1\0"
 _HEADER_BYTES = 1 << 16
+_LARGEST_AXIS = 1 << 40
 _TYPES = ("none", "u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8")
 """Types of arrays by their number in a tensor file; all are little-endian."""
 
@@ -150,6 +151,10 @@ def open_pbrdf(path: Path) -> PBRDF:
         if field is None:
             expected = f"a polarised BRDF, with the fields {', '.join(types)}"
             raise _damaged(path, expected, ", ".join(fields) or "none")
+        if not field.size:
+            found = "one that holds no bytes"
+            hint = "the program that wrote it left it out: write it with its values"
+            raise InputError(str(path), f"field {name} with values", found, hint)
         if field.dtype != np.dtype(dtype) or field.ndim != dimensions:
             expected = f"field {name} as {dtype} of {dimensions} dimensions"
             raise _damaged(path, expected, f"{field.dtype} {field.shape}")
@@ -179,7 +184,10 @@ def _fields(path: Path) -> dict[str, AnyArray]:
         if end > size:
             raise _damaged(path, f"a file of at least {end} bytes", f"{size} bytes")
     return {
+        # Nothing of no bytes can be mapped.
         name: np.memmap(path, dtype, "r", offset, shape)
+        if 0 not in shape
+        else np.zeros([0] * len(shape), dtype)
         for name, (dtype, shape, offset) in header.items()
     }
 
@@ -193,8 +201,10 @@ def _header(head: bytes) -> dict[str, tuple[np.dtype[Any], tuple[int, ...], int]
         name = head[start + 2 : start + 2 + length].decode()
         dimensions, number, offset = struct.unpack_from("<HBQ", head, start + 2 + length)
         shape = struct.unpack_from(f"<{dimensions}Q", head, start + length + 13)
-        if dimensions > 6 or 0 in shape:
+        if dimensions > 6 or max(shape, default=0) > _LARGEST_AXIS:
             raise ValueError(f"shape {shape}")
+        if _TYPES[number] == "none":  # a type without bytes
+            number, shape = 1, (*shape, 0)
         arrays[name] = (np.dtype(_TYPES[number]).newbyteorder("<"), shape, offset)
         start += length + 13 + 8 * dimensions
     return arrays

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import math
 from pathlib import Path
-from typing import Any, get_args
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
-from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.errors import InputError
 from malus.scenes.shapes.geometry import TriangleMesh, fitted, unit_vectors
-from malus.scenes.shapes.shapes import Shading
+from malus.scenes.shapes.mesh_files import MeshArrays, read_mesh_file
+from malus.scenes.shapes.shapes import Crease, Shading
 
 
 def merged_indices(vertices: Float64Array, distance: float) -> IntArray:
@@ -127,6 +128,39 @@ def angle_weighted_normals(vertices: Float64Array, faces: IntArray) -> Float64Ar
     return unit_vectors(np.where(cancelled[:, None], last, sums))
 
 
+def smooth_groups(vertices: Float64Array, faces: IntArray, crease: float) -> IntArray:
+    """For each corner of triangles (m, 3), the number of the smooth part of the surface round it.
+
+    Corners at one vertex share a number where edges lead from one face to the other that have two
+    faces whose normals differ by at most `crease`, radians.
+
+    Examples
+    --------
+    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    >>> faces = np.array([[0, 1, 2], [0, 3, 1]])  # at right angles
+    >>> smooth_groups(corners, faces, 1.0).max() + 1, smooth_groups(corners, faces, 2.0).max() + 1
+    (6, 4)
+    """
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    key = np.minimum(start, end) * (int(faces.max()) + 1) + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    one, other = order[first[count == 2]], order[first[count == 2] + 1]
+    normals = face_normals(vertices, faces)
+    angle = _angle(normals[one // 3], normals[other // 3])
+    smooth = angle <= crease
+    one, other = one[smooth], other[smooth]
+    # Edge k of a face runs from its corner k to the next: two faces share both of its ends.
+    ends = [np.stack([edge, edge - edge % 3 + (edge + 1) % 3]) for edge in (one, other)]
+    turned = start[one] != start[other]
+    ends[1] = np.where(turned, ends[1][::-1], ends[1])
+    size = faces.size
+    links = sparse.coo_array(
+        (np.ones(ends[0].size, bool), (ends[0].ravel(), ends[1].ravel())), shape=(size, size)
+    )
+    return connected_components(links, directed=False)[1].reshape(-1, 3).astype(np.int64)
+
+
 def _angle(a: Float64Array, b: Float64Array) -> Float64Array:
     # atan2 keeps its precision for thin angles, where arccos loses half the digits.
     sine = np.linalg.norm(np.cross(a, b), axis=1)
@@ -148,7 +182,6 @@ def outward_normals(
     return normals
 
 
-LARGEST_FILE_BYTES = 2 << 30
 HUGE_FACES = 5_000_000
 """More faces than this are reported as a defect."""
 
@@ -159,16 +192,6 @@ _THINNEST = 1e-7
 """Height of a triangle in the unit sphere below which float32 cannot hold its orientation."""
 
 
-@dataclass(frozen=True)
-class _MeshArrays:
-    """A file's vertices (n, 3), faces (m, 3), and its normals (n, 3) and uv (n, 2), if any."""
-
-    vertices: Float64Array
-    faces: IntArray
-    normals: Float64Array | None
-    uv: Float64Array | None
-
-
 def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMesh, list[str]]:
     """Read a mesh file, centred and scaled to the unit sphere, and describe its defects.
 
@@ -177,9 +200,9 @@ def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMe
     path : str or Path
         Any mesh format trimesh reads: OBJ, PLY, STL, GLB, ... Files that it refers to (materials,
         textures, buffers) are never opened.
-    shading : {"smooth", "flat", "file"}
+    shading : {"smooth", "flat", "file"} or Crease
         Normals: averages over the faces round a vertex weighted by their angles, none, or the
-        file's own.
+        file's own; with a `Crease`, averages that do not cross edges sharper than it.
 
     Returns
     -------
@@ -203,91 +226,16 @@ def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMe
     (1, 'open: 3 edges have only one face')
     """
     file = Path(path)
-    if shading not in get_args(Shading):
-        hint = "choose one of these"
-        raise InputError(f"mesh {file}", "shading smooth, flat or file", repr(shading), hint)
-    arrays = _centred(_read(file), file)
+    if not isinstance(shading, Crease) and shading not in ("smooth", "flat", "file"):
+        expected, hint = "shading smooth, flat or file, or a Crease", "choose one of them"
+        raise InputError(f"mesh {file}", expected, repr(shading), hint)
+    arrays = _centred(read_mesh_file(file), file)
     if shading == "file" and arrays.normals is None:
         raise InputError(f"mesh {file}", "normals in the file", "none", "choose shading smooth")
     return _without_defects(arrays, shading, file)
 
 
-def _read(file: Path) -> _MeshArrays:
-    from trimesh.exchange.load import load_scene, mesh_formats
-
-    kind = file.suffix.lower().lstrip(".")
-    formats = sorted(mesh_formats())
-    _check_file(file)
-    if kind not in formats:
-        expected = f"a mesh file ({', '.join(formats)})"
-        raise InputError(f"mesh {file}", expected, repr(file.suffix), "convert it, to PLY say")
-    hint = "check that the file is whole and needs no other file"
-    # NaN and infinity pass here without a warning: _centred refuses them by name.
-    with reading(f"mesh {file}", f"a readable {kind} file", hint), np.errstate(all="ignore"):
-        with file.open("rb") as stream:
-            # An empty resolver: nothing outside this one file is opened.
-            scene = load_scene(stream, file_type=kind, resolver={}, process=False)
-        parts = list(_parts(scene))
-    if not parts:
-        hint = "give a file that holds triangles"
-        raise InputError(f"mesh {file}", "a mesh with faces", "no faces", hint)
-    return _joined(parts)
-
-
-def _parts(scene: Any) -> Iterator[_MeshArrays]:
-    """Every mesh of a trimesh scene, in its place; trimesh's Scene.to_mesh loses the normals."""
-    for node in scene.graph.nodes_geometry:
-        placement, name = scene.graph[node]
-        mesh = scene.geometry[name]
-        if len(getattr(mesh, "faces", ())):
-            # Asking for vertex_normals would compute some; the file's own are in the cache.
-            normals = mesh.vertex_normals if "vertex_normals" in mesh._cache else None
-            uv = getattr(mesh.visual, "uv", None)
-            yield _placed(np.asarray(placement), mesh.vertices, mesh.faces, normals, uv)
-
-
-def _placed(
-    placement: Float64Array, vertices: Any, faces: Any, normals: Any, uv: Any
-) -> _MeshArrays:
-    """One mesh in the scene's coordinates; a reflection also turns the winding of the faces."""
-    linear, shift = placement[:3, :3], placement[:3, 3]
-    reflected = np.linalg.det(linear) < 0
-    faces = np.asarray(faces, dtype=np.int64)
-    return _MeshArrays(
-        np.asarray(vertices, dtype=np.float64) @ linear.T + shift,
-        faces[:, ::-1] if reflected else faces,
-        # A normal is a covector: it goes with the inverse transpose.
-        None if normals is None else np.asarray(normals, dtype=np.float64) @ np.linalg.inv(linear),
-        uv if np.shape(uv) == (len(vertices), 2) and np.isfinite(uv).all() else None,
-    )
-
-
-def _joined(parts: list[_MeshArrays]) -> _MeshArrays:
-    """All parts as one mesh; normals and uv only where every part has them."""
-    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
-    normals = [part.normals for part in parts if part.normals is not None]
-    uv = [part.uv for part in parts if part.uv is not None]
-    return _MeshArrays(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
-        np.concatenate(normals) if len(normals) == len(parts) else None,
-        np.concatenate(uv) if len(uv) == len(parts) else None,
-    )
-
-
-def _check_file(file: Path) -> None:
-    where = f"mesh {file}"
-    with reading(where, "a readable file", "check the path"):
-        is_other = file.exists() and not file.is_file()
-        size = file.stat().st_size
-    if is_other:
-        raise InputError(where, "a file", "a folder or device", "check the path")
-    if size > LARGEST_FILE_BYTES:
-        limit = f"at most {LARGEST_FILE_BYTES / 2**30:g} GiB"
-        raise InputError(where, limit, f"{size / 2**30:.1f} GiB", "simplify the mesh")
-
-
-def _centred(arrays: _MeshArrays, file: Path) -> _MeshArrays:
+def _centred(arrays: MeshArrays, file: Path) -> MeshArrays:
     """The mesh without unused vertices, checked and moved into the unit sphere."""
     where, count = f"mesh {file}", len(arrays.vertices)
     if arrays.faces.min() < 0 or arrays.faces.max() >= count:
@@ -307,11 +255,11 @@ def _centred(arrays: _MeshArrays, file: Path) -> _MeshArrays:
         raise InputError(where, "a positive finite extent", found, hint) from None
     normals = None if arrays.normals is None else arrays.normals[used]
     uv = None if arrays.uv is None else arrays.uv[used]
-    return _MeshArrays(vertices, faces.reshape(-1, 3), normals, uv)
+    return MeshArrays(vertices, faces.reshape(-1, 3), normals, uv)
 
 
 def _without_defects(
-    arrays: _MeshArrays, shading: Shading, file: Path
+    arrays: MeshArrays, shading: Shading, file: Path
 ) -> tuple[TriangleMesh, list[str]]:
     """The mesh without degenerate faces and not inside out, and the defects that it had."""
     defects: list[str] = []
@@ -337,12 +285,36 @@ def _without_defects(
         unit_normals = _unit_normals(arrays.normals, faces, file)
         normals = outward_normals(unit_normals, arrays.vertices, faces, defects)
         return _compact(arrays.vertices, faces, normals, arrays.uv), defects
+    if isinstance(shading, Crease):
+        return _creased(arrays, merged, faces, shading), defects
     smooth = angle_weighted_normals(arrays.vertices, merged) if shading == "smooth" else None
     if arrays.uv is None:
         return _compact(arrays.vertices, merged, smooth), defects
     # At a seam of the texture one position has several coordinates: its vertices are not merged.
     smooth = None if smooth is None else smooth[merged_to]
     return _compact(arrays.vertices[merged_to], faces, smooth, arrays.uv), defects
+
+
+def _creased(arrays: MeshArrays, merged: IntArray, faces: IntArray, crease: Crease) -> TriangleMesh:
+    """A mesh with a vertex for each smooth part round a point, and for each place in the texture.
+
+    `merged` (m, 3) are indices after vertices of one position were merged, `faces` before.
+    """
+    groups = smooth_groups(arrays.vertices, merged, math.radians(crease.crease_deg))
+    positions = np.empty((int(groups.max()) + 1, 3))
+    positions[groups] = arrays.vertices[merged]
+    normals = angle_weighted_normals(positions, groups)
+    if arrays.uv is None:
+        return _compact(positions, groups, normals)
+    keys = np.stack([groups.ravel(), faces.ravel()], axis=1)
+    (group, vertex), corners = _unique_rows(keys)
+    return _compact(positions[group], corners.reshape(-1, 3), normals[group], arrays.uv[vertex])
+
+
+def _unique_rows(keys: IntArray) -> tuple[IntArray, IntArray]:
+    """Columns (2, distinct rows) of the distinct rows of pairs (n, 2), and where each is (n,)."""
+    rows, where = np.unique(keys, axis=0, return_inverse=True)
+    return rows.T, where.ravel()
 
 
 def _unit_normals(normals: Float64Array, faces: IntArray, file: Path) -> Float64Array:

@@ -14,6 +14,7 @@ from malus.reconstruct.single_image.convergence import Convergence
 from malus.reconstruct.single_image.light_direction import estimate_direction
 from malus.reconstruct.single_image.outline import outline_of
 from malus.reconstruct.single_image.parameters import fit_parameters
+from malus.reconstruct.single_image.separation_space import source_space
 from malus.reconstruct.single_image.shading import (
     BodyKind,
     diffuse_shading,
@@ -304,3 +305,30 @@ def test_the_light_is_found_from_shading(incidence_deg: float) -> None:
     truth = sphere(incidence_deg=incidence_deg)
     direction = estimate_direction(truth.image[truth.mask].mean(axis=1), truth.normals[truth.mask])
     assert math.degrees(math.acos(min(1.0, float(direction @ light_of(truth))))) < 2
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1.0, 30.0])
+def test_a_picture_that_is_all_specular_light_is_told_in_one_line(factor: float) -> None:
+    """A nearly pure blue picture, whose colours leave nothing to the body, or less than nothing."""
+    y, x = np.mgrid[1:-1:32j, -1:1:32j]
+    mask = x**2 + y**2 < 0.8
+    facing = np.sqrt(np.clip(1 - (x**2 + y**2) / 0.8, 0, None))
+    blue = np.stack([1e-4 * facing, 1e-4 * facing, facing], axis=-1).astype(np.float32)
+    for specular in (blue * factor, -blue * factor, blue * 1e30):
+        normals, reason = np.zeros(3), "no shape explains the picture"
+        try:
+            shape = recover_shape(blue, mask, np.array([0.0, 0.6, 0.8]), None, specular, size=16)
+            normals = shape.normals
+        except Inapplicable as refusal:
+            reason = str(refusal)
+        assert np.isfinite(normals).all()
+        assert reason.startswith("no shape explains the picture")
+        assert len(reason) < 120
+
+
+def test_the_largest_floats_are_separated_without_a_warning() -> None:
+    random = np.random.default_rng(2).random((8, 8, 3), np.float32)
+    whole = np.ones((8, 8), bool)
+    usual = source_space(random, whole, np.ones(3, np.float32))
+    huge = source_space(random * np.float32(2.0**120), whole, np.ones(3, np.float32))
+    np.testing.assert_array_equal(huge.chroma, usual.chroma * np.float32(2.0**120))

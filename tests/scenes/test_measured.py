@@ -373,7 +373,14 @@ BAD: dict[str, tuple[Any, str]] = {
     "doubles": (TINY | {"M": TINY["M"].astype(float)}, "field M as float32 .* found float64"),
     "flat": (TINY | {"M": TINY["M"][..., 0]}, "field M as float32 of 6 dimensions"),
     "3 x 3": (TINY | {"M": TINY["M"][..., :3, :3]}, r"field M of shape \(3, 2, 2, 5, 4, 4\)"),
-    "no directions": (TINY | {"phi_d": np.zeros((1, 0), np.float32)}, "a whole header"),
+    "no directions": (
+        TINY | {"phi_d": np.zeros((1, 0), np.float32)},
+        "field phi_d with values, found one that holds no bytes",
+    ),
+    "axes of no type": (
+        tensor_file(**TINY).replace(b"theta_d\2\0\x0a", b"theta_d\2\0\0"),
+        "field theta_d with values, found one that holds no bytes",
+    ),
     "falling": (TINY | {"theta_h": TINY["theta_h"][:, ::-1]}, "field theta_h to increase"),
     "not finite": (TINY | {"theta_d": np.float32([[0, np.nan]])}, "field theta_d to increase"),
     "bands": (

@@ -12,7 +12,7 @@ import trimesh
 from made_up import icosphere, volume
 
 from malus.scenes.core.errors import InputError
-from malus.scenes.shapes import meshes
+from malus.scenes.shapes import mesh_files, meshes
 from malus.scenes.shapes.geometry import TriangleMesh, blob
 from malus.scenes.shapes.meshes import load_mesh
 
@@ -217,7 +217,7 @@ def test_missing_files_folders_and_devices_are_refused(tmp_path: Path) -> None:
 def test_too_large_is_refused_before_reading(tmp_path: Path) -> None:
     file = tmp_path / "large.stl"
     with file.open("wb") as stream:
-        stream.truncate(meshes.LARGEST_FILE_BYTES + 1)  # sparse: takes no disk
+        stream.truncate(mesh_files.LARGEST_FILE_BYTES + 1)  # sparse: takes no disk
     with pytest.raises(InputError, match=r"at most 2 GiB, found 2\.0 GiB"):
         load_mesh(file)
 

@@ -1,0 +1,152 @@
+"""Read the triangles of mesh files, through trimesh where it reads their kind."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from malus.scenes.core.arrays import Float64Array, IntArray
+from malus.scenes.core.errors import InputError, reading
+from malus.scenes.shapes.ply import holds_strips, read_ply
+
+LARGEST_FILE_BYTES = 2 << 30
+
+_OPTIONAL_READERS = {
+    "3mf": "lxml and networkx",
+    "dae": "pycollada",
+    "zae": "pycollada",
+    "xaml": "lxml",
+    "3dxml": "lxml and networkx",
+    "step": "cascadio",
+    "stp": "cascadio",
+}
+"""What trimesh needs for formats that it does not read alone."""
+
+_WHOLE = "check that the file is whole and needs no other file"
+
+_NOWHERE = logging.NullHandler()
+
+
+@dataclass(frozen=True)
+class MeshArrays:
+    """A file's vertices (n, 3), faces (m, 3), and its normals (n, 3) and uv (n, 2), if any."""
+
+    vertices: Float64Array
+    faces: IntArray
+    normals: Float64Array | None
+    uv: Float64Array | None
+
+
+def read_mesh_file(file: Path) -> MeshArrays:
+    """All meshes of a file as one, where its scene places them; raises InputError otherwise."""
+    from trimesh.exchange.load import mesh_formats
+
+    kind = file.suffix.lower().lstrip(".")
+    formats = sorted(mesh_formats())
+    _check_file(file)
+    if kind not in formats:
+        expected = f"a mesh file ({', '.join(formats)})"
+        hint = "convert it, to PLY say"
+        if kind in _OPTIONAL_READERS:
+            hint = f"install {_OPTIONAL_READERS[kind]}, with which trimesh reads it, or {hint}"
+        raise InputError(f"mesh {file}", expected, repr(file.suffix), hint)
+    parts = _parts_of_ply(file) if kind == "ply" else _parts_of_scene(file, kind)
+    if not parts:
+        hint = "give a file that holds triangles"
+        raise InputError(f"mesh {file}", "a mesh with faces", "no faces", hint)
+    return _joined(parts)
+
+
+def _parts_of_ply(file: Path) -> list[MeshArrays]:
+    """The mesh of a PLY file, by our own reader where trimesh does not read its kind."""
+    with reading(f"mesh {file}", "a readable file", "check the path"), file.open("rb") as stream:
+        strips = holds_strips(stream.read(1 << 16))
+    try:
+        if not strips:
+            return _parts_of_scene(file, "ply")
+    except InputError:
+        # Binary faces of unlike length are a wrong length of the file to trimesh.
+        strips = True
+    with reading(f"mesh {file}", "a readable ply file", _WHOLE), np.errstate(all="ignore"):
+        mesh = read_ply(file.read_bytes())
+    if not len(mesh.faces):
+        return []
+    return [MeshArrays(mesh.vertices, mesh.faces, mesh.normals, mesh.uv)]
+
+
+def _parts_of_scene(file: Path, kind: str) -> list[MeshArrays]:
+    """Every mesh that trimesh reads in a file."""
+    from trimesh.exchange.load import load_scene
+
+    # What trimesh logs of missing textures would go to the error stream.
+    logging.getLogger("trimesh").addHandler(_NOWHERE)
+    # NaN and infinity pass here without a warning: _centred refuses them by name.
+    with (
+        reading(f"mesh {file}", f"a readable {kind} file", _WHOLE),
+        np.errstate(all="ignore"),
+        warnings.catch_warnings(),
+        file.open("rb") as stream,
+    ):
+        warnings.simplefilter("ignore")
+        # An empty resolver: nothing outside this one file is opened.
+        scene = load_scene(stream, file_type=kind, resolver={}, process=False)
+        return list(_parts(scene))
+
+
+def _parts(scene: Any) -> Iterator[MeshArrays]:
+    """Every mesh of a trimesh scene, in its place; trimesh's Scene.to_mesh loses the normals."""
+    for node in scene.graph.nodes_geometry:
+        placement, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if len(getattr(mesh, "faces", ())):
+            # Asking for vertex_normals would compute some; the file's own are in the cache.
+            normals = mesh.vertex_normals if "vertex_normals" in mesh._cache else None
+            uv = getattr(mesh.visual, "uv", None)
+            yield _placed(np.asarray(placement), mesh.vertices, mesh.faces, normals, uv)
+
+
+def _placed(
+    placement: Float64Array, vertices: Any, faces: Any, normals: Any, uv: Any
+) -> MeshArrays:
+    """One mesh in the scene's coordinates; a reflection also turns the winding of the faces."""
+    linear, shift = placement[:3, :3], placement[:3, 3]
+    reflected = np.linalg.det(linear) < 0
+    faces = np.asarray(faces, dtype=np.int64)
+    return MeshArrays(
+        np.asarray(vertices, dtype=np.float64) @ linear.T + shift,
+        faces[:, ::-1] if reflected else faces,
+        # A normal is a covector: it goes with the inverse transpose.
+        None if normals is None else np.asarray(normals, dtype=np.float64) @ np.linalg.inv(linear),
+        uv if np.shape(uv) == (len(vertices), 2) and np.isfinite(uv).all() else None,
+    )
+
+
+def _joined(parts: list[MeshArrays]) -> MeshArrays:
+    """All parts as one mesh; normals and uv only where every part has them."""
+    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
+    normals = [part.normals for part in parts if part.normals is not None]
+    uv = [part.uv for part in parts if part.uv is not None]
+    return MeshArrays(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
+        np.concatenate(normals) if len(normals) == len(parts) else None,
+        np.concatenate(uv) if len(uv) == len(parts) else None,
+    )
+
+
+def _check_file(file: Path) -> None:
+    where = f"mesh {file}"
+    with reading(where, "a readable file", "check the path"):
+        is_other = file.exists() and not file.is_file()
+        size = file.stat().st_size
+    if is_other:
+        raise InputError(where, "a file", "a folder or device", "check the path")
+    if size > LARGEST_FILE_BYTES:
+        limit = f"at most {LARGEST_FILE_BYTES / 2**30:g} GiB"
+        raise InputError(where, limit, f"{size / 2**30:.1f} GiB", "simplify the mesh")

@@ -1,0 +1,114 @@
+"""Worker processes start from every kind of program, and say in one line why where they cannot."""
+
+from __future__ import annotations
+
+import multiprocessing.spawn
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from malus.bench.running.worker_process import Died, WorkerProcess
+
+WORK = """
+from malus.bench.running.worker_process import WorkerProcess
+with WorkerProcess(timeout=60) as worker:
+    print(list(worker.stream(range, 3)))
+"""
+OWN = """
+from malus.bench.running.worker_process import WorkerProcess
+def squares(n):
+    for k in range(n):
+        yield k * k
+if __name__ == "__main__":
+    with WorkerProcess(timeout=60) as worker:
+        try:
+            print(list(worker.stream(squares, 3)))
+        except Exception as error:
+            print(type(error).__name__, error)
+"""
+
+
+def told(folder: Path, *command: str, program: str = "") -> str:
+    """What a program prints, errors too."""
+    done = subprocess.run(
+        [sys.executable, *command],
+        input=program,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=120,
+        check=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    return done.stdout + done.stderr
+
+
+def script(folder: Path, text: str) -> str:
+    (folder / "program.py").write_text(text, "utf-8")
+    return "program.py"
+
+
+def test_a_program_from_standard_input_has_workers(tmp_path: Path) -> None:
+    assert told(tmp_path, "-", program=WORK) == "[0, 1, 2]\n"
+
+
+def test_a_program_without_a_guard_is_not_run_again(tmp_path: Path) -> None:
+    assert told(tmp_path, script(tmp_path, "print('once')" + WORK)) == "once\n[0, 1, 2]\n"
+
+
+def test_a_cell_of_a_notebook_has_workers(tmp_path: Path) -> None:
+    cell = f"exec(compile({WORK!r}, '<cell 1>', 'exec'), {{'__name__': '__main__'}})"
+    assert told(tmp_path, "-c", cell) == "[0, 1, 2]\n"
+
+
+def test_a_program_under_a_debugger_has_workers(tmp_path: Path) -> None:
+    name = script(tmp_path, WORK)
+    assert "[0, 1, 2]\n" in told(tmp_path, "-m", "pdb", "-c", "continue", name, program="q\n")
+
+
+def test_what_a_program_defines_is_found_by_running_it_again(tmp_path: Path) -> None:
+    assert told(tmp_path, script(tmp_path, OWN)) == "[0, 1, 4]\n"
+
+
+def test_what_cannot_be_found_again_is_told_in_one_line(tmp_path: Path) -> None:
+    lines = told(tmp_path, "-", program=OWN).splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("InputError methods: expected methods that a worker process can")
+    assert "define them in a module of their own" in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ("exit 1", "could not start: it ended with"),
+        ("echo Traceback >&2; echo no memory left >&2; exit 3", "could not start: no memory left"),
+    ],
+)
+def test_a_process_that_cannot_start_says_why(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    body: str,
+    says: str,
+) -> None:
+    python = tmp_path / "python"
+    tracker = f'case "$*" in *resource_tracker*) exec {sys.executable} "$@";; esac'
+    python.write_text(f"#!/bin/sh\n{tracker}\n{body}\n")
+    python.chmod(0o755)
+    monkeypatch.setattr(multiprocessing.spawn, "_python_exe", os.fsencode(python))
+    with WorkerProcess(timeout=60) as worker, pytest.raises(Died, match=says):
+        list(worker.stream(range, 3))
+    assert capfd.readouterr().err == ""
+
+
+def test_a_worker_writes_to_the_error_stream_once_it_runs(tmp_path: Path) -> None:
+    program = WORK.replace("range, 3", "print_error, 'seen'").replace(
+        "from malus", "from helper import print_error\nfrom malus", 1
+    )
+    (tmp_path / "helper.py").write_text(
+        "import os\ndef print_error(text):\n    os.write(2, text.encode())\n    return []\n"
+    )
+    assert told(tmp_path, script(tmp_path, program)) == "[]\nseen"
