@@ -96,6 +96,7 @@ if TYPE_CHECKING:
         Camera as Camera,
         Checker as Checker,
         Conductor as Conductor,
+        Crease as Crease,
         Dielectric as Dielectric,
         Distant as Distant,
         Environment as Environment,
@@ -155,9 +156,10 @@ _NAMES = {
     "malus.reconstruct.photos.read_picture": "read_picture",
     "malus.renderers": "Truth render",
     "malus.renderers.datasets.dataset": "Dataset open_dataset",
-    "malus.scenes": "Area Blob Camera Checker Conductor Dielectric Distant Environment ImageTexture"
-    " InputError Light Measured MeshFile Patterned Placed Plane Sampling Scene Shape Sky Sphere"
-    " Spots Stripes Suite Superquadric Surroundings Torus Uniform load_suite suite_names",
+    "malus.scenes": "Area Blob Camera Checker Conductor Crease Dielectric Distant Environment"
+    " ImageTexture InputError Light Measured MeshFile Patterned Placed Plane Sampling Scene"
+    " Shape Sky Sphere Spots Stripes Suite Superquadric Surroundings Torus Uniform load_suite"
+    " suite_names",
 }
 """Public names by the module that each comes from; `TYPE_CHECKING` above has the same ones."""
 

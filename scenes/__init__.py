@@ -10,7 +10,16 @@ from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.surface import Conductor, Dielectric, Patterned
 from malus.scenes.scene import Sampling, Scene
 from malus.scenes.shapes.patterns import Checker, ImageTexture, Spots, Stripes
-from malus.scenes.shapes.shapes import Blob, MeshFile, Plane, Shape, Sphere, Superquadric, Torus
+from malus.scenes.shapes.shapes import (
+    Blob,
+    Crease,
+    MeshFile,
+    Plane,
+    Shape,
+    Sphere,
+    Superquadric,
+    Torus,
+)
 from malus.scenes.suite import Suite, load_suite, suite_names
 from malus.scenes.surroundings import Placed, Surroundings
 
@@ -20,6 +29,7 @@ __all__ = [
     "Camera",
     "Checker",
     "Conductor",
+    "Crease",
     "Dielectric",
     "Distant",
     "Environment",

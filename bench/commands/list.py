@@ -138,12 +138,24 @@ def _nm(wavelength: float) -> str:
 
 def _kinds(title: str, kinds: dict[str, type[Model]]) -> Table:
     """Kinds of scene data, with the keys that a suite may set."""
+    from rich.markup import escape
+
     table = _new(title, "kind", "keys [default]", "what it is")
     for kind, model in kinds.items():
         fields = {name: field for name, field in model.model_fields.items() if name != "kind"}
         keys = ", ".join(
-            name if field.is_required() else f"{name} [{field.default}]"
+            name if field.is_required() else escape(f"{name} [{_shown(field.default)}]")
             for name, field in fields.items()
         )
         table.add_row(kind, keys, (model.__doc__ or "").strip().splitlines()[0])
     return table
+
+
+def _shown(value: object) -> str:
+    """A default as a suite writes it."""
+    from malus.scenes.core.model import Model
+
+    if not isinstance(value, Model):
+        return str(value)
+    keys = value.model_dump(exclude_none=True)
+    return f"{{ {', '.join(f'{key} = {number:g}' for key, number in keys.items())} }}"
