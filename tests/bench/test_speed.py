@@ -115,7 +115,7 @@ def test_the_command_writes_its_figures(tmp_path: Path) -> None:
     assert "copying" in done.output
 
 
-@pytest.mark.parametrize("name", ["ratio", "reconstruct", "render"])
+@pytest.mark.parametrize("name", ["ratio", "reconstruct", "render", "cores"])
 def test_every_benchmark_has_help_with_an_example(name: str) -> None:
     done = CliRunner().invoke(bench_command, [name, "--help"])
     assert done.exit_code == 0
