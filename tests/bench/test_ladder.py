@@ -54,7 +54,7 @@ def test_a_chain_that_is_right_costs_nothing(truth: Truth, monkeypatch: pytest.M
         asked.append(observation)
         return SimpleNamespace(observation=observe(truth, INPUTS))
 
-    monkeypatch.setattr("malus.bench.scoring.knowledge_ladder.run_chain", perfect)
+    monkeypatch.setattr("malus.reconstruct.single_image.blind.run_chain", perfect)
     scores = scored(truth, ("eq8", "half_vector"))
     assert [rung for method, rung in scores if method == "eq8"] == [EVERYTHING, *RUNGS]
     for (method, rung), values in scores.items():
@@ -88,7 +88,7 @@ def test_a_rung_changes_only_what_it_does_not_tell(
     pixels, wrong = MaskedPixels.of(truth), misled(truth)
     told = pixels.observation
     monkeypatch.setattr(
-        "malus.bench.scoring.knowledge_ladder.run_chain",
+        "malus.reconstruct.single_image.blind.run_chain",
         lambda observation: SimpleNamespace(observation=wrong),
     )
     by_rung = dict(rungs(pixels))
@@ -108,7 +108,7 @@ def test_a_rung_changes_only_what_it_does_not_tell(
 def test_methods_are_given_what_a_rung_tells(truth: Truth, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those that work a pixel at a time: the others have knowledge of their own."""
     monkeypatch.setattr(
-        "malus.bench.scoring.knowledge_ladder.run_chain",
+        "malus.reconstruct.single_image.blind.run_chain",
         lambda observation: SimpleNamespace(observation=misled(truth)),
     )
     whole = Method("whole", frozenset(), get_method("unpolarised").reconstruct, "needs a picture")
@@ -128,7 +128,7 @@ def test_a_chain_that_finds_nothing_is_told(truth: Truth, monkeypatch: pytest.Mo
     def lost(observation: Observation) -> SimpleNamespace:
         raise Inapplicable("no outline")
 
-    monkeypatch.setattr("malus.bench.scoring.knowledge_ladder.run_chain", lost)
+    monkeypatch.setattr("malus.reconstruct.single_image.blind.run_chain", lost)
     scores = scored(truth, ("eq8",))
     assert "nmse" in scores["eq8", EVERYTHING]
     assert all(scores["eq8", rung] == {"inapplicable": 1.0} for rung in RUNGS)
