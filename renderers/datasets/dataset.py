@@ -1,8 +1,9 @@
 """Datasets of truths: a folder with `dataset.json` and one folder for each scene.
 
-Scenes are written one at a time and listed at the end, so that memory holds two truths at most, one
-that is written and the next, however many there are. A writer that was stopped resumes; scenes of other renders (another seed, number of
-samples or variant) are rendered again, because their `origin` differs.
+Scenes are written one at a time and listed at the end, so that memory holds two truths at most,
+one that is written and the next, however many there are. A writer that was stopped resumes; scenes
+of other renders (another seed, number of samples or variant) are rendered again, because their
+`origin` differs.
 
 Everything that is read is checked: `dataset.json` has the hash of every `scene.json`, which has the
 hashes of its images; scene ids, which name the folders, are 16 hexadecimal digits, links are not
