@@ -117,10 +117,23 @@ def spread(
 def _remote(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
     """Do one task on a worker, with the worker's own variant of that name."""
     backends = {name: backend for backend, name in BACKENDS.items()}
+    stop_profiler(_distributed().get_worker())
     with _one_at_a_time:
         own_variant = choose(backends[variant])
         with at_most(timeout):
             return work(task, own_variant)
+
+
+def stop_profiler(worker: Any) -> None:
+    """Stop the profiler of a Dask worker, whose samples end in a deadlock or a crash of Dr.Jit.
+
+    It holds frames of the thread that renders. Where it lets one go last, its thread frees arrays
+    of Dr.Jit, and waits for a lock that the rendering thread has, which waits for Python's.
+    """
+    for name in ("profile", "profile-cycle"):
+        callback = worker.periodic_callbacks.get(name)
+        if callback is not None:
+            worker.loop.add_callback(callback.stop)
 
 
 def _key(task: FamilyTask) -> str:
@@ -159,6 +172,7 @@ def _local(workers: int, stack: ExitStack) -> Any:
         "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
         # One task a worker: a second one that waits there would be blamed for its death too.
         "distributed.scheduler.worker-saturation": 1.0,
+        "distributed.worker.profile.enabled": False,  # see `stop_profiler`
     }
     stack.enter_context(config.set(settings))
     with main_hidden():

@@ -408,6 +408,35 @@ def test_workers_make_the_same_tables_and_a_killed_one_loses_nothing(
     assert_same_results(tmp_path, uninterrupted)
 
 
+def profilers(dask_worker: Any) -> set[str]:
+    """Periodic callbacks of a worker that take samples of its threads and are running."""
+    callbacks = dask_worker.periodic_callbacks
+    return {name for name in ("profile", "profile-cycle") if running(callbacks.get(name))}
+
+
+def running(callback: Any) -> bool:
+    return callback is not None and callback.is_running()
+
+
+def starts_profiler(dask_worker: Any) -> None:
+    from tornado.ioloop import PeriodicCallback
+
+    dask_worker.periodic_callbacks["profile"] = PeriodicCallback(dask_worker.trigger_profile, 10)
+    dask_worker.loop.add_callback(dask_worker.periodic_callbacks["profile"].start)
+
+
+def test_workers_take_no_samples_of_a_thread_that_renders(client: Any) -> None:
+    """Dask's profiler holds frames with arrays of Dr.Jit, which only their thread may free."""
+    assert set().union(*client.run(profilers).values()) == set()
+    client.run(starts_profiler)  # as the workers of somebody else's cluster do
+    assert set().union(*client.run(profilers).values()) == {"profile"}
+    family = plan(SUITE)[0]
+    tasks = [FamilyTask(str(k), family, "torrance-sparrow", {}) for k in range(4)]
+    assert len(list(spread(tasks, client, NOBODY))) == 4
+    stopped = [name for name in client.run(profilers).values() if not name]
+    assert stopped  # on every worker that did a task
+
+
 @pytest.mark.skipif("MALUS_FAMILIES" not in os.environ, reason="MALUS_FAMILIES=500 asks for it")
 def test_memory_stays_flat(tmp_path: Path) -> None:
     count = int(os.environ["MALUS_FAMILIES"])
