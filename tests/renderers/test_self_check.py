@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterator
+from importlib import resources
 from typing import Any
 
+import numpy as np
 import pytest
 
 from malus.renderers import self_check, variant
@@ -106,3 +109,17 @@ def test_what_the_renderer_warns_of_is_an_error(
     else:
         render()
     assert message in capsys.readouterr().err  # nothing is swallowed
+
+
+def test_stored_values_are_what_measuring_them_gives(
+    vectorised: Variant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`measured_reference` makes the file that is stored: a part of its seeds agrees within noise."""
+    name, runs = "area light", 8
+    monkeypatch.setattr(self_check, "SCENES", {name: SCENES[name]})
+    measured = self_check.measured_reference(vectorised, runs)[name]
+    file = resources.files("malus.renderers").joinpath(self_check.REFERENCE)
+    stored = json.loads(file.read_text("utf-8"))[name]
+    mean, spread = np.array(stored["mean"]), np.array(stored["spread"])
+    error = spread * np.sqrt(1 / runs - 1 / self_check.RUNS) + 1e-6 * np.abs(mean).max()
+    assert (np.abs(np.array(measured["mean"]) - mean) < self_check.LARGEST * error).all()
