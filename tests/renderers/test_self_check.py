@@ -114,7 +114,7 @@ def test_what_the_renderer_warns_of_is_an_error(
 def test_stored_values_are_what_measuring_them_gives(
     vectorised: Variant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`measured_reference` makes the file that is stored: a part of its seeds agrees within noise."""
+    """`measured_reference` makes the file that is stored: some of its seeds agree within noise."""
     name, runs = "area light", 8
     monkeypatch.setattr(self_check, "SCENES", {name: SCENES[name]})
     measured = self_check.measured_reference(vectorised, runs)[name]
