@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from malus.reconstruct import Components, Inapplicable, Observation
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.lobe_models import diffuse, microfacets
+from malus.reconstruct.observation import Components, Inapplicable, Observation
 from malus.reconstruct.photos.masks_and_normals import read_mask, read_normals
 from malus.reconstruct.single_image.blind import run_chain
 from malus.reconstruct.single_image.illuminant import ILLUMINANTS

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct import Components
+from malus.reconstruct.observation import Components
 from malus.reconstruct.photos.contact_sheet import SHEET_SIDE, reduced, thumbnail, write_sheet
 from malus.reconstruct.photos.estimate import Estimate, Knowledge, estimate
 from malus.reconstruct.photos.picture import Picture
