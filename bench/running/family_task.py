@@ -92,7 +92,7 @@ class FamilyResult:
         try:
             yield
         except Exception as error:
-            _raise_what_stops(error)
+            raise_what_stops(error)
             scene_id = scene.id if scene else None
             self.failures.append(Failure.of(error, scene_id, method.name if method else None))
 
@@ -100,7 +100,7 @@ class FamilyResult:
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT}
 
 
-def _raise_what_stops(error: BaseException) -> None:
+def raise_what_stops(error: BaseException) -> None:
     """Raise a stop by the user, or a full disk, also where another exception wraps it."""
     cause: BaseException | None = error
     while cause is not None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from malus.bench.running.examples import write_example
-from malus.bench.running.family_task import FamilyResult
+from malus.bench.running.family_task import FamilyResult, raise_what_stops
 from malus.bench.running.results import Record, describe, inapplicable, record
 from malus.bench.scoring.family_scores import FamilyJudge, FamilyPixels, NotTogether
 from malus.bench.scoring.judge import Judge, Metric
@@ -121,12 +121,16 @@ def score_together(
         records = [_records_of(method, pixels, judge, columns, outcome) for method in plan.methods]
     except NotTogether:
         return False
+    except Exception as error:  # scored one by one, it costs its own scene and method only
+        raise_what_stops(error)
+        return False
     for number, result in enumerate(results):
         result.records += [of_method[number] for of_method in records]
         result.samples = pixels.first.samples
         result.interpolation_rms = pixels.first.interpolation_error.get("rms", 0.0)
         if result.scene.id in examples:
-            result.keep_example(truth_of(result.scene), plan)
+            with result.outcome.guard(result.scene):
+                result.keep_example(truth_of(result.scene), plan)
     return True
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import errno
+from typing import Any
+
 import numpy as np
 import pytest
 
+from malus.bench.running import scene_scores
 from malus.bench.running.family_task import FamilyTask
 from malus.bench.running.plan import plan
+from malus.bench.running.scene_scores import SceneResult, ScoringPlan, score_together
 from malus.bench.running.work import work
 from malus.bench.scoring import family_scores
 from malus.bench.scoring.family_scores import FamilyJudge, FamilyPixels, NotTogether, groups
@@ -111,6 +116,8 @@ def test_results_are_the_same_for_any_number_of_threads(
         "here",
     )
     (planned,) = plan(suite)
+    # A fault of the common pass would be hidden by scoring each scene on its own.
+    monkeypatch.setattr(scene_scores.SceneResult, "score", lambda *_: pytest.fail("one by one"))
     names = {name: name for name in METHODS}
     tables = [
         work(FamilyTask("id", planned, "mitsuba", names), choose(), threads).table
@@ -119,3 +126,32 @@ def test_results_are_the_same_for_any_number_of_threads(
     for table in tables:
         assert table is not None
         assert table.equals(tables[0])
+
+
+def test_a_fault_in_the_common_pass_costs_no_scene(
+    monkeypatch: pytest.MonkeyPatch, family: Family, scenes: tuple[Scene, ...]
+) -> None:
+    def broken(*_: object) -> None:
+        raise RuntimeError("no memory for so many bands")
+
+    monkeypatch.setattr(FamilyPixels, "of", broken)
+    results = [SceneResult(scene) for scene in scenes]
+    scoring = ScoringPlan([get_method(name) for name in METHODS])
+    together = score_together(results, family, "render", family.truth, scoring, frozenset())
+    assert not together
+    assert not any(result.records or result.outcome.failures for result in results)
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, OSError(errno.ENOSPC, "full")])
+def test_what_stops_a_run_stops_the_common_pass(
+    monkeypatch: pytest.MonkeyPatch, family: Family, scenes: tuple[Scene, ...], stop: Any
+) -> None:
+    def stopped(*_: object) -> None:
+        raise stop
+
+    monkeypatch.setattr(FamilyPixels, "of", stopped)
+    scoring = ScoringPlan([get_method("eq8")])
+    with pytest.raises((KeyboardInterrupt, OSError)):
+        score_together(
+            [SceneResult(scenes[0])], family, "render", family.truth, scoring, frozenset()
+        )
