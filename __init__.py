@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         list_materials as list_materials,
         list_metals as list_metals,
         list_methods as list_methods,
+        list_metrics as list_metrics,
         list_patterns as list_patterns,
         list_shapes as list_shapes,
         list_studies as list_studies,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
         list_swatches as list_swatches,
     )
     from malus.bench.public.suites import Plan as Plan, plan as plan, report as report, run as run
+    from malus.bench.public.tables import compare as compare, table as table
     from malus.bench.running.results import Results as Results, read_results as read_results
     from malus.bench.running.status import Status as Status, status as status
     from malus.bench.scoring.capture_score import score_capture as score_capture
@@ -141,9 +143,10 @@ _NAMES = {
     "malus.bench.datasets.score": "score_dataset",
     "malus.bench.public.doctor": "doctor self_check",
     "malus.bench.public.gates": "BaselineUpdate GateResult gate update_baseline",
-    "malus.bench.public.lists": "list_lights list_materials list_metals list_methods list_patterns"
-    " list_shapes list_studies list_suites list_surfaces list_swatches",
+    "malus.bench.public.lists": "list_lights list_materials list_metals list_methods list_metrics"
+    " list_patterns list_shapes list_studies list_suites list_surfaces list_swatches",
     "malus.bench.public.suites": "Plan plan report run",
+    "malus.bench.public.tables": "compare table",
     "malus.bench.running.results": "Results read_results",
     "malus.bench.running.status": "Status status",
     "malus.bench.scoring.capture_score": "score_capture",

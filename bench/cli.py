@@ -9,6 +9,7 @@ import click
 
 from malus.bench.commands.bench import bench_command
 from malus.bench.commands.capture import capture_command
+from malus.bench.commands.compare import compare_command
 from malus.bench.commands.doctor import doctor_command
 from malus.bench.commands.export import export_command
 from malus.bench.commands.filter import filter_command
@@ -48,6 +49,7 @@ for _command in (
     export_command,
     score_command,
     gate_command,
+    compare_command,
     bench_command,
     status_command,
     filter_command,

@@ -15,7 +15,9 @@ from malus.reports.page import Section
 from malus.reports.source import Source, StudyTables, read_study
 from malus.reports.tables import sentences, text_tables
 from malus.reports.tables.colour_errors import table1_text
+from malus.reports.tables.compared_runs import RunComparison
 from malus.reports.tables.formats import counted, duration, listed, scientific, skill_text
+from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.rows import (
     PAPER_BODY,
     PAPER_METHOD,
@@ -109,6 +111,15 @@ def colour(source: Source) -> Section | None:
         return None
     content = render("colour.html", explanation=sentences.TABLE1, colours=colours)
     return Section("colour", "Table I", content)
+
+
+def pairs(source: Source) -> Section | None:
+    """Whether each method is better than the next beyond chance, where scenes suffice."""
+    table = ranked_pairs(source.table)
+    if not table:
+        return None
+    content = render("pairs.html", explanation=sentences.PAIRS, pairs=table)
+    return Section("pairs", "Differences between methods", content)
 
 
 def skill(source: Source) -> Section:
@@ -216,6 +227,19 @@ def _stress(cases: pd.DataFrame, run: dict[str, Any]) -> Section:
     return Section("stress", "Stress", content)
 
 
+def comparison(runs: RunComparison) -> Section:
+    """What changed between runs beyond chance."""
+    content = render(
+        "comparison.html",
+        explanation=sentences.COMPARISON,
+        headline=f"{runs.headline}.",
+        differing=runs.differing,
+        means=runs.means,
+        changed=runs.changed,
+    )
+    return Section("comparison", "What changed", content)
+
+
 def _origin(run: dict[str, Any]) -> str:
     versions = listed([f"{name} {version}" for name, version in run["versions"].items()])
     return f"Finished {run['finished']} on {_machine(run)}; {versions}."
@@ -226,6 +250,6 @@ def _machine(run: dict[str, Any]) -> str:
 
 
 SECTIONS: tuple[Callable[[Source], Section | None], ...] = (
-    headline, image_viewer, maps, figures, colour, ladder, skill, noise, savings, provenance,
+    headline, image_viewer, maps, figures, colour, ladder, skill, noise, pairs, savings, provenance,
 )  # fmt: skip
 """Functions of the sections of a run, in the order of the page; the last one comes last of all."""

@@ -10,6 +10,7 @@ import pandas as pd
 from malus.reports.tables import sentences, text_tables
 from malus.reports.tables.colour_errors import table1_text
 from malus.reports.tables.formats import counted, markdown
+from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.rows import PAPER_METHOD, distinct
 from malus.reports.tables.skills import negative_skills
 from malus.reports.tables.text_tables import TextTable
@@ -44,6 +45,7 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
         _table(text_tables.errors(table)),
         sentences.NOISE,
         *_left_out(table),
+        *_pairs(table),
         f"## Where the skill of {PAPER_METHOD} is negative",
         *_negative(table),
         "## Where there is no skill to report",
@@ -66,6 +68,14 @@ def _colours(table: pd.DataFrame) -> Iterator[str]:
 def _left_out(table: pd.DataFrame) -> Iterator[str]:
     for method, reason, scenes in text_tables.left_out(table).lines:
         yield f"- {markdown(method)} left out {counted(int(scenes), 'scene')}: {markdown(reason)}."
+
+
+def _pairs(table: pd.DataFrame) -> Iterator[str]:
+    pairs = ranked_pairs(table)
+    if pairs:
+        yield "## Differences between methods"
+        yield sentences.PAIRS
+        yield _table(pairs)
 
 
 def _negative(table: pd.DataFrame) -> Iterator[str]:

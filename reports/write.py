@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from malus.reports.figures.drawings import Drawing, drawings, ladders
 from malus.reports.page import PAGE, page
+from malus.reports.sections import comparison as compared_section
 from malus.reports.sections import of_run, of_study
 from malus.reports.source import Source, read_study
 from malus.reports.summary import summary
 from malus.reports.tables.colour_errors import table1
-from malus.reports.tables.rows import ResultsLike
+from malus.reports.tables.compared_runs import RunComparison
+from malus.reports.tables.metric_definitions import definition_of
+from malus.reports.tables.rows import ResultsLike, distinct
 from malus.reports.tables.skills import by_light_and_body
 from malus.scenes.core.files import write_whole
 
@@ -51,6 +55,8 @@ def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -
     for drawing in (*figures, *budget):
         files.keep_drawing(drawing)
     files.keep("errors.csv", by_light_and_body(results.table).to_csv(index=False))
+    known = [asdict(definition_of(name)) for name in distinct(results.table["metric"])]
+    files.keep("metrics.json", json.dumps(known, indent=1, ensure_ascii=False) + "\n")
     colours = table1(results.table)
     if len(colours):
         files.keep("table1.csv", colours.to_csv(index=False))
@@ -79,6 +85,15 @@ def write_study(out: Path) -> list[Path]:
     for drawing in study.drawings:
         files.keep_drawing(drawing)
     files.keep(PAGE, page(study.run["study"], study.run["description"], of_study(study)))
+    return files.written
+
+
+def write_comparison(comparison: RunComparison, out: Path) -> list[Path]:
+    """Write a comparison of runs into a folder: its page, and all numbers as JSON."""
+    files = _Files(out)
+    files.keep("comparison.json", json.dumps(comparison.numbers(), indent=1) + "\n")
+    title = "Comparison of runs"
+    files.keep(PAGE, page(title, ", ".join(comparison.names), [compared_section(comparison)]))
     return files.written
 
 

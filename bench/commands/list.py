@@ -21,9 +21,9 @@ SHOWN_NM = (450.0, 550.0, 650.0)
 @command("list")
 @click.argument("what", default="everything")
 def list_command(what: str) -> None:
-    """List suites, methods, materials, metals, surfaces, swatches, patterns, shapes or lights.
+    """List suites, methods, metrics, materials, metals, surfaces, swatches, patterns, …
 
-    Without WHAT: everything.
+    WHAT may also be shapes or lights. Without it: everything.
 
     \b
     Example:
@@ -37,6 +37,7 @@ def list_command(what: str) -> None:
     tables: dict[str, Callable[[], Table]] = {
         "suites": _suites,
         "methods": _methods,
+        "metrics": _metrics,
         "materials": _materials,
         "metals": _metals,
         "surfaces": _surfaces,
@@ -79,6 +80,22 @@ def _methods() -> Table:
     table = _new("methods", "name", "needs", "what it does")
     for method in list_methods().values():
         table.add_row(method.name, ", ".join(sorted(method.needs)), method.summary)
+    return table
+
+
+def _metrics() -> Table:
+    from malus.bench.public.lists import list_metrics
+
+    table = _new("metrics", "name", "unit", "better", "definition", "source", "`metrics` names")
+    for metric in list_metrics().values():
+        table.add_row(
+            metric.name,
+            metric.unit,
+            metric.better,
+            metric.definition,
+            metric.source,
+            metric.asked_for,
+        )
     return table
 
 

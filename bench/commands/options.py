@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +93,39 @@ def size_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(options):
         function = option(function)
     return function
+
+
+def metric_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that ask for further metrics, alone or as a published profile."""
+    options = (
+        click.option(
+            "--metric",
+            "metrics",
+            multiple=True,
+            help="A further metric; `malus list metrics` tells them.",
+        ),
+        click.option(
+            "--profile",
+            "profiles",
+            multiple=True,
+            type=click.Choice(("polaranything", "rgb2pol", "polarscale")),
+            help="All metrics of a published benchmark, with the trivial guess beside them.",
+        ),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def asked_metrics(metrics: Sequence[str], profiles: Sequence[str]) -> tuple[str, ...]:
+    """Names of metrics, from what `metric_options` were given.
+
+    Examples
+    --------
+    >>> asked_metrics(["psnr"], ["rgb2pol"])
+    ('psnr', 'profile:rgb2pol')
+    """
+    return (*metrics, *(f"profile:{name}" for name in profiles))
 
 
 def work_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -12,9 +12,11 @@ from click.core import ParameterSource
 from malus.bench.commands.bench import print_findings
 from malus.bench.commands.options import (
     FOLDER,
+    asked_metrics,
     backend_option,
     command,
     json_option,
+    metric_options,
     size_options,
     work_options,
 )
@@ -22,6 +24,9 @@ from malus.bench.studies.registry import STUDIES, run_study
 
 if TYPE_CHECKING:
     from malus.bench.running.results import Results
+
+CHANGES = ("samples", "resolution", "seed", "methods", "metrics")
+"""Options that replace or add to values of the suite."""
 
 SHARED = ("suite", "out", "backend", "timeout")
 """Options that every study accepts, also where it has no use for them."""
@@ -32,6 +37,7 @@ SHARED = ("suite", "out", "backend", "timeout")
 @click.option("--out", type=FOLDER, help="Folder or URL [default: results/SUITE].")
 @size_options
 @click.option("--method", "methods", multiple=True, help="Methods, instead of the suite's.")
+@metric_options
 @backend_option
 @click.option("--workers", type=int, help="Processes to spread over, instead of this one.")
 @click.option("--scheduler", help="Address of a Dask cluster to spread over.")
@@ -98,7 +104,8 @@ def _run(name: str, out: Path | None, as_json: bool, options: dict[str, Any]) ->
     from malus.bench.running.progress import with_progress
     from malus.bench.running.results import headline
 
-    changes = {key: options.pop(key) for key in ("samples", "resolution", "seed", "methods")}
+    options["metrics"] = asked_metrics(options["metrics"], options.pop("profiles"))
+    changes = {key: options.pop(key) for key in CHANGES}
     variant = chosen_variant(options.pop("backend"))
     suite = chosen_suite(name, variant, **changes)
     folder = out if out is not None else Path("results") / suite.name

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from malus.bench.commands.options import FOLDER, command, json_option
+from malus.bench.commands.options import FOLDER, asked_metrics, command, json_option, metric_options
 
 if TYPE_CHECKING:
     from malus.bench.running.results import Results
@@ -16,18 +16,17 @@ if TYPE_CHECKING:
 @command("score")
 @click.argument("dataset", type=FOLDER)
 @click.option("--method", "methods", multiple=True, help="A method; may be given several times.")
+@metric_options
 @click.option("--predictions", type=FOLDER, help="Folder of somebody else's images.")
+@click.option(
+    "--layout",
+    type=click.Choice(("rgb2pol", "polaranything", "pol")),
+    help="Layout of --predictions, where it is a published project's.",
+)
 @click.option("--name", default="predictions", help="What the predictions are called in tables.")
 @click.option("--out", type=FOLDER, help="Folder of the results [default: results/scores].")
 @json_option
-def score_command(
-    dataset: Path,
-    methods: tuple[str, ...],
-    predictions: Path | None,
-    name: str,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+def score_command(dataset: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Score methods, or images that were made elsewhere, on a stored DATASET.
 
     Predictions are one file a scene, <scene>.npz: `stokes` (height, width, bands, 3), or `i_max`,
@@ -36,36 +35,51 @@ def score_command(
     <degrees>.npy (height, width, bands) for each of three or more polariser angles.
 
     \b
+    With --layout, NAME a scene's id or its number (0000, 0001, …):
+      rgb2pol        NAME/s1.png, s2.png: codes between the truth's smallest and largest value
+      polaranything  AoLP_16bit/NAME.png from -90 to 90 degrees, DoLP_16bit/NAME.png from 0 to 1
+      pol            pol000/NAME.png, pol045, pol090, pol135: intensities, linear
+
+    \b
     Example:
       malus score quick-dataset --method eq8 --method shadowed+body
       malus score quick-dataset --predictions my-network --name mine
+      malus score quick-dataset --method blind --profile polarscale
     """
     from rich.console import Console
 
     from malus.bench.commands.printing import print_json
-    from malus.bench.datasets.predictions import PredictionErrors
-    from malus.bench.datasets.score import score_dataset
-    from malus.bench.running.progress import with_progress
     from malus.bench.running.results import headline
 
     folder = out if out is not None else Path("results") / "scores"
     console = Console(stderr=True, soft_wrap=True)
-    try:
-        results = with_progress(
-            console,
-            "scenes",
-            lambda show: score_dataset(dataset, methods, predictions, name, show, out=folder),
-        )
-    except PredictionErrors as error:
-        for problem in error.problems:
-            console.print(str(problem), highlight=False, markup=False)
-        raise
+    options["metrics"] = asked_metrics(options["metrics"], options.pop("profiles"))
+    results = _score(dataset, folder, console, options)
     for suspicion in results.run.get("predictions", {}).get("suspicions", []):
+        name = options["name"]
         console.print(f"{name}: {suspicion}", style="yellow", highlight=False, markup=False)
     if as_json:
         print_json({"out": str(folder), "methods": headline(results), "run": results.run})
     else:
         _tell(results, folder, console)
+
+
+def _score(dataset: Path, folder: Path, console: Any, options: dict[str, Any]) -> Results:
+    """Score with a bar of progress; all problems of predictions are told before the error."""
+    from malus.bench.datasets.predictions import PredictionErrors
+    from malus.bench.datasets.score import score_dataset
+    from malus.bench.running.progress import with_progress
+
+    try:
+        return with_progress(
+            console,
+            "scenes",
+            lambda show: score_dataset(dataset, progress=show, out=folder, **options),
+        )
+    except PredictionErrors as error:
+        for problem in error.problems:
+            console.print(str(problem), highlight=False, markup=False)
+        raise
 
 
 def _tell(results: Results, folder: Path, console: Any) -> None:

@@ -154,10 +154,18 @@ def check_predictions(
         If the folder cannot be read.
     """
     predictions, problems = find_predictions(folder, dataset)
+    return predictions, problems + problems_of(dataset, predictions, progress)
+
+
+def problems_of(
+    dataset: Dataset, predictions: Predictions, progress: Callable[[int, int, str], None]
+) -> list[InputError]:
+    """Every problem of the prediction of every scene."""
+    problems = []
     for done, scene_id in enumerate(dataset.scenes):
         progress(done, len(dataset), f"checking {scene_id}")
         problems += predictions.problems(dataset.scene(scene_id))
-    return predictions, problems
+    return problems
 
 
 def _read(path: Path, record: SceneRecord, out: dict[str, FloatArray]) -> Iterator[InputError]:

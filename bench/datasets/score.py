@@ -13,7 +13,13 @@ from typing import Any
 import pandas as pd
 
 from malus.bench.datasets.convention_check import ConventionSums
-from malus.bench.datasets.predictions import PredictionErrors, Predictions, check_predictions
+from malus.bench.datasets.layouts import layout_predictions
+from malus.bench.datasets.predictions import (
+    PredictionErrors,
+    Predictions,
+    check_predictions,
+    problems_of,
+)
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import (
@@ -25,7 +31,8 @@ from malus.bench.running.results import (
     table_of,
     write_results,
 )
-from malus.bench.scoring.judge import Judge
+from malus.bench.scoring.extra_metrics import get_metrics, with_guess
+from malus.bench.scoring.judge import Judge, Metric
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
@@ -42,6 +49,8 @@ def score_dataset(
     name: str = "predictions",
     progress: Progress = silent,
     *,
+    metrics: Sequence[str] = (),
+    layout: str | None = None,
     out: Path | str | None = None,
 ) -> Results:
     """Score methods, and images that were predicted elsewhere, on every scene of a dataset.
@@ -56,6 +65,12 @@ def score_dataset(
     name : str
         What the predictions are called in the column `method`.
     progress : function of (scenes done, scenes in all, label of the next)
+    metrics : sequence of str
+        Further metrics. With a profile, such as `profile:polarscale`, the trivial guess is scored
+        too.
+    layout : str, optional
+        Layout of the predictions where it is a published project's: rgb2pol, polaranything or
+        pol, as `malus.bench.datasets.layouts` describes.
     out : path or URL of a folder, optional
         Where the results are written; by default nowhere.
 
@@ -70,8 +85,9 @@ def score_dataset(
     PredictionErrors
         An InputError whose `problems` are those of all predictions.
     InputError
-        Nothing to score, an unknown method, a method's name for the predictions, a dataset that is
-        damaged or has no scene, a folder that cannot be written or that holds something else.
+        Nothing to score, an unknown method or metric, a method's name for the predictions, a
+        dataset that is damaged or has no scene, a folder that cannot be written or that holds
+        something else.
 
     Examples
     --------
@@ -84,13 +100,16 @@ def score_dataset(
     ['eq8']
     """
     opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
-    chosen = [get_method(method) if isinstance(method, str) else method for method in methods]
     names = [method if isinstance(method, str) else method.name for method in methods]
     _check_request(opened, names, predictions is not None, name)
+    by_name = {m.name: m for m in methods if isinstance(m, Method)}
+    chosen = [by_name.get(each) or get_method(each) for each in with_guess(names, metrics)]
+    measured = get_metrics(tuple(metrics))
     folder = None if out is None else prepare_folder(as_path(out), "scores")
     if predictions is not None and not isinstance(predictions, Predictions):
-        predictions = _checked(opened, as_path(predictions), progress)
-    results = _score(opened, chosen, predictions, name, progress)
+        predictions = _checked(opened, as_path(predictions), layout, progress)
+    results = _score(opened, chosen, measured, predictions, name, progress)
+    results.run["suite"]["metrics"] = list(metrics)
     if folder is not None:
         write_results(folder, results)
     return results
@@ -107,9 +126,14 @@ def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name
         raise InputError(str(dataset.path), "a dataset with scenes", "none", hint)
 
 
-def _checked(dataset: Dataset, folder: Path, progress: Progress) -> Predictions:
+def _checked(dataset: Dataset, folder: Path, layout: str | None, progress: Progress) -> Predictions:
     """The predictions of a folder; raises one exception that lists all problems."""
-    predictions, problems = check_predictions(dataset, folder, progress)
+    predictions: Predictions
+    if layout is None:
+        predictions, problems = check_predictions(dataset, folder, progress)
+    else:
+        predictions = layout_predictions(dataset, folder, layout)
+        problems = problems_of(dataset, predictions, progress)
     if problems:
         raise PredictionErrors.of(folder, len(dataset), problems)
     return predictions
@@ -118,6 +142,7 @@ def _checked(dataset: Dataset, folder: Path, progress: Progress) -> Predictions:
 def _score(
     dataset: Dataset,
     methods: Sequence[Method],
+    metrics: Sequence[Metric],
     predictions: Predictions | None,
     name: str,
     progress: Progress,
@@ -133,7 +158,7 @@ def _score(
             stokes = predictions.stokes(dataset.scene(scene_id))
             sums += ConventionSums.of(stokes, truth)
             scored.append(_as_method(name, stokes, truth))
-        tables.append(_scene_table(truth, scored))
+        tables.append(_scene_table(truth, scored, metrics))
         worst = max(worst, truth.interpolation_error.get("rms", 0.0))
     names = [method.name for method in methods]
     run = _run_record(dataset, names, time.perf_counter() - started, worst)
@@ -164,12 +189,14 @@ def _predicted(observation: Observation, stokes: FloatArray, picture: FloatArray
     return Components(intensity, stokes[..., 1], stokes[..., 2])
 
 
-def _scene_table(truth: Truth, methods: Sequence[Method]) -> pd.DataFrame:
+def _scene_table(
+    truth: Truth, methods: Sequence[Method], metrics: Sequence[Metric]
+) -> pd.DataFrame:
     judge, about = Judge(truth), describe(truth.scene)
     records: list[Record] = []
     for method in methods:
         try:
-            records.append(record(about, method.name, judge.score(method).values()))
+            records.append(record(about, method.name, judge.score(method, metrics).values()))
         except Inapplicable as reason:
             records.append(inapplicable(about, method.name, str(reason)))
     return table_of(records)

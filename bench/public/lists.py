@@ -10,6 +10,7 @@ from typing import get_args
 from malus.bench.studies.registry import STUDIES
 from malus.bench.studies.study import Study
 from malus.reconstruct import Method, methods
+from malus.reports.tables.metric_definitions import DEFINITIONS, MetricDefinition
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 from malus.scenes.lights.lights import Light
@@ -57,6 +58,19 @@ def list_methods() -> dict[str, Method]:
     ['diffuse', 'eta', 'light', 'specular']
     """
     return methods()
+
+
+def list_metrics() -> dict[str, MetricDefinition]:
+    """Metrics of a results table, by name: definition, unit, direction and source.
+
+    A `*` in a name stands for what differs among several, such as the polariser angle.
+
+    Examples
+    --------
+    >>> list_metrics()["polarscale_psnr"].better
+    'higher'
+    """
+    return {definition.name: definition for definition in DEFINITIONS}
 
 
 def list_materials() -> dict[str, Material]:

@@ -165,6 +165,7 @@ def run(
     resolution: int | None = None,
     seed: int | None = None,
     methods: Sequence[str] = (),
+    metrics: Sequence[str] = (),
     backend: str | Variant = "auto",
     workers: int | None = None,
     scheduler: str | None = None,
@@ -187,6 +188,8 @@ def run(
         Samples a pixel, pixels a side, and seed, in place of the suite's.
     methods : sequence of str
         Names of methods, or `package.module:object`, in place of the suite's.
+    metrics : sequence of str
+        Names of further metrics, besides the suite's: `list_metrics` tells them.
     backend : 'auto', 'cuda', 'llvm' or 'scalar'
     workers : int, optional
         Processes of this machine to spread over.
@@ -223,7 +226,13 @@ def run(
     """
     variant = chosen_variant(backend)
     chosen = chosen_suite(
-        suite, variant, samples=samples, resolution=resolution, seed=seed, methods=methods
+        suite,
+        variant,
+        samples=samples,
+        resolution=resolution,
+        seed=seed,
+        methods=methods,
+        metrics=metrics,
     )
     folder = as_path(out) if out is not None else Path("results") / chosen.name
     apart = timeout is not None or workers is not None or scheduler is not None

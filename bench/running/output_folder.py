@@ -18,6 +18,7 @@ FOLDERS = {
     "conventions.json": "an export",
     "stress.csv": "a study",
     "precision.csv": "a study",
+    "comparison.json": "a comparison",
     TABLE: "scores",
 }
 """Content of a folder by the file that marks it, in order: a run has the table of scores, too."""

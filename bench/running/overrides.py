@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from malus.bench.scoring.extra_metrics import with_guess
 from malus.renderers.variant import Variant, choose
 from malus.scenes.suite import Suite, load_suite
 
@@ -34,6 +35,7 @@ def chosen_suite(
     resolution: int | None = None,
     seed: int | None = None,
     methods: Sequence[str] = (),
+    metrics: Sequence[str] = (),
 ) -> Suite:
     """A suite with some of its values replaced.
 
@@ -47,6 +49,8 @@ def chosen_suite(
         Samples a pixel, pixels a side, and seed, in place of the suite's.
     methods : sequence of str
         Names of methods in place of the suite's; empty leaves those.
+    metrics : sequence of str
+        Names of metrics besides the suite's. With a profile the trivial guess is scored too.
 
     Raises
     ------
@@ -60,10 +64,13 @@ def chosen_suite(
     ('quick', 7)
     """
     values = {"samples": samples, "resolution": resolution, "seed": seed}
-    given = methods or any(value is not None for value in values.values())
+    loaded = suite if isinstance(suite, Suite) else load_suite(suite)
+    all_metrics = tuple(dict.fromkeys((*loaded.metrics, *metrics)))
+    all_methods = with_guess(methods or loaded.methods, all_metrics)
+    changed = (all_methods, all_metrics) != (loaded.methods, loaded.metrics)
+    given = changed or any(value is not None for value in values.values())
     if isinstance(suite, Suite) and not given:
         return suite
-    loaded = suite if isinstance(suite, Suite) else load_suite(suite)
     data: dict[str, Any] = loaded.model_dump(mode="json")
     if not isinstance(suite, Suite) and loaded.scalar and not variant.vectorised:
         data["camera"]["resolution"] = loaded.scalar.resolution
@@ -72,6 +79,5 @@ def chosen_suite(
     for section, key in (("sampling", "samples"), ("camera", "resolution"), ("sampling", "seed")):
         if values[key] is not None:
             data[section][key] = values[key]
-    if methods:
-        data["methods"] = list(methods)
+    data["methods"], data["metrics"] = list(all_methods), list(all_metrics)
     return Suite.parse(data, f"suite {loaded.name} with the values asked for")

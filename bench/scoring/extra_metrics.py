@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from malus.bench.scoring.polarisation_error import (
     squared_error,
     ssim,
 )
+from malus.bench.scoring.profiles import PROFILES
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
@@ -177,8 +178,25 @@ METRICS: dict[str, Metric] = {
     "psnr": psnr_values,
     "ssim": ssim_values,
     "zenith": zenith_values,
+    **PROFILES,
 }
 """Further metrics by name."""
+
+
+GUESS = "unpolarised"
+"""The method that guesses I(ϑ) = I/2; profiles stand beside its values."""
+
+
+def with_guess(methods: Sequence[str], metrics: Sequence[str]) -> tuple[str, ...]:
+    """Names of methods, and that of the trivial guess where a profile is asked for.
+
+    Examples
+    --------
+    >>> with_guess(["eq8"], ["profile:rgb2pol"]), with_guess(["eq8"], ["psnr"])
+    (('unpolarised', 'eq8'), ('eq8',))
+    """
+    needed = GUESS not in methods and any(name in PROFILES for name in metrics)
+    return (GUESS, *methods) if needed else tuple(methods)
 
 
 @functools.cache

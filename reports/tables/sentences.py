@@ -31,6 +31,19 @@ TABLE1 = (
     " brightest pixel of the true unpolarised image. The paper's scenes are photographs and not"
     " known in detail; nor is over what its deviations are taken."
 )
+PAIRS = (
+    "Is each method really better than the next? Both are compared on every scene that they share;"
+    " ± is half of a 95 % interval of the mean difference (Student's t). The scenes of a suite are"
+    " a grid and not drawn at random: the interval tells how consistent a difference is over them,"
+    " not what other scenes would give. A method that left scenes out is compared with the best of"
+    " the others."
+)
+COMPARISON = (
+    "Every run beside the first, method by method under each light and body. Scenes of both runs"
+    " are compared one by one, others by their means. A difference counts where its interval over"
+    " scenes leaves out zero; the intervals are so wide that chance alone makes one comparison of"
+    " twenty show a change."
+)
 LADDER = (
     "A method is told everything, then has one thing after another estimated for it, down to the"
     " single image. Each part is what its error grows by at that step."

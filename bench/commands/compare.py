@@ -1,0 +1,45 @@
+"""`malus compare`: what changed between finished runs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from malus.bench.commands.options import FOLDER, command, json_option
+
+
+@command("compare")
+@click.argument("results", type=FOLDER, nargs=-1, required=True)
+@click.option("--out", type=FOLDER, help="Write the comparison as a page and Markdown here.")
+@json_option
+def compare_command(results: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
+    """Compare finished runs, RESULTS, with the first of them: what changed beyond chance.
+
+    Runs may be of one suite, with other versions, seeds or methods, or of several suites. Scenes
+    that both have are compared one by one, others by their means under the same light and body.
+
+    \b
+    Example:
+      malus compare results/before results/after
+    """
+    from rich.console import Console
+
+    from malus.bench.commands.printing import plain_table
+    from malus.bench.public.tables import compare
+
+    comparison = compare(results, out)
+    if as_json:
+        click.echo(json.dumps(comparison.numbers(), indent=1))
+        return
+    console = Console()
+    for table in (comparison.differing, comparison.means, comparison.changed):
+        if table:
+            shown = plain_table(*table.heads)
+            for line in table.lines:
+                shown.add_row(*line)
+            console.print(shown)
+    console.print(comparison.headline, highlight=False)
+    if out is not None:
+        console.print(f"written to {out}", highlight=False)

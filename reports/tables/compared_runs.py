@@ -1,0 +1,258 @@
+"""What changed between runs, of one suite or of several, beyond what chance does."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from malus.reports.tables.metric_definitions import MetricDefinition, definition_of
+from malus.reports.tables.paired import LEAST_SCENES, PairedDifference
+from malus.reports.tables.paper_table import default_metrics, number_with_error
+from malus.reports.tables.rows import ResultsLike, distinct, overall_rows
+from malus.reports.tables.text_tables import TextTable
+from malus.scenes.core.arrays import Float64Array
+
+FALSE_ALARM = 0.05
+"""Probability that chance alone makes any line of a comparison a change."""
+
+KEYS = ["method", "body", "light"]
+"""Scenes are compared in groups: a method under one kind of light on one kind of body."""
+
+Outcome = Literal["better", "worse", "changed", "same"]
+
+
+@dataclass(frozen=True)
+class Change:
+    """A metric of a method, body and light in two runs.
+
+    Attributes
+    ----------
+    before, after, difference, half_width : float
+        Means over the scenes that are compared, after − before, and half the width of its
+        interval.
+    paired : bool
+        Whether both runs have the same scenes; else different ones of the group are compared.
+    """
+
+    run: str
+    key: tuple[str, ...]
+    metric: MetricDefinition
+    before: float
+    after: float
+    difference: float
+    half_width: float
+    scenes: int
+    paired: bool
+
+    @property
+    def outcome(self) -> Outcome:
+        """Better or worse where the interval leaves out zero and the metric has a direction."""
+        if self.difference == 0 or not abs(self.difference) > self.half_width:
+            return "same"
+        if not self.metric.better:
+            return "changed"
+        best = self.metric.best([self.before, self.after])
+        return "better" if best == self.after else "worse"
+
+
+def compared(names: Sequence[str], runs: Sequence[ResultsLike]) -> list[Change]:
+    """Compare every run with the first, for all methods, bodies, lights and metrics of both.
+
+    Scenes of both are paired; where a group shares none, its means are compared (Welch's t).
+    Groups of fewer than three scenes are left out: nothing tells their chance. The intervals
+    together raise a false alarm in one comparison of twenty (Bonferroni).
+    """
+    first = _values(runs[0].table)
+    jobs = [
+        (name, key, before, after)
+        for name, run in zip(names[1:], runs[1:], strict=True)
+        for key, before, after in _shared(first, _values(run.table))
+    ]
+    confidence = 1.0 - FALSE_ALARM / max(len(jobs), 1)
+    return [_change(*job, confidence) for job in jobs]
+
+
+_Groups = dict[tuple[str, ...], "pd.Series[float]"]
+
+
+def _values(table: pd.DataFrame) -> _Groups:
+    """Values by scene of every metric, method, body and light."""
+    groups: _Groups = {}
+    for metric in default_metrics(table):
+        rows = overall_rows(table, metric)
+        for key, part in rows.groupby(KEYS, sort=False, observed=True):
+            series = part.set_index("scene")["value"].astype(float).dropna()
+            groups[metric, *map(str, key)] = series[~series.index.duplicated()]
+    return groups
+
+
+def _shared(
+    before: _Groups, after: _Groups
+) -> Iterator[tuple[tuple[str, ...], pd.Series[float], pd.Series[float]]]:
+    for key in before.keys() & after.keys():
+        a, b = before[key], after[key]
+        same = a.index.intersection(b.index)
+        if len(same):
+            a, b = a.loc[same], b.loc[same]
+        if min(len(a), len(b)) >= LEAST_SCENES:
+            yield key, a, b
+
+
+def _change(
+    name: str,
+    key: tuple[str, ...],
+    before: pd.Series[float],
+    after: pd.Series[float],
+    confidence: float,
+) -> Change:
+    metric = replace(definition_of(key[0]), name=key[0])
+    a, b = before.to_numpy(np.float64), after.to_numpy(np.float64)
+    paired = before.index.equals(after.index)
+    if paired:
+        pair = PairedDifference.of(b, a, metric, confidence)
+        difference, width = pair.difference, pair.half_width
+    else:
+        difference, width = float(b.mean() - a.mean()), _welch(a, b, confidence)
+    means = float(a.mean()), float(b.mean())
+    return Change(name, key[1:], metric, *means, difference, width, min(len(a), len(b)), paired)
+
+
+def _welch(a: Float64Array, b: Float64Array, confidence: float) -> float:
+    """Half the width of the interval of the difference of two means."""
+    from scipy.stats import t
+
+    parts = [values.var(ddof=1) / len(values) for values in (a, b)]
+    total = float(sum(parts))
+    if total == 0.0 or not math.isfinite(total):
+        return 0.0 if total == 0.0 else math.nan
+    free = total**2 / sum(p**2 / (len(v) - 1) for p, v in zip(parts, (a, b), strict=True))
+    return float(t.ppf(0.5 + confidence / 2, free)) * math.sqrt(total)
+
+
+@dataclass(frozen=True)
+class RunComparison:
+    """Finished runs beside the first of them.
+
+    Attributes
+    ----------
+    names : tuple of str
+    changes : tuple of Change
+        One a run, method, body, light and metric that both have.
+    differing, means, changed : TextTable
+        Facts that differ between the runs; error and skill of every method; changes beyond chance.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> from malus.reports.tables import sample
+    >>> run = SimpleNamespace(table=sample.table(), run=sample.run())
+    >>> RunComparison.of(("before", "after"), (run, run)).headline
+    'nothing changed beyond chance: 20 compared, 0 better, 0 worse, 0 changed'
+    """
+
+    names: tuple[str, ...]
+    changes: tuple[Change, ...]
+    differing: TextTable
+    means: TextTable
+    changed: TextTable
+
+    @classmethod
+    def of(cls, names: Sequence[str], runs: Sequence[ResultsLike]) -> RunComparison:
+        """Compare runs; their names tell them apart in tables."""
+        changes = compared(names, runs)
+        tables = differing(names, runs), means_table(names, runs), changes_table(changes)
+        return cls(tuple(names), tuple(changes), *tables)
+
+    @property
+    def headline(self) -> str:
+        """The outcome in one line."""
+        counts = Counter(change.outcome for change in self.changes)
+        verdict = "changes beyond chance" if self.changed else "nothing changed beyond chance"
+        parts = (f"{counts[name]} {name}" for name in ("better", "worse", "changed"))
+        return f"{verdict}: {len(self.changes)} compared, {', '.join(parts)}"
+
+    def numbers(self) -> list[dict[str, Any]]:
+        """Every comparison as plain values; None where there is no number."""
+        return [
+            {
+                "run": change.run, "metric": change.metric.name,
+                **dict(zip(KEYS, change.key, strict=True)),
+                "before": _or_none(change.before), "after": _or_none(change.after),
+                "difference": _or_none(change.difference),
+                "half_width": _or_none(change.half_width),
+                "scenes": change.scenes, "paired": change.paired, "outcome": change.outcome,
+            }
+            for change in self.changes
+        ]  # fmt: skip
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def changes_table(changes: Sequence[Change]) -> TextTable:
+    """What changed, the worse first; without what stayed the same."""
+    order = {"worse": 0, "changed": 1, "better": 2}
+    listed = sorted((c for c in changes if c.outcome != "same"), key=lambda c: order[c.outcome])
+    lines = [
+        [
+            change.outcome, change.run, change.metric.name, *change.key,
+            number_with_error(change.before, math.nan), number_with_error(change.after, math.nan),
+            number_with_error(change.difference, change.half_width),
+            f"{change.scenes} {'the same' if change.paired else 'others'}",
+        ]
+        for change in listed
+    ]  # fmt: skip
+    heads = ("", "run", "metric", *KEYS, "before", "after", "difference", "scenes")
+    return TextTable(heads, lines)
+
+
+def means_table(names: Sequence[str], runs: Sequence[ResultsLike]) -> TextTable:
+    """NMSE and median skill of every method in every run, over all its scenes."""
+    lines = []
+    methods = dict.fromkeys(m for run in runs for m in distinct(run.table["method"]))
+    for method in methods:
+        cells = []
+        for run in runs:
+            rows = run.table[run.table["method"] == method]
+            nmse, skill = (overall_rows(rows, name)["value"].dropna() for name in ("nmse", "skill"))
+            cells += [
+                number_with_error(float(nmse.mean()), math.nan),
+                number_with_error(float(skill.median()), math.nan),
+                str(len(nmse)),
+            ]
+        lines.append([method, *cells])
+    heads = [f"{what}, {name}" for name in names for what in ("NMSE", "skill", "scenes")]
+    return TextTable(("method", *heads), lines)
+
+
+def differing(names: Sequence[str], runs: Sequence[ResultsLike]) -> TextTable:
+    """Suite, seed, variant, samples and versions, where they differ between the runs."""
+    facts = [_facts(run.run) for run in runs]
+    known = dict.fromkeys(fact for each in facts for fact in each)
+    lines = [
+        [fact, *(each.get(fact, "none") for each in facts)]
+        for fact in known
+        if len({each.get(fact) for each in facts}) > 1
+    ]
+    return TextTable(("", *names), lines)
+
+
+def _facts(run: dict[str, Any]) -> dict[str, str]:
+    suite = run.get("suite", {})
+    sampling = suite.get("sampling", {})
+    facts = {
+        "suite": suite.get("name", "none"),
+        "seed": sampling.get("seed"),
+        "samples": sampling.get("samples"),
+        "resolution": suite.get("camera", {}).get("resolution"),
+        "variant": run.get("variant", {}).get("name"),
+        **{f"version of {name}": value for name, value in run.get("versions", {}).items()},
+    }
+    return {name: str(value) for name, value in facts.items() if value is not None}

@@ -1,0 +1,133 @@
+"""Predictions in published layouts give back the Stokes images that they were made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from malus.bench.commands.score import score_command
+from malus.bench.datasets.layouts import layout_predictions
+from malus.bench.datasets.predictions import PredictionErrors
+from malus.bench.datasets.render import render_dataset
+from malus.bench.datasets.score import score_dataset
+from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.truth import Truth
+from malus.renderers.variant import Variant
+from malus.scenes import Camera, InputError, load_suite
+
+NOBODY = Variant("scalar_spectral_polarized", "not used")
+SIDE = 14
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    quick = load_suite("quick")
+    suite = quick.model_copy(
+        update={
+            "renderer": "torrance-sparrow",
+            "lights": quick.lights[1:],
+            "bodies": ("unpolarised",),
+            "camera": Camera(resolution=SIDE),
+        }
+    )
+    folder = tmp_path_factory.mktemp("dataset")
+    render_dataset(suite, folder, NOBODY)
+    return open_dataset(folder)
+
+
+def write(path: Path, values: np.ndarray) -> None:
+    """A 16-bit PNG of values in [0, 1], written by another library than the one that reads."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    codes = np.rint(values.clip(0, 1) * 65535).astype(np.uint16)
+    path.write_bytes(imagecodecs.png_encode(codes))
+
+
+def as_rgb2pol(folder: Path, name: str, truth: Truth) -> None:
+    """Each component over its own range in the picture, which is black off the object."""
+    for k in (1, 2):
+        component = np.where(truth.mask[..., None], truth.stokes[..., k], 0)
+        low, high = component.min(), component.max()
+        write(folder / name / f"s{k}.png", (component - low) / (high - low))
+
+
+def as_polaranything(folder: Path, name: str, truth: Truth) -> None:
+    """Maps of one channel, of the first band."""
+    s0, s1, s2 = np.moveaxis(truth.stokes[:, :, 0].astype(float), -1, 0)
+    degree = np.hypot(s1, s2) / np.where(s0 > 0, s0, 1)
+    angle = np.degrees(np.arctan2(s2, s1)) / 2
+    write(folder / "AoLP_16bit" / f"{name}.png", (angle + 90) / 180)
+    write(folder / "DoLP_16bit" / f"{name}.png", degree)
+
+
+def as_pol(folder: Path, name: str, truth: Truth) -> None:
+    """Malus' law, the angle from the horizontal; a camera's own scale."""
+    stokes = truth.stokes.astype(float)
+    scale = 0.9 / stokes[..., 0].max()
+    for degrees in (0, 45, 90, 135):
+        double = 2 * np.radians(degrees)
+        seen = stokes[..., 0] + stokes[..., 1] * np.cos(double) + stokes[..., 2] * np.sin(double)
+        write(folder / f"pol{degrees:03}" / f"{name}.png", scale * seen / 2)
+
+
+WRITERS: dict[str, Callable[[Path, str, Truth], None]] = {
+    "rgb2pol": as_rgb2pol,
+    "polaranything": as_polaranything,
+    "pol": as_pol,
+}
+
+
+@pytest.mark.parametrize("by_number", [False, True])
+@pytest.mark.parametrize("layout", WRITERS)
+def test_a_perfect_prediction_has_skill_one(
+    dataset: Dataset, tmp_path: Path, layout: str, by_number: bool
+) -> None:
+    """16 bits leave 1e-5 of a component, far below what skill shows; a wrong angle would be −1."""
+    for number, truth in enumerate(dataset):
+        name = f"{number:04}" if by_number else truth.scene.id
+        WRITERS[layout](tmp_path, name, truth)
+    results = score_dataset(dataset, [], tmp_path, "mine", layout=layout)
+    skill = results.headlines[results.headlines.metric == "skill"].value
+    # PolarAnything's maps are of one band: the others of a dielectric differ by its dispersion.
+    np.testing.assert_allclose(skill, 1.0, atol=2e-3 if layout == "polaranything" else 1e-5)
+    assert results.run["predictions"]["suspicions"] == []
+
+
+def test_problems_are_all_told(dataset: Dataset, tmp_path: Path) -> None:
+    """A missing file and one of another size, before anything is scored."""
+    for truth in dataset:
+        as_pol(tmp_path, truth.scene.id, truth)
+    first, second = dataset.scenes[:2]
+    (tmp_path / "pol045" / f"{first}.png").unlink()
+    write(tmp_path / "pol090" / f"{second}.png", np.zeros((SIDE, SIDE + 1, 3)))
+    with pytest.raises(PredictionErrors) as caught:
+        score_dataset(dataset, [], tmp_path, layout="pol")
+    told = [str(problem) for problem in caught.value.problems]
+    assert len(told) == 2
+    assert f"pol045/{first}.png, found none" in told[0].replace("expected ", "", 1)
+    assert f"found {SIDE + 1} × {SIDE}, 3 channels" in told[1]
+
+
+def test_another_folder_is_refused(dataset: Dataset, tmp_path: Path) -> None:
+    """One line that names a file of the layout."""
+    with pytest.raises(InputError, match=r"expected AoLP_16bit/.*png or AoLP_16bit/0000\.png"):
+        layout_predictions(dataset, tmp_path, "polaranything")
+
+
+def test_the_command_scores_a_layout_with_a_profile(dataset: Dataset, tmp_path: Path) -> None:
+    """From the command line: predictions, the guess beside them, the profile's metrics."""
+    for truth in dataset:
+        as_rgb2pol(tmp_path / "in", truth.scene.id, truth)
+    result = CliRunner().invoke(
+        score_command,
+        [str(dataset.path), "--predictions", str(tmp_path / "in"), "--layout", "rgb2pol",
+         "--profile", "rgb2pol", "--out", str(tmp_path / "out"), "--json"],
+        catch_exceptions=False,
+    )  # fmt: skip
+    assert result.exit_code == 0
+    assert '"unpolarised"' in result.output
+    assert (tmp_path / "out" / "results.csv").read_text().count("rgb2pol_psnr,") == 2 * len(dataset)

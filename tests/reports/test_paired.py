@@ -1,0 +1,143 @@
+"""Paired differences, the table to paste and comparisons of runs, on tables made by hand."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from malus.reports.tables.compared_runs import RunComparison
+from malus.reports.tables.metric_definitions import DEFINITIONS, definition_of
+from malus.reports.tables.paired import half_width, paired, ranked_pairs
+from malus.reports.tables.paper_table import paper_table
+from malus.scenes.core.errors import InputError
+
+
+def table_of(values: dict[str, dict[str, list[float]]]) -> pd.DataFrame:
+    """A results table from metric → method → values by scene."""
+    rows: list[dict[str, Any]] = [
+        {
+            "scene": f"s{number}", "method": method, "metric": metric, "value": value,
+            "body": "unpolarised", "light": "uniform", "knowledge": "everything",
+            "band_nm": math.nan, "angle_deg": math.nan,
+        }
+        for metric, methods in values.items()
+        for method, numbers in methods.items()
+        for number, value in enumerate(numbers)
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def run_of(values: dict[str, dict[str, list[float]]], **facts: Any) -> SimpleNamespace:
+    return SimpleNamespace(table=table_of(values), run={"suite": {"name": "made up"}, **facts})
+
+
+def test_a_paired_difference_is_students_interval() -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(30, 5, 12), rng.normal(29, 5, 12)
+    table = table_of({"psnr": {"a": list(a), "b": list(b)}})
+    pair = paired(table, "psnr", "a", "b")
+    interval = stats.ttest_rel(a, b).confidence_interval(0.95)
+    assert pair.difference == pytest.approx(a.mean() - b.mean())
+    assert pair.half_width == pytest.approx((interval.high - interval.low) / 2)
+    assert (pair.better, pair.worse) == ((a > b).sum(), (a < b).sum())
+
+
+@pytest.mark.parametrize(
+    ("metric", "better"), [("psnr", 2), ("nmse", 1), ("gain", 2), ("rotation", 1)]
+)
+def test_better_follows_the_direction_of_the_metric(metric: str, better: int) -> None:
+    table = table_of({metric: {"a": [0.9, 0.8, 0.5], "b": [0.5, 0.5, 0.7]}})
+    assert paired(table, metric, "a", "b").better == better
+
+
+def test_two_infinite_ratios_are_equal() -> None:
+    table = table_of({"psnr": {"a": [math.inf, 30, 31, 32], "b": [math.inf, 29, 30, 31]}})
+    pair = paired(table, "psnr", "a", "b")
+    assert (pair.better, pair.worse, pair.scenes) == (3, 0, 4)
+    assert pair.difference == pytest.approx(0.75)
+
+
+def test_too_few_scenes_have_no_interval() -> None:
+    assert math.isnan(half_width(np.array([1.0, 2.0])))
+    assert not ranked_pairs(table_of({"nmse": {"a": [1, 2], "b": [2, 3]}}))
+
+
+def test_methods_that_left_scenes_out_are_not_best() -> None:
+    values = {"unpolarised": [3e-3] * 4, "eq8": [1e-3] * 4, "half_vector": [1e-9, math.nan] * 2}
+    table = paper_table(table_of({"nmse": values}))
+    (metric,) = table.metrics
+    assert table.methods[0] == "unpolarised"
+    assert [method for method in table.methods if table.is_best(method, metric)] == ["eq8"]
+    assert table.images("half_vector") == "2"
+    assert "| eq8 | **1.000e-3** | 4 |" in table.text("markdown")
+
+
+def test_an_infinite_ratio_is_infinite_in_every_format() -> None:
+    table = paper_table(table_of({"psnr": {"eq8": [math.inf, 30.0]}}), ["psnr"])
+    assert "| **∞** |" in table.text("markdown")
+    assert r"\textbf{$\infty$}" in table.text("latex")
+    assert ",inf," in table.text("csv")
+
+
+def test_names_are_escaped() -> None:
+    table = paper_table(table_of({"nmse": {"my_net & co": [0.1, 0.2]}}))
+    assert r"my\_net \& co & " in table.text("latex")
+
+
+def test_an_unknown_metric_is_named() -> None:
+    with pytest.raises(InputError, match="did you mean nmse"):
+        paper_table(table_of({"nmse": {"eq8": [0.1, 0.2]}}), ["nmsd"])
+
+
+def test_every_definition_is_whole() -> None:
+    for definition in DEFINITIONS:
+        assert definition.definition
+        assert definition.source
+    assert len({definition.name for definition in DEFINITIONS}) == len(DEFINITIONS)
+    assert definition_of("skill").name == "skill"
+
+
+def test_noise_is_no_change_and_a_shift_is() -> None:
+    """The same scenes; a shift of a tenth of the spread is seen because scenes are paired."""
+    rng = np.random.default_rng(1)
+    base = rng.normal(0.5, 0.2, 40)
+    noise = rng.normal(0, 0.005, 40)
+    before = run_of({"skill": {"eq8": list(base)}})
+    same = run_of({"skill": {"eq8": list(base + noise)}})
+    shifted = run_of({"skill": {"eq8": list(base + noise - 0.02)}}, versions={"malus": "2"})
+    assert not RunComparison.of(("a", "b"), (before, same)).changed
+    comparison = RunComparison.of(("a", "b"), (before, shifted))
+    assert [change.outcome for change in comparison.changes] == ["worse"]
+    assert comparison.differing.lines == [["version of malus", "none", "2"]]
+
+
+def test_other_scenes_are_compared_by_their_means() -> None:
+    """Welch's interval, as SciPy has it."""
+    rng = np.random.default_rng(2)
+    a, b = rng.normal(0.5, 0.1, 9), rng.normal(0.9, 0.2, 7)
+    after = run_of({"skill": {"eq8": list(b)}})
+    after.table["scene"] = "other " + after.table["scene"]
+    comparison = RunComparison.of(("a", "b"), (run_of({"skill": {"eq8": list(a)}}), after))
+    (change,) = comparison.changes
+    interval = stats.ttest_ind(b, a, equal_var=False).confidence_interval(0.95)
+    assert not change.paired
+    assert change.difference == pytest.approx((interval.high + interval.low) / 2)
+    assert change.half_width == pytest.approx((interval.high - interval.low) / 2)
+
+
+def test_chance_alone_seldom_makes_a_change() -> None:
+    """One comparison in twenty; of 60 with 20 lines each, more than 9 would be a rate of 0.15."""
+    rng = np.random.default_rng(3)
+    alarms = 0
+    for _ in range(60):
+        methods = {f"m{k}": rng.normal(0.5, 0.2, 10) for k in range(20)}
+        again = {name: list(v + rng.normal(0, 0.01, 10)) for name, v in methods.items()}
+        runs = run_of({"skill": {k: list(v) for k, v in methods.items()}}), run_of({"skill": again})
+        alarms += bool(RunComparison.of(("a", "b"), runs).changed)
+    assert alarms <= 9
