@@ -106,11 +106,11 @@ _EVERY_SCORE = _of(
 
 _COLOUR = [
     *_of(PAPER + ", Table I", "delta_e76",
-         ("delta_e76_*", "ΔE76", "", "lower",
+         ("delta_e76*", "ΔE76", "", "lower",
           "colour difference CIE 1976 of I_max, I_min or I(ϑ), mean over pixels and, `_std`, its "
           "standard deviation; 2.3 is just noticeable")),
     *_of("CIE 142-2001", "delta_e2000",
-         ("delta_e2000_*", "ΔE2000", "", "lower",
+         ("delta_e2000*", "ΔE2000", "", "lower",
           "colour difference CIEDE2000 of I_max, I_min or I(ϑ), mean over pixels and, `_std`, its "
           "standard deviation")),
 ]  # fmt: skip

@@ -22,7 +22,7 @@ from malus.scenes.core.errors import InputError
 from malus.scenes.core.registry import lookup
 
 _BY_DEFAULT = ("nmse", "skill")
-_IN_DETAIL = ("*_s1", "*_s2", "*_s3", "*_std", "*_pixels")
+_IN_DETAIL = ("*_i_max", "*_i_min", "*_s1", "*_s2", "*_s3", "*_std", "*_pixels")
 RESAMPLES = 1000
 ROUNDING = 1e-12
 """Relative error of a mean that is rounding alone."""
