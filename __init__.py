@@ -91,7 +91,9 @@ if TYPE_CHECKING:
     from malus.reconstruct.photos.picture import Picture as Picture
     from malus.reconstruct.photos.read_picture import read_picture as read_picture
     from malus.renderers import Truth as Truth, render as render
-    from malus.renderers.datasets.dataset import Dataset as Dataset, open_dataset as open_dataset
+    from malus.renderers.datasets.dataset import Dataset as Dataset
+    from malus.renderers.datasets.opened import open_dataset as open_dataset
+    from malus.renderers.datasets.samples import Samples as Samples
     from malus.scenes import (
         Area as Area,
         Blob as Blob,
@@ -158,7 +160,9 @@ _NAMES = {
     "malus.reconstruct.photos.filter": "FilterOutput FilteredPicture filter_picture",
     "malus.reconstruct.photos.read_picture": "read_picture",
     "malus.renderers": "Truth render",
-    "malus.renderers.datasets.dataset": "Dataset open_dataset",
+    "malus.renderers.datasets.dataset": "Dataset",
+    "malus.renderers.datasets.opened": "open_dataset",
+    "malus.renderers.datasets.samples": "Samples",
     "malus.scenes": "Area Blob Camera Checker Conductor Crease Dielectric Distant Environment"
     " ImageTexture InputError Light Measured MeshFile Patterned Placed Plane Sampling Scene"
     " Shape Sky Sphere Spots Stripes Suite Superquadric Surroundings Torus Uniform load_suite"

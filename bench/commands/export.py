@@ -8,15 +8,19 @@ import click
 
 from malus.bench.commands.options import FOLDER, command
 
+FORMATS = (
+    "numpy", "png", "polanalyser", "webdataset", "hdf5", "rgb2pol", "pol", "polaranything",
+)  # fmt: skip
+
 
 @command("export")
 @click.argument("dataset", type=FOLDER)
 @click.option(
     "--format",
     "layout",
-    type=click.Choice(["numpy", "png", "polanalyser"]),
+    type=click.Choice(FORMATS),
     required=True,
-    help="numpy: one .npz a scene; png: AoLP and DoLP; polanalyser: one image an angle.",
+    help="See above.",
 )
 @click.option("--out", type=FOLDER, required=True, help="Folder to write to.")
 @click.option(
@@ -28,6 +32,16 @@ from malus.bench.commands.options import FOLDER, command
 @click.option("--json", "as_json", is_flag=True, help="Print what was done as JSON.")
 def export_command(dataset: Path, layout: str, out: Path, pixels: str, as_json: bool) -> None:
     """Write DATASET in the format of other tools; conventions.json beside it says what is what.
+
+    \b
+    numpy          one .npz a scene: all arrays
+    png            16-bit AoLP and DoLP of every band
+    polanalyser    one image a polariser angle and band, with --pixels
+    webdataset     tar shards of .npy, to train: all arrays, uncompressed
+    hdf5           one file: all arrays, compressed (needs h5py)
+    rgb2pol        NNNN/s0.png to s3.png, each on its own scale
+    pol            pol000 to pol135, normal, mask: linear, 16 bits
+    polaranything  AoLP_16bit, DoLP_16bit, mask: of the mean of the bands
 
     \b
     Example:

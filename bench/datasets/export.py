@@ -1,11 +1,14 @@
 """Write a dataset in the formats of other tools, with their conventions spelled out.
 
-Every format is a folder a scene, named by its id, and one `conventions.json` beside them.
+Every format here is a folder a scene, named by its id; `conventions.json` is beside them.
 
 - `numpy`: `truth.npz` with the arrays of a Truth, `scene.json`.
 - `png`: `aolp_550nm.png` and `dolp_550nm.png`, 16 bits, a pair for every band.
 - `polanalyser`: a folder a band, `550nm/`, with `image00000.exr` (or .png) and a JSON of the same
   name for every polariser angle, as `polanalyser.imreadMultiple` reads them.
+
+Formats of few files, or of folders that all scenes share, are in `export_training` and
+`export_networks`.
 """
 
 from __future__ import annotations
@@ -19,6 +22,14 @@ from typing import Any
 
 import numpy as np
 
+from malus.bench.datasets.export_networks import LAYOUTS
+from malus.bench.datasets.export_training import (
+    HDF5_WORDS,
+    SHARDS_WORDS,
+    splits_of,
+    write_one_hdf5,
+    write_webdataset,
+)
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
@@ -78,8 +89,10 @@ def export(
     Parameters
     ----------
     dataset : Dataset, or the path or URL of its folder
-    layout : 'numpy', 'png' or 'polanalyser'
-        One .npz a scene; angle and degree of polarisation; one image a polariser angle.
+    layout : one of `FORMATS`
+        numpy: one .npz a scene; png: angle and degree of polarisation; polanalyser: one image a
+        polariser angle; webdataset: shards; hdf5: one file; rgb2pol, pol, polaranything: the
+        layouts of networks.
     out : path or URL of a folder
     pixels : 'exr' or 'png'
         Of polanalyser's images: lossless floats, or 16 bits.
@@ -105,18 +118,50 @@ def export(
     >>> export(folder / "dataset", "numpy", folder / "numpy")
     16
     """
-    write, words = lookup(layout, _LAYOUTS, "layout", f"one of {', '.join(_LAYOUTS)}")
+    lookup(layout, dict.fromkeys(FORMATS), "layout", f"one of {', '.join(FORMATS)}")
+    opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    if layout in _WHOLE:
+        write_all, words = _WHOLE[layout]
+        write_all(opened, _prepared(out, words), progress)
+    elif layout in LAYOUTS:
+        _numbered(opened, layout, _prepared(out, dict(LAYOUTS[layout].words)), progress)
+    else:
+        _one_by_one(opened, layout, out, pixels, progress)
+    return len(opened)
+
+
+def _prepared(out: Path | str, words: dict[str, str]) -> Path:
+    folder = prepare_folder(as_path(out), "an export")
+    replace_text(folder / "conventions.json", json.dumps(words, indent=1) + "\n")
+    return folder
+
+
+def _one_by_one(
+    opened: Dataset, layout: str, out: Path | str, pixels: str, progress: Progress
+) -> None:
+    """Formats of a folder a scene."""
+    write, words = _LAYOUTS[layout]
     if layout == "polanalyser":
         if pixels not in PIXELS:
             raise InputError("pixels", "exr or png", repr(pixels), "choose one of them")
         write = partial(write_polanalyser, pixels=pixels)
-    opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
-    folder = prepare_folder(as_path(out), "an export")
-    replace_text(folder / "conventions.json", json.dumps(words, indent=1) + "\n")
+    folder = _prepared(out, words)
     for done, scene_id in enumerate(opened.scenes):
         progress(done, len(opened), scene_id)
         replace_folder(folder / scene_id, partial(_write, write, opened.truth(scene_id)))
-    return len(opened)
+
+
+def _numbered(opened: Dataset, layout: str, folder: Path, progress: Progress) -> None:
+    """Layouts of networks: scenes by number, which `names.json` resolves."""
+    width = max(4, len(str(len(opened) - 1)))
+    names = {scene: f"{number:0{width}}" for number, scene in enumerate(opened.scenes)}
+    splits = splits_of(opened)
+    if splits:
+        replace_text(folder / "splits.json", json.dumps({"splits": splits}, indent=1) + "\n")
+    replace_text(folder / "names.json", json.dumps(names, indent=1) + "\n")
+    for done, (scene_id, name) in enumerate(names.items()):
+        progress(done, len(opened), scene_id)
+        LAYOUTS[layout].write(folder, name, opened.truth(scene_id))
 
 
 def write_numpy(folder: Path, truth: Truth) -> None:
@@ -180,3 +225,12 @@ _LAYOUTS: dict[str, tuple[WriteScene, dict[str, str]]] = {
     "png": (write_png, PNG_WORDS),
     "polanalyser": (write_polanalyser, POLANALYSER_WORDS),
 }
+
+_WHOLE = {
+    "webdataset": (write_webdataset, SHARDS_WORDS),
+    "hdf5": (write_one_hdf5, HDF5_WORDS),
+}
+"""Formats of a few files for all scenes."""
+
+FORMATS = (*_LAYOUTS, *_WHOLE, *LAYOUTS)
+"""Names of all formats."""

@@ -1,6 +1,7 @@
 """Predictions in the layouts of published projects, decoded to Stokes images.
 
-Names are those of the dataset's scenes, or their numbers in its order: `0000`, `0001`, …
+Names are those of the dataset's scenes, or their numbers in its order: `0000`, `0001`, … Channels
+are red, green and blue: the bands, the longest wavelength first.
 
 - `rgb2pol`: `NAME/s1.png`, `s2.png` (and s0, s3, not needed), 8 or 16 bits: each component between
   the truth's smallest code 0 and its largest, over the whole picture and all channels.
@@ -16,7 +17,7 @@ method was given; of `pol` too, whose unit is not known.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from malus.reconstruct.photos.read_picture import read_picture
 from malus.renderers.datasets.dataset import Dataset
 from malus.renderers.datasets.scene_folder import SceneRecord
 from malus.renderers.truth import Truth
-from malus.scenes.core.arrays import Float64Array, FloatArray
+from malus.scenes.core.arrays import Float64Array, FloatArray, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import digest
 from malus.scenes.core.registry import lookup
@@ -149,7 +150,19 @@ class LayoutPredictions(Predictions):
             expected = f"{record.shape[1]} × {record.shape[0]} pixels, 1 or {bands} channels"
             found = f"{values.shape[1]} × {values.shape[0]}, {values.shape[2]} channels"
             raise InputError(str(path), expected, found, "predict every pixel of the picture")
-        return np.broadcast_to(values, (*record.shape, bands))
+        of_bands = np.broadcast_to(values, (*record.shape, bands))
+        return of_bands[..., np.argsort(red_first(record.scene.wavelengths_nm))]
+
+
+def red_first(wavelengths_nm: Sequence[float]) -> IntArray:
+    """Numbers of the bands in the order of a picture's channels: the longest wavelength first.
+
+    Examples
+    --------
+    >>> red_first((450.0, 650.0, 550.0)).tolist()
+    [1, 2, 0]
+    """
+    return np.argsort(wavelengths_nm)[::-1]
 
 
 def layout_predictions(dataset: Dataset, folder: Path, layout: str) -> LayoutPredictions:

@@ -191,6 +191,14 @@ def _cores(
     return Findings(tuple(report_lines(speeds)), figures(speeds))
 
 
+def _loader(folder: Path | None, resolution: int, epochs: int, backend: str) -> Findings:
+    from malus.bench.studies.speed_loader import compare, report_lines
+    from malus.renderers.variant import choose
+
+    speeds = compare(choose(backend), resolution, epochs)
+    return Findings(tuple(report_lines(speeds)), [asdict(speed) for speed in speeds])
+
+
 def _scaling(folder: Path | None, most: int) -> Findings:
     from malus.bench.studies.scaling import measure, messages, report_lines
 
@@ -285,6 +293,17 @@ STUDIES = {
                 StudyOption("resolution", 96, "Pixels a side.", least=2),
                 StudyOption("samples", 128, "Samples a pixel.", least=2),
                 StudyOption("every", 1, "Every n-th material.", least=1, most=24),
+                _BACKEND,
+            ),
+        ),
+        Study(
+            "loader",
+            "Reading a dataset for training, from folders, shards and HDF5, beside plain EXR",
+            _loader,
+            example={"epochs": "4"},
+            options=(
+                StudyOption("resolution", 96, "Pixels a side.", least=2),
+                StudyOption("epochs", 20, "How often every scene is read.", least=1),
                 _BACKEND,
             ),
         ),

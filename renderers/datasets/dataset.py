@@ -15,14 +15,15 @@ from __future__ import annotations
 import functools
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, SupportsIndex
 
 from malus.renderers.datasets.dataset_files import keep_files, with_own_files
 from malus.renderers.datasets.dataset_record import DatasetRecord, FailedScene, SceneEntry
+from malus.renderers.datasets.samples import Samples
 from malus.renderers.datasets.scene_folder import (
     SCENE,
     SceneRecord,
@@ -31,6 +32,7 @@ from malus.renderers.datasets.scene_folder import (
     read_scene,
     write_scene,
 )
+from malus.renderers.datasets.scene_samples import SceneFolders
 from malus.renderers.truth import Truth
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import read_json, remove_abandoned, replace_text
@@ -59,7 +61,7 @@ class Dataset:
     >>> folder = tempfile.mkdtemp()
     >>> done = malus.render_dataset("quick", folder, resolution=8, samples=2)
     >>> dataset = malus.open_dataset(folder)
-    >>> len(dataset), next(iter(dataset)).stokes.shape
+    >>> len(dataset), dataset[0]["stokes"].shape
     (16, (8, 8, 3, 3))
     """
 
@@ -76,7 +78,39 @@ class Dataset:
         """Number of scenes."""
         return len(self.record.scenes)
 
-    def __iter__(self) -> Iterator[Truth]:
+    def samples(
+        self,
+        split: str | None = None,
+        maps: Sequence[str] | None = None,
+        crop: int | None = None,
+        seed: int = 0,
+    ) -> Samples:
+        """Scenes as dictionaries of arrays for training, see `malus.open_dataset`.
+
+        Raises
+        ------
+        InputError
+            A split or an array that the dataset does not have, or a crop larger than its pictures.
+        """
+        splits: dict[str, list[str]] = {}
+        for entry in self.record.scenes:
+            name = getattr(entry, "split", None)
+            if name is not None:
+                splits.setdefault(name, []).append(entry.scene)
+        if not self.scenes:
+            raise InputError(str(self.path), "a dataset with scenes", "none", "render it again")
+        source = SceneFolders(self.path, self.scenes, splits, self.scene)
+        return Samples.of(source, split, maps, crop, seed)
+
+    def __getitem__(self, index: SupportsIndex) -> dict[str, Any]:
+        """Image, Stokes image, mask and normals of the scene of that number."""
+        return self.samples()[index]
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """Image, Stokes image, mask and normals of one scene after the other."""
+        return iter(self.samples())
+
+    def truths(self) -> Iterator[Truth]:
         """Read one truth after the other."""
         return map(self.truth, self.scenes)
 

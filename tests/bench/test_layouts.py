@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from malus.bench.commands.score import score_command
+from malus.bench.datasets.export import export
 from malus.bench.datasets.layouts import layout_predictions
 from malus.bench.datasets.predictions import PredictionErrors
 from malus.bench.datasets.render import render_dataset
@@ -48,11 +50,11 @@ def write(path: Path, values: np.ndarray) -> None:
 
 
 def as_rgb2pol(folder: Path, name: str, truth: Truth) -> None:
-    """Each component over its own range in the picture, which is black off the object."""
+    """Each component over its own range, black off the object; red is the third band."""
     for k in (1, 2):
         component = np.where(truth.mask[..., None], truth.stokes[..., k], 0)
         low, high = component.min(), component.max()
-        write(folder / name / f"s{k}.png", (component - low) / (high - low))
+        write(folder / name / f"s{k}.png", ((component - low) / (high - low))[..., ::-1])
 
 
 def as_polaranything(folder: Path, name: str, truth: Truth) -> None:
@@ -71,7 +73,7 @@ def as_pol(folder: Path, name: str, truth: Truth) -> None:
     for degrees in (0, 45, 90, 135):
         double = 2 * np.radians(degrees)
         seen = stokes[..., 0] + stokes[..., 1] * np.cos(double) + stokes[..., 2] * np.sin(double)
-        write(folder / f"pol{degrees:03}" / f"{name}.png", scale * seen / 2)
+        write(folder / f"pol{degrees:03}" / f"{name}.png", (scale * seen / 2)[..., ::-1])
 
 
 WRITERS: dict[str, Callable[[Path, str, Truth], None]] = {
@@ -87,7 +89,7 @@ def test_a_perfect_prediction_has_skill_one(
     dataset: Dataset, tmp_path: Path, layout: str, by_number: bool
 ) -> None:
     """16 bits leave 1e-5 of a component, far below what skill shows; a wrong angle would be −1."""
-    for number, truth in enumerate(dataset):
+    for number, truth in enumerate(dataset.truths()):
         name = f"{number:04}" if by_number else truth.scene.id
         WRITERS[layout](tmp_path, name, truth)
     results = score_dataset(dataset, [], tmp_path, "mine", layout=layout)
@@ -97,9 +99,37 @@ def test_a_perfect_prediction_has_skill_one(
     assert results.run["predictions"]["suspicions"] == []
 
 
+@pytest.mark.parametrize("layout", WRITERS)
+def test_an_export_is_read_back(dataset: Dataset, tmp_path: Path, layout: str) -> None:
+    """What malus writes in a layout is a perfect prediction in it; its names are numbers."""
+    export(dataset, layout, tmp_path)
+    results = score_dataset(dataset, [], tmp_path, "mine", layout=layout)
+    skill = results.headlines[results.headlines.metric == "skill"].value
+    np.testing.assert_allclose(skill, 1.0, atol=2e-3 if layout == "polaranything" else 1e-5)
+    names = json.loads((tmp_path / "names.json").read_text())
+    assert list(names) == list(dataset.scenes)
+    assert set(names.values()) == {f"{number:04}" for number in range(len(dataset))}
+
+
+def test_an_export_has_its_signs(dataset: Dataset, tmp_path: Path) -> None:
+    """Read by another library: S1 = I0 − I90 and S2 = I45 − I135, red the longest wavelength."""
+    export(dataset, "pol", tmp_path)
+    truth = next(dataset.truths())
+    i0, i45, i90, i135 = (
+        imagecodecs.png_decode((tmp_path / f"pol{a:03}" / "0000.png").read_bytes()) / 65535
+        for a in (0, 45, 90, 135)
+    )
+    true = truth.stokes[:, :, ::-1] / truth.image[truth.mask].max()
+    for difference, k in ((i0 - i90, 1), (i45 - i135, 2)):
+        # Two roundings to 16 bits.
+        np.testing.assert_allclose(difference[truth.mask], true[truth.mask][..., k], atol=2e-5)
+    normals = imagecodecs.png_decode((tmp_path / "normal" / "0000.png").read_bytes()) / 65535
+    np.testing.assert_allclose((2 * normals - 1)[truth.mask], truth.normals[truth.mask], atol=4e-5)
+
+
 def test_problems_are_all_told(dataset: Dataset, tmp_path: Path) -> None:
     """A missing file and one of another size, before anything is scored."""
-    for truth in dataset:
+    for truth in dataset.truths():
         as_pol(tmp_path, truth.scene.id, truth)
     first, second = dataset.scenes[:2]
     (tmp_path / "pol045" / f"{first}.png").unlink()
@@ -120,7 +150,7 @@ def test_another_folder_is_refused(dataset: Dataset, tmp_path: Path) -> None:
 
 def test_the_command_scores_a_layout_with_a_profile(dataset: Dataset, tmp_path: Path) -> None:
     """From the command line: predictions, the guess beside them, the profile's metrics."""
-    for truth in dataset:
+    for truth in dataset.truths():
         as_rgb2pol(tmp_path / "in", truth.scene.id, truth)
     result = CliRunner().invoke(
         score_command,

@@ -88,7 +88,7 @@ def predict(
     write: Callable[[Path, str, np.ndarray], None] = as_stokes,
     change: Callable[[np.ndarray], np.ndarray] = imperfect,
 ) -> Path:
-    for truth in dataset:
+    for truth in dataset.truths():
         write(folder, truth.scene.id, change(truth.stokes))
     return folder
 
@@ -152,7 +152,7 @@ def test_an_honest_method_is_not_suspected(dataset: Dataset, tmp_path: Path, nam
     from malus.bench.scoring.observe import observe
 
     method = get_method(name)
-    for truth in dataset:
+    for truth in dataset.truths():
         estimate = method.reconstruct(observe(truth, method.needs))
         as_stokes(tmp_path, truth.scene.id, estimate.stokes)
     predictions, _ = check_predictions(dataset, tmp_path, quiet)
@@ -163,7 +163,7 @@ def test_arrays_in_either_order_are_the_same(dataset: Dataset, tmp_path: Path) -
     folder = predict(dataset, tmp_path, change=np.asfortranarray)
     predictions, problems = check_predictions(dataset, folder, quiet)
     assert not problems
-    for truth in dataset:
+    for truth in dataset.truths():
         found = predictions.stokes(dataset.scene(truth.scene.id))
         np.testing.assert_array_equal(found, truth.stokes)
 

@@ -1,0 +1,147 @@
+"""Scenes of a dataset as named arrays, for training: by index, lazily, in any process.
+
+A source (folders of scenes, shards, one HDF5 file) reads arrays of one scene; `Samples` chooses
+scenes of a split, arrays, and crops. It has a length and is indexed, which is all that a PyTorch
+DataLoader asks for, and holds no open file when it is sent to another process.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, SupportsIndex
+
+import numpy as np
+
+from malus.scenes.core.arrays import AnyArray, IntArray
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.registry import lookup
+
+DEFAULT_MAPS = ("image", "stokes", "mask", "normals")
+"""Arrays of a sample unless others are asked for: what a network sees, and what it shall tell."""
+
+Window = tuple[slice, slice]
+"""Rows and columns of a picture."""
+
+WHOLE: Window = (slice(None), slice(None))
+
+
+class SampleSource(Protocol):
+    """Where the arrays of scenes come from."""
+
+    @property
+    def ids(self) -> Sequence[str]:
+        """Ids of the scenes, in the order of the dataset."""
+
+    @property
+    def maps(self) -> Sequence[str]:
+        """Names of the arrays that every scene has."""
+
+    @property
+    def splits(self) -> Mapping[str, Sequence[str]]:
+        """Ids of the scenes of each split; empty where the dataset was not split."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of every picture."""
+
+    def read(self, number: int, maps: Sequence[str], window: Window) -> dict[str, AnyArray]:
+        """Arrays of the scene of that number, by name."""
+
+
+@dataclass
+class Samples:
+    """Scenes as dictionaries of arrays, indexed like a list.
+
+    `samples[0]` has the key `scene`, its id, and the arrays that were asked for. `stokes` is
+    (height, width, bands, 3), `image` (height, width, bands), `mask` (height, width), `normals`
+    (height, width, 3).
+
+    Attributes
+    ----------
+    source : SampleSource
+    numbers : (n,) array
+        Of the scenes in the source.
+    maps : tuple of str
+    crop : int or None
+        Side of a square that is cut out at random: the same for the same seed, epoch and index, in
+        whichever process. None gives whole pictures.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import malus
+    >>> folder = tempfile.mkdtemp()
+    >>> done = malus.render_dataset("quick", folder, resolution=12, samples=2)
+    >>> samples = malus.open_dataset(folder).samples(maps=("image", "mask"), crop=8)
+    >>> len(samples), samples[-1]["image"].shape, samples[0]["mask"].dtype.name
+    (16, (8, 8, 3), 'bool')
+    """
+
+    source: SampleSource
+    numbers: IntArray
+    maps: tuple[str, ...] = DEFAULT_MAPS
+    crop: int | None = None
+    seed: int = 0
+    epoch: int = field(default=0)
+
+    @classmethod
+    def of(
+        cls,
+        source: SampleSource,
+        split: str | None = None,
+        maps: Sequence[str] | None = None,
+        crop: int | None = None,
+        seed: int = 0,
+    ) -> Samples:
+        """Choose scenes and arrays of a source.
+
+        Raises
+        ------
+        InputError
+            A split or an array that the dataset does not have, or a crop larger than its pictures.
+        """
+        numbers = np.arange(len(source.ids))
+        if split is not None:
+            if not source.splits:
+                hint = "leave `split` out, or render a suite with `[splits]`"
+                raise InputError("split", "a dataset with splits", "one without", hint)
+            chosen = set(lookup(split, source.splits, "split"))
+            numbers = numbers[[scene in chosen for scene in source.ids]]
+        names = DEFAULT_MAPS if maps is None else tuple(maps)
+        for name in names:
+            lookup(name, dict.fromkeys(source.maps), "maps", "the name of an array of this dataset")
+        side = min(source.shape)
+        if crop is not None and not 1 <= crop <= side:
+            raise InputError("crop", f"1 to {side} pixels", str(crop), "choose another size")
+        return cls(source, numbers, names, crop, seed)
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self.numbers)
+
+    def __getitem__(self, index: SupportsIndex) -> dict[str, Any]:
+        """The sample of that index; negative ones count from the end."""
+        position = operator.index(index)
+        if not -len(self) <= position < len(self):
+            raise IndexError(f"sample {position} of {len(self)}")
+        position %= len(self)
+        number = int(self.numbers[position])
+        arrays = self.source.read(number, self.maps, self._window(position))
+        return {"scene": self.source.ids[number]} | arrays
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """One sample after the other."""
+        return (self[index] for index in range(len(self)))
+
+    def set_epoch(self, epoch: int) -> None:
+        """Draw other crops from now on; the same ones for the same epoch."""
+        self.epoch = epoch
+
+    def _window(self, position: int) -> Window:
+        if self.crop is None:
+            return WHOLE
+        rng = np.random.default_rng((self.seed, self.epoch, position))
+        top, left = (int(rng.integers(0, side - self.crop + 1)) for side in self.source.shape)
+        return slice(top, top + self.crop), slice(left, left + self.crop)

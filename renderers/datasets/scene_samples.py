@@ -1,0 +1,102 @@
+"""The scene folders of a dataset as a source of samples: only the files that are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from malus.renderers.datasets.planes import ERRORS, LOBES, array_from_planes, channel_names
+from malus.renderers.datasets.samples import Window
+from malus.renderers.datasets.scene_folder import MASK, FileName, SceneRecord
+from malus.renderers.datasets.spectral_exr import read_exr, read_spectral
+from malus.scenes.core.arrays import AnyArray
+from malus.scenes.core.files import check_digest
+
+_AGAIN = "render this scene again"
+_FILES: dict[str, FileName] = {
+    "stokes": "stokes.exr",
+    "image": "stokes.exr",
+    "specular": "specular.exr",
+    "diffuse": "diffuse.exr",
+    MASK: "geometry.exr",
+    "normals": "geometry.exr",
+    **dict.fromkeys(ERRORS, "error.exr"),
+}
+"""File of each array; arrays in double precision come as float32."""
+
+
+@dataclass(frozen=True)
+class SceneFolders:
+    """Folders of scenes; every file that is read is checked against its hash.
+
+    Attributes
+    ----------
+    path : Path
+        Of the dataset.
+    ids : tuple of str
+        Of its scenes, in order.
+    splits : dict of split to ids of its scenes
+    record_of : function of a scene's id
+        Its record, compared with the hash that the dataset has of it.
+    """
+
+    path: Path
+    ids: tuple[str, ...]
+    splits: Mapping[str, Sequence[str]]
+    record_of: Callable[[str], SceneRecord]
+
+    @cached_property
+    def _first(self) -> SceneRecord:
+        return self.record_of(self.ids[0])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of every picture: that of the first."""
+        return self._first.shape
+
+    @property
+    def maps(self) -> Sequence[str]:
+        """Names of the arrays that every scene has."""
+        unknown = () if self._first.scene.lobes_known else LOBES
+        return [name for name in _FILES if name not in unknown]
+
+    def read(self, number: int, maps: Sequence[str], window: Window) -> dict[str, AnyArray]:
+        """Arrays of a scene by name.
+
+        Raises
+        ------
+        InputError
+            A file that is missing, cut or changed.
+        """
+        scene = self.ids[number]
+        record, folder = self.record_of(scene), self.path / scene
+        arrays: dict[str, AnyArray] = {}
+        for file in dict.fromkeys(_FILES[name] for name in maps):
+            stored = record.files[file]
+            check_digest(folder / file, stored.bytes, stored.sha256, _AGAIN)
+            wanted = [name for name in maps if _FILES[name] == file]
+            arrays |= _read(folder / file, record, wanted)
+        return {name: np.ascontiguousarray(arrays[name][window]) for name in maps}
+
+
+def _read(path: Path, record: SceneRecord, names: Sequence[str]) -> dict[str, AnyArray]:
+    """Arrays of one file."""
+    bands = record.scene.wavelengths_nm
+    if path.name not in ("geometry.exr", "error.exr"):
+        stokes = read_spectral(path, record.shape, bands)
+        return {name: stokes[..., 0] if name == "image" else stokes for name in names}
+    fields = record.geometry if path.name == "geometry.exr" else ERRORS
+    dtypes = record.dtypes
+    channels = [c for field in fields for c in channel_names(field, bands, dtypes[field])]
+    marks = [MASK] if path.name == "geometry.exr" else []
+    planes = read_exr(path, record.shape, [*channels, *marks])
+    arrays: dict[str, AnyArray] = {
+        field: array_from_planes(field, planes, bands, dtypes[field])
+        for field in fields
+        if field in names
+    }
+    return arrays | {name: planes[name] != 0 for name in marks}

@@ -1,0 +1,195 @@
+"""Datasets as WebDataset shards: tar files whose members are the arrays of scenes as `.npy`.
+
+Members of a scene follow one another, `<scene>.stokes.npy`, `<scene>.mask.npy`, …, and
+`<scene>.scene.json`, so that WebDataset streams them; `<shard>.index.json` has their offsets, so
+that any scene is read alone, without the rest of the shard. Nothing is compressed or rounded.
+Source of the layout: the WebDataset project's documentation of its file format.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import json
+import math
+import os
+import tarfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from malus.renderers.datasets.samples import Window
+from malus.scenes.core.arrays import AnyArray
+from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.files import replace_text, write_whole
+
+SHARDS = "shards.json"
+SHARD_BYTES = 256 << 20
+"""Bytes after which a new shard begins: large enough to stream, small enough to shuffle."""
+
+_NPY = ".npy"
+_AGAIN = "export the dataset again"
+
+
+@dataclass(frozen=True)
+class ShardScene:
+    """A scene that is to be written: its arrays by name, and what describes it."""
+
+    id: str
+    arrays: Mapping[str, AnyArray]
+    description: Mapping[str, Any]
+
+
+def write_shards(
+    folder: Path, scenes: Iterable[ShardScene], about: Mapping[str, Any], limit: int = SHARD_BYTES
+) -> None:
+    """Write scenes as shards of about `limit` bytes, and `shards.json` at the end.
+
+    Raises
+    ------
+    InputError
+        If they cannot be written.
+    """
+    shards: list[dict[str, Any]] = []
+    waiting: list[ShardScene] = []
+    size, shape, maps = 0, None, None
+    for scene in scenes:
+        shape = shape or list(next(iter(scene.arrays.values())).shape[:2])
+        maps = maps or sorted(scene.arrays)
+        waiting.append(scene)
+        size += sum(array.nbytes for array in scene.arrays.values())
+        if size >= limit:
+            shards.append(_write_shard(folder, len(shards), waiting))
+            waiting, size = [], 0
+    if waiting:
+        shards.append(_write_shard(folder, len(shards), waiting))
+    record = {"format": "malus shards 1", "shape": shape, "maps": maps, "shards": shards}
+    replace_text(folder / SHARDS, json.dumps(record | dict(about), indent=1) + "\n")
+
+
+def _write_shard(folder: Path, number: int, scenes: Sequence[ShardScene]) -> dict[str, Any]:
+    name = f"malus-{number:06}.tar"
+    offsets: dict[str, dict[str, int]] = {}
+
+    def write(path: Path) -> None:
+        with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
+            for scene in scenes:
+                offsets[scene.id] = {key: _add(tar, *member) for key, member in _members(scene)}
+
+    write_whole(folder / name, write)
+    replace_text(folder / f"{name}.index.json", json.dumps(offsets) + "\n")
+    return {"file": name, "scenes": [scene.id for scene in scenes]}
+
+
+def _members(scene: ShardScene) -> Iterator[tuple[str, tuple[str, bytes]]]:
+    """Name of each array, with the name and content of its member."""
+    for name, array in scene.arrays.items():
+        buffer = io.BytesIO()
+        np.save(buffer, array, allow_pickle=False)
+        yield name, (f"{scene.id}.{name}{_NPY}", buffer.getvalue())
+    content = json.dumps(scene.description).encode()
+    yield "scene", (f"{scene.id}.scene.json", content)
+
+
+def _add(tar: tarfile.TarFile, name: str, content: bytes) -> int:
+    """Add a member, and return where its content begins."""
+    info = tarfile.TarInfo(name)  # of 1970 and nobody: the same content gives the same bytes
+    info.size = len(content)
+    begin = tar.offset + tarfile.BLOCKSIZE
+    tar.addfile(info, io.BytesIO(content))
+    return begin
+
+
+class Shards:
+    """Shards on disk as a source of samples; holds no open file when it is pickled."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read `shards.json`; what it lists is opened when it is read.
+
+        Raises
+        ------
+        InputError
+            If it is missing or malformed.
+        """
+        self.folder = folder
+        with reading(str(folder / SHARDS), "shards of a dataset", _AGAIN):
+            record = json.loads((folder / SHARDS).read_text("utf-8"))
+            self.shape: tuple[int, int] = tuple(record["shape"])
+            self.maps: tuple[str, ...] = (*record["maps"], "image")
+            self.splits: dict[str, list[str]] = record.get("splits", {})
+            self._files: list[str] = [shard["file"] for shard in record["shards"]]
+            of_shard = [shard["scenes"] for shard in record["shards"]]
+        if any("/" in name or name.startswith(".") for name in self._files):
+            raise InputError(str(folder / SHARDS), "names of files", "a path", _AGAIN)
+        self.ids: tuple[str, ...] = tuple(scene for scenes in of_shard for scene in scenes)
+        self._shard_of = np.repeat(np.arange(len(of_shard)), [len(scenes) for scenes in of_shard])
+        self._open: dict[int, int] = {}
+        self._process = os.getpid()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs: no open files."""
+        return self.__dict__ | {"_open": {}}
+
+    def __del__(self) -> None:
+        """Close what this process has opened."""
+        if self.__dict__.get("_process") == os.getpid():
+            for descriptor in self._open.values():
+                os.close(descriptor)
+
+    def read(self, number: int, maps: Sequence[str], window: Window) -> dict[str, AnyArray]:
+        """Arrays of a scene by name; only the rows of a crop are read.
+
+        Raises
+        ------
+        InputError
+            If the shard is cut or changed.
+        """
+        shard, scene = int(self._shard_of[number]), self.ids[number]
+        where = str(self.folder / self._files[shard])
+        with reading(where, f"the arrays of scene {scene}", _AGAIN):
+            offsets = _index(self.folder / f"{self._files[shard]}.index.json")[scene]
+            stored = dict.fromkeys("stokes" if name == "image" else name for name in maps)
+            arrays = {
+                name: _array(self._descriptor(shard), offsets[name], window) for name in stored
+            }
+        return {
+            name: arrays["stokes"][..., 0] if name == "image" else arrays[name] for name in maps
+        }
+
+    def _descriptor(self, shard: int) -> int:
+        if self._process != os.getpid():  # a fork: what the parent opened is the parent's
+            self._open, self._process = {}, os.getpid()
+        if shard not in self._open:
+            self._open[shard] = os.open(self.folder / self._files[shard], os.O_RDONLY)
+        return self._open[shard]
+
+
+@functools.lru_cache(maxsize=64)
+def _index(path: Path) -> dict[str, dict[str, int]]:
+    """Offsets of the arrays of every scene of a shard."""
+    content: dict[str, dict[str, int]] = json.loads(path.read_text("utf-8"))
+    return content
+
+
+_HEADER = 256
+"""Bytes that hold the header of any array here: NumPy pads it to a multiple of 64."""
+
+
+def _array(descriptor: int, offset: int, window: Window) -> AnyArray:
+    """Rows and columns of the array that begins at an offset of a file."""
+    header = io.BytesIO(os.pread(descriptor, _HEADER, offset))
+    if np.lib.format.read_magic(header) != (1, 0):
+        raise ValueError("another version of .npy than 1.0")
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(header)
+    if fortran or dtype.hasobject:
+        raise ValueError("an array that is not in rows of plain numbers")
+    rows, columns = window
+    top, bottom, _ = rows.indices(shape[0])
+    row_bytes = dtype.itemsize * math.prod(shape[1:])
+    begin = offset + header.tell() + top * row_bytes
+    data = os.pread(descriptor, (bottom - top) * row_bytes, begin)
+    array = np.frombuffer(bytearray(data), dtype).reshape(bottom - top, *shape[1:])
+    return array[:, columns] if columns != slice(None) else array

@@ -1,0 +1,198 @@
+"""Samples for training are the truths of the dataset, from every form, in every process."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import pickle
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import malus
+from malus.bench.datasets.export import export
+from malus.bench.datasets.render import render_dataset
+from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.shards import Shards
+from malus.renderers.variant import Variant
+from malus.scenes import Camera, InputError, load_suite
+
+NOBODY = Variant("scalar_spectral_polarized", "not used")
+SIDE = 14
+MAPS = ("stokes", "image", "mask", "normals", "specular", "diffuse", "standard_error")
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    quick = load_suite("quick")
+    suite = quick.model_copy(
+        update={
+            "renderer": "torrance-sparrow",
+            "lights": quick.lights[1:],
+            "bodies": ("unpolarised",),
+            "camera": Camera(resolution=SIDE),
+        }
+    )
+    folder = tmp_path_factory.mktemp("dataset")
+    render_dataset(suite, folder, NOBODY)
+    return open_dataset(folder)
+
+
+@pytest.fixture(scope="module")
+def forms(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The dataset itself, and its exports, by name."""
+    pytest.importorskip("h5py", reason="h5py is not installed")
+    folders = {"folders": dataset.path}
+    for name in ("webdataset", "hdf5"):
+        folders[name] = tmp_path_factory.mktemp(name)
+        export(dataset, name, folders[name])
+    return folders
+
+
+FORMS = ("folders", "webdataset", "hdf5")
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_samples_are_the_truths(dataset: Dataset, forms: dict[str, Path], form: str) -> None:
+    """To the bit of float32, in which all forms store."""
+    samples = malus.open_dataset(forms[form], maps=MAPS)
+    assert len(samples) == len(dataset)
+    for sample, truth in zip(samples, dataset.truths(), strict=True):
+        assert sample["scene"] == truth.scene.id
+        for name in MAPS:
+            stored = np.asarray(getattr(truth, name))
+            expected = stored if stored.dtype == bool else stored.astype(np.float32)
+            np.testing.assert_array_equal(sample[name], expected, err_msg=name)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_crops_are_windows_of_the_whole(forms: dict[str, Path], form: str) -> None:
+    """The same window in all arrays; another one in another epoch; the same again."""
+    whole = malus.open_dataset(forms[form], maps=MAPS)
+    crops = malus.open_dataset(forms[form], maps=MAPS, crop=5, seed=3)
+    first = crops[1]
+    windows = [
+        (top, left)
+        for top in range(SIDE - 4)
+        for left in range(SIDE - 4)
+        if all(
+            np.array_equal(first[name], whole[1][name][top : top + 5, left : left + 5])
+            for name in MAPS
+        )
+    ]
+    assert len(windows) == 1
+    np.testing.assert_array_equal(crops[1]["stokes"], first["stokes"])
+    crops.set_epoch(1)
+    others = [crops[index]["stokes"] for index in range(len(crops))]
+    crops.set_epoch(0)
+    again = [crops[index]["stokes"] for index in range(len(crops))]
+    assert not all(np.array_equal(a, b) for a, b in zip(others, again, strict=True))
+
+
+def test_all_forms_cut_the_same_crops(forms: dict[str, Path]) -> None:
+    """A crop follows from seed, epoch and index, whatever stores the dataset."""
+    pictures = [malus.open_dataset(forms[form], crop=6, seed=1)[2]["image"] for form in FORMS]
+    for picture in pictures[1:]:
+        np.testing.assert_array_equal(picture, pictures[0])
+
+
+def _read(samples: Any, index: int, queue: Any) -> None:
+    queue.put(samples[index]["stokes"])
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+@pytest.mark.parametrize("form", FORMS)
+def test_workers_read_what_the_parent_reads(forms: dict[str, Path], form: str, method: str) -> None:
+    """Also after the parent has opened the files, whose positions a fork shares."""
+    samples = malus.open_dataset(forms[form], maps=("stokes",))
+    expected = [samples[index]["stokes"] for index in range(2)]
+    context = multiprocessing.get_context(method)
+    queue = context.Queue()
+    workers = [context.Process(target=_read, args=(samples, 1, queue)) for _ in range(2)]
+    for worker in workers:
+        worker.start()
+    for _ in workers:
+        np.testing.assert_array_equal(queue.get(timeout=60), expected[1])
+    for worker in workers:
+        worker.join()
+    np.testing.assert_array_equal(samples[0]["stokes"], expected[0])
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_samples_are_pickled(forms: dict[str, Path], form: str) -> None:
+    samples = malus.open_dataset(forms[form], crop=4)
+    first = samples[0]
+    again = pickle.loads(pickle.dumps(samples))
+    np.testing.assert_array_equal(again[0]["image"], first["image"])
+
+
+def test_indices_are_those_of_a_list(dataset: Dataset) -> None:
+    samples = dataset.samples()
+    assert samples[-1]["scene"] == samples[len(samples) - 1]["scene"]
+    with pytest.raises(IndexError):
+        samples[len(samples)]
+    assert len(list(samples)) == len(samples)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"split": "train"}, "a dataset with splits"),
+        ({"maps": ("stoke",)}, "did you mean stokes"),
+        ({"crop": 99}, f"1 to {SIDE} pixels"),
+    ],
+)
+def test_wrong_choices_are_named(dataset: Dataset, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        malus.open_dataset(dataset.path, **options)
+
+
+def test_no_dataset_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"dataset\.json, shards\.json or dataset\.h5"):
+        malus.open_dataset(tmp_path)
+
+
+def test_a_cut_shard_is_no_sample(forms: dict[str, Path], tmp_path: Path) -> None:
+    """Never fewer rows in silence."""
+    for path in forms["webdataset"].iterdir():
+        content = path.read_bytes()
+        cut = len(content) // 2 if path.suffix == ".tar" else len(content)
+        (tmp_path / path.name).write_bytes(content[:cut])
+    samples = malus.open_dataset(tmp_path, maps=("stokes",))
+    with pytest.raises(InputError, match="the arrays of scene"):
+        list(samples)
+
+
+# That reader leaves the last shard to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_shards_are_read_by_webdataset(dataset: Dataset, forms: dict[str, Path]) -> None:
+    """The project's own reader gives every array back."""
+    webdataset = pytest.importorskip("webdataset", reason="webdataset is not installed")
+    shards = sorted(map(str, forms["webdataset"].glob("*.tar")))
+    pipeline = webdataset.WebDataset(shards, shardshuffle=False).decode()
+    for sample, truth in zip(pipeline, dataset.truths(), strict=True):
+        assert sample["__key__"] == truth.scene.id
+        np.testing.assert_array_equal(sample["stokes.npy"], truth.stokes.astype(np.float32))
+        assert sample["scene.json"] == truth.scene.model_dump(mode="json")
+
+
+def test_shards_are_split_by_size(dataset: Dataset, tmp_path: Path) -> None:
+    """Several shards hold every scene once, in order; the same content gives the same bytes."""
+    from malus.bench.datasets.export_training import _scenes
+    from malus.renderers.datasets.shards import write_shards
+
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        write_shards(tmp_path / name, _scenes(dataset, lambda *_: None), {}, limit=1)
+    shards = Shards(tmp_path / "a")
+    assert list(shards.ids) == list(dataset.scenes)
+    files = sorted((tmp_path / "a").glob("*.tar"))
+    assert len(files) == len(dataset)
+    for path in files:
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+        with tarfile.open(path) as tar:
+            assert {name.split(".")[0] for name in tar.getnames()} <= set(dataset.scenes)
+    assert json.loads((tmp_path / "a" / "shards.json").read_text())["shape"] == [SIDE, SIDE]
