@@ -44,10 +44,10 @@ class Layout:
     """Files of a prediction, relative to a folder, and how they become a Stokes image."""
 
     files: tuple[str, ...]
-    decode: Callable[[list[FloatArray], Truth], FloatArray]
+    decode: Callable[[Sequence[FloatArray], Truth], FloatArray]
 
 
-def _of_components(components: list[FloatArray], truth: Truth) -> FloatArray:
+def _of_components(components: Sequence[FloatArray], truth: Truth) -> FloatArray:
     """Codes of s1 and s2 on the truth's own scale; see `malus.bench.scoring.profiles.rgb2pol`."""
     parts = [truth.image]
     for k, codes in enumerate(components, start=1):
@@ -56,7 +56,7 @@ def _of_components(components: list[FloatArray], truth: Truth) -> FloatArray:
     return np.stack(parts, axis=-1)
 
 
-def _of_angle_and_degree(pictures: list[FloatArray], truth: Truth) -> FloatArray:
+def _of_angle_and_degree(pictures: Sequence[FloatArray], truth: Truth) -> FloatArray:
     angle, degree = pictures
     radians = np.radians((2.0 * angle - 1.0) * LARGEST_ANGLE_DEG)
     return _partly_polarised(
@@ -64,7 +64,7 @@ def _of_angle_and_degree(pictures: list[FloatArray], truth: Truth) -> FloatArray
     )
 
 
-def _of_polarisers(pictures: list[FloatArray], truth: Truth) -> FloatArray:
+def _of_polarisers(pictures: Sequence[FloatArray], truth: Truth) -> FloatArray:
     i0, i45, i90, i135 = pictures
     total = (i0 + i45 + i90 + i135) / 2.0
     lit = total > 0

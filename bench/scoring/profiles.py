@@ -89,13 +89,14 @@ def _polaranything(pixels: _Pixels, estimated: Float64Array, true: Float64Array)
     degrees = [polarisation.dolp(s).clip(0.0, 1.0) for s in (mean_estimate, mean_true)]
     angle = angle_between(polarisation.aolp(mean_estimate), polarisation.aolp(mean_true))
     error = PixelSums.of(degrees[0] - degrees[1])
-    codes = [encoded(s) for s in (mean_estimate, mean_true)]
+    codes = encoded(mean_estimate), encoded(mean_true)
+    pictures = pixels.frame(codes[0]), pixels.frame(codes[1])
     return {
         "polaranything_aolp_deg": math.degrees(PixelSums.of(angle).mean),
         "polaranything_dolp_mae": PixelSums.of(np.abs(degrees[0] - degrees[1])).mean,
         "polaranything_dolp_mse": error.mean_square,
         "polaranything_psnr": psnr(PixelSums.of(codes[0] - codes[1])),
-        "polaranything_ssim": _ssim(*(pixels.frame(c) for c in codes), 1.0, pixels.mask),
+        "polaranything_ssim": _ssim(*pictures, 1.0, pixels.mask),
     }
 
 

@@ -7,6 +7,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -57,12 +58,14 @@ def compare(variant: Variant, resolution: int, epochs: int) -> list[LoaderSpeed]
                 export(dataset, form, folder / form)
             except InputError:
                 continue  # h5py is optional
-            ways[form] = lambda form=form: iter(open_any(folder / form, maps=DEFAULT_MAPS))
+            ways[form] = partial(_samples, folder / form)
         crop = min(CROP, resolution)
-        ways[f"webdataset, {crop}² crops"] = lambda: iter(
-            open_any(folder / "webdataset", maps=DEFAULT_MAPS, crop=crop)
-        )
+        ways[f"webdataset, {crop}² crops"] = partial(_samples, folder / "webdataset", crop)
         return _measured(ways, epochs)
+
+
+def _samples(folder: Path, crop: int | None = None) -> Iterator[Any]:
+    return iter(open_any(folder, maps=DEFAULT_MAPS, crop=crop))
 
 
 def _measured(ways: dict[str, Callable[[], Iterator[Any]]], epochs: int) -> list[LoaderSpeed]:

@@ -125,8 +125,8 @@ def paired(table: pd.DataFrame, metric: str, first: str, second: str) -> PairedD
     'better in 6 of 6 scenes'
     """
     wide = _by_scene(table, metric).reindex(columns=[first, second])
-    values = (wide[name].to_numpy(np.float64) for name in (first, second))
-    return PairedDifference.of(*values, definition_of(metric))
+    a, b = (wide[name].to_numpy(np.float64) for name in (first, second))
+    return PairedDifference.of(a, b, definition_of(metric))
 
 
 def ranked_pairs(table: pd.DataFrame) -> TextTable:
