@@ -27,6 +27,10 @@ RESAMPLES = 1000
 ROUNDING = 1e-12
 """Relative error of a mean that is rounding alone."""
 
+LEAST_PLAIN = 0.01
+MOST_DECIMALS = 5
+"""Smaller values have an exponent; larger ones at most so many decimals."""
+
 _MEDIAN = "skill"
 """The metric that is summed up by their median: one scene of −60 would rule a mean."""
 
@@ -68,14 +72,14 @@ def number_with_error(value: float, error: float) -> str:
 
 
 def _number(value: float, error: float) -> str:
-    """A number with the digits that its error leaves."""
+    """A number with the digits that its error leaves, but no more than a table can hold."""
     if value == 0 and error == 0:
         return "0"
     last = math.floor(math.log10(error)) - 1
-    if last < -5:
-        exponent = math.floor(math.log10(abs(value))) if value else last
-        return f"{value / 10.0**exponent:.{max(exponent - last, 0)}f}e{exponent}"
-    return f"{value:.{max(-last, 0)}f}"
+    if abs(value) >= LEAST_PLAIN or last >= -MOST_DECIMALS:
+        return f"{value:.{min(max(-last, 0), MOST_DECIMALS)}f}"
+    exponent = math.floor(math.log10(abs(value))) if value else last
+    return f"{value / 10.0**exponent:.{max(exponent - last, 0)}f}e{exponent}"
 
 
 @dataclass(frozen=True)
