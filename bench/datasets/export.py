@@ -48,7 +48,8 @@ NUMPY_WORDS = CONVENTIONS | {
     "truth.npz": "stokes, specular, diffuse (where the lobes are known),"
     " standard_error, specular_noise, diffuse_noise"
     " (height, width, bands, 3); image (height, width, bands); normals (height, width, 3); mask"
-    " (height, width); wavelengths_nm, eta (bands,); alpha; read with allow_pickle=False",
+    " and normal_spread (degrees; missing in older datasets) (height, width); wavelengths_nm, eta"
+    " (bands,); alpha; read with allow_pickle=False",
 }
 PNG_WORDS = {
     "aolp_<band>nm.png": "angle of linear polarisation, from +x (horizontal), anticlockwise as"
@@ -127,6 +128,7 @@ def write_numpy(folder: Path, truth: Truth) -> None:
         stokes=truth.stokes,
         image=truth.image,
         **(lobes if truth.scene.lobes_known else {}),
+        **({} if truth.normal_spread is None else {"normal_spread": truth.normal_spread}),
         standard_error=truth.standard_error,
         specular_noise=truth.specular_noise,
         diffuse_noise=truth.diffuse_noise,
