@@ -122,13 +122,16 @@ def export(
 
 def write_numpy(folder: Path, truth: Truth) -> None:
     """The arrays of a truth as `truth.npz`, without pickle; lobes where they are known."""
-    lobes: dict[str, Any] = {"specular": truth.specular, "diffuse": truth.diffuse}
+    known: dict[str, Any] = {}
+    if truth.scene.lobes_known:
+        known |= {"specular": truth.specular, "diffuse": truth.diffuse}
+    if truth.normal_spread is not None:
+        known["normal_spread"] = truth.normal_spread
     np.savez(
         folder / "truth.npz",
         stokes=truth.stokes,
         image=truth.image,
-        **(lobes if truth.scene.lobes_known else {}),
-        **({} if truth.normal_spread is None else {"normal_spread": truth.normal_spread}),
+        **known,
         standard_error=truth.standard_error,
         specular_noise=truth.specular_noise,
         diffuse_noise=truth.diffuse_noise,

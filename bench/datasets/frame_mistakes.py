@@ -39,9 +39,9 @@ def frame_turns(truth: Truth) -> dict[str, tuple[Float64Array, ...]]:
     By what fits better in words, the frames that it points to.
     """
     camera, side = truth.scene.camera, truth.mask.shape
-    view = truth.view_direction
-    view = np.broadcast_to([0.0, 0.0, 1.0], (*side, 3)) if view is None else view
-    view = view[truth.mask].astype(np.float64)
+    every = truth.view_direction
+    every = np.broadcast_to([0.0, 0.0, 1.0], (*side, 3)) if every is None else every
+    view: Float64Array = every[truth.mask].astype(np.float64)
     row, column = np.nonzero(truth.mask)
     radial = np.arctan2((side[0] - 1) / 2 - row, column - (side[1] - 1) / 2)
     up = camera.axes @ np.array([0.0, 1.0, 0.0])

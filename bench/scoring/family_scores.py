@@ -153,7 +153,7 @@ class FamilyJudge:
         self.mixed = MixedPixels.of(
             pixels.first, (image, pixels.true, pixels.draw), angle_form(), count
         )
-        self.guess_unmixed = self.mixed and self.mixed.without(moments, guess)
+        self.guess_unmixed = None if self.mixed is None else self.mixed.without(moments, guess)
         self.guesses = [self._residuals(moments, scene) for scene in range(count)]
         # The guess lacks the whole field: its product with that is minus the field's energy.
         self.totals = np.stack([-totals[:, 0], totals[:, 2]], axis=1)
@@ -164,7 +164,7 @@ class FamilyJudge:
         moments, totals = self._sums_of(estimate)
         violations = self._violations(estimate)
         components = estimate.image, estimate.s1, estimate.s2
-        unmixed = self.mixed and self.mixed.without(moments, components)
+        unmixed = None if self.mixed is None else self.mixed.without(moments, components)
         return [
             replace(
                 self._score(moments, totals[scene], int(violations[scene]), scene),

@@ -191,7 +191,7 @@ class Judge:
         self.guess = self._residuals(moments)
         pixels = image, self.pixels.true, self.pixels.draw
         self.mixed = MixedPixels.of(truth, pixels, angle_form())
-        self.guess_unmixed = self.mixed and self.mixed.without(moments, estimate)
+        self.guess_unmixed = None if self.mixed is None else self.mixed.without(moments, estimate)
         # The guess lacks the whole field: its product with that is minus the field's energy.
         self.totals = -along, error
         (draws,) = self.draws

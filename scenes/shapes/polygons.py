@@ -80,7 +80,7 @@ def cut_polygons(
     triangles: dict[int, IntArray] = {}
     for size in np.unique(sizes[sizes > 3]):
         places = np.flatnonzero(sizes == size)
-        numbers = np.array([polygons[place] for place in places], np.int64)
+        numbers = np.array([polygons[place] for place in places.tolist()], np.int64)
         there = ((numbers >= 0) & (numbers < len(vertices))).all(axis=1)
         places, corners = places[there], vertices[numbers[there]]
         wrong = wrong_fans(corners)
