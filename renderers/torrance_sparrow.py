@@ -76,7 +76,10 @@ def render_torrance_sparrow(
     albedo = scene.surface.albedos(scene.wavelengths_nm)
     diffuse[..., 0] = np.where(lit, albedo / np.pi * light.irradiance * n_l, 0.0)
     no_noise = np.zeros_like(specular)
-    return Truth(scene, specular, diffuse, normals, mask, no_noise, no_noise, no_noise)
+    return Truth(
+        scene, specular, diffuse, normals, mask, no_noise, no_noise, no_noise,
+        normal_spread=np.zeros(mask.shape),  # a pixel is computed from one normal
+    )  # fmt: skip
 
 
 def _checked_light(scene: Scene, normals: Float64Array | None) -> Distant:

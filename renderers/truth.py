@@ -43,6 +43,9 @@ class Truth:
         is that of the scene's surface everywhere. `eta` returns the one that applies.
     alpha_map : (height, width) or None
         Beckmann roughness where it varies over the image, likewise; `alpha` returns it.
+    normal_spread : (height, width) or None
+        How far the normals within a pixel differ, degrees: the angle whose cosine is the length of
+        the mean of all unit normals in it. None where nobody measured it.
 
     Examples
     --------
@@ -67,6 +70,7 @@ class Truth:
     samples: int | None = None
     eta_map: NumberArray | None = None
     alpha_map: FloatArray | None = None
+    normal_spread: FloatArray | None = None
 
     @property
     def eta(self) -> NumberArray:

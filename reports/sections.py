@@ -145,7 +145,7 @@ def noise(source: Source) -> Section:
     """Errors of every method, the Monte Carlo noise in them, and the interpolation error."""
     content = render(
         "noise.html",
-        explanation=sentences.NOISE,
+        explanations=[sentences.NOISE, sentences.UNMIXED],
         interpolation_rms=scientific(source.run["interpolation_rms"]),
         errors=text_tables.errors(source.table),
         left_out=[

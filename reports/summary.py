@@ -44,6 +44,7 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
         "## Errors and skill",
         _table(text_tables.errors(table)),
         sentences.NOISE,
+        sentences.UNMIXED,
         *_left_out(table),
         *_pairs(table),
         f"## Where the skill of {PAPER_METHOD} is negative",

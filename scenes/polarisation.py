@@ -58,6 +58,19 @@ def viewing_frame(vectors: FloatArray, view_direction: FloatArray) -> FloatArray
     return np.stack([right, up, toward], axis=-1)
 
 
+def in_turned_frame(stokes: FloatArray, angle: FloatArray) -> FloatArray:
+    """Stokes vectors (..., 3) for a reference axis turned by angles (...), anticlockwise, radians.
+
+    Examples
+    --------
+    >>> in_turned_frame(np.array([2.0, 1.0, 0.0]), np.array(np.pi / 2)).round(12).tolist()
+    [2.0, -1.0, -0.0]
+    """
+    cosine, sine = np.cos(2 * angle), np.sin(2 * angle)
+    s0, s1, s2 = np.moveaxis(stokes, -1, 0)
+    return np.stack([s0, cosine * s1 + sine * s2, cosine * s2 - sine * s1], axis=-1)
+
+
 def polarised(stokes: FloatArray, angle_deg: float) -> FloatArray:
     """Radiance behind an ideal linear polariser, I(ϑ).
 

@@ -9,6 +9,7 @@ import functools
 import io
 import json
 import shutil
+import struct
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,7 +31,10 @@ from malus.bench.running.parts import Parts
 from malus.bench.running.status import status
 from malus.reconstruct.photos.capture import read_capture
 from malus.reconstruct.photos.masks_and_normals import read_normals
+from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.read_picture import read_picture
+from malus.reconstruct.photos.tone_curves import linear_transfer, power_transfer
+from malus.reconstruct.photos.write_picture import write_picture
 from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
 from malus.renderers.datasets.scene_folder import read_record
 from malus.renderers.datasets.spectral_exr import read_spectral, write_exr, write_spectral
@@ -117,6 +121,17 @@ POLYGONS += np.float32([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 1]]).tobytes()
 POLYGONS += b"\4" + np.int32([0, 1, 2, 3]).tobytes() + b"\3" + np.int32([0, 1, 3]).tobytes()
 
 
+ARROW = ((0, 0, 0), (2, 1, 0), (0, 2, 0), (1, 1, 0.5), (0.5, 1, 0))
+"""Corners of a concave face."""
+OBJ_CONCAVE = "".join("v {} {} {}\n".format(*corner) for corner in ARROW).encode()
+OBJ_CONCAVE += b"vt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1 \\\n 4/1/1\nf -5//-1 -4//-1 -3//-1 -1//-1\n"
+OFF_CONCAVE = "".join("{} {} {}\n".format(*corner) for corner in ARROW).encode()
+OFF_CONCAVE = b"OFF # a comment\n5 2 0\n" + OFF_CONCAVE + b"4 0 1 2 3\n5 0 1 2 3 4\n"
+PLY_CONCAVE = _PLY % (b"binary_little_endian", b"face 2\nproperty list uchar int vertex_indices")
+PLY_CONCAVE += np.float32(ARROW[:4]).tobytes()
+PLY_CONCAVE += 2 * (b"\4" + np.int32([0, 1, 2, 3]).tobytes())
+
+
 def measured_band(path: Path) -> object:
     table = open_pbrdf(path)
     table.check_bands([520.0])
@@ -187,6 +202,44 @@ def jpeg2000() -> bytes:
     codes = np.random.default_rng(1).integers(0, 1 << 16, (8, 8, 3), np.uint16)
     data = imagecodecs.jpeg2k_encode(codes, level=0, codecformat="jp2", reversible=True)
     return bytes(data)
+
+
+def with_opacity() -> bytes:
+    """A JPEG 2000 file whose colours are multiplied by an opacity."""
+    codes = np.full((8, 8, 4), 99, np.uint8)
+    picture = Picture(
+        codes[..., :3].astype(np.float32) / 255,
+        "JPEG2000",
+        linear_transfer(8),
+        codes[..., 3],
+        {"cdef": struct.pack(">13H", 4, 0, 0, 1, 1, 0, 2, 2, 0, 3, 3, 2, 0)},
+        premultiplied=True,
+    )
+    return written("a.jp2", lambda path: write_picture(path, picture))()
+
+
+def deep_avif() -> bytes:
+    import imagecodecs
+
+    codes = np.random.default_rng(1).integers(0, 1 << 10, (8, 8, 3), np.uint16)
+    return bytes(imagecodecs.avif_encode(codes, bitspersample=10, level=90, transfer=8))
+
+
+def with_gamma(path: Path) -> None:
+    light = np.random.default_rng(1).random((8, 8, 3), np.float32)
+    write_picture(path, Picture(light, "PNG", power_transfer(1.0, 16), metadata={"gamma": 1.0}))
+
+
+def with_exif() -> bytes:
+    """A JPEG of a camera in its Adobe RGB mode."""
+    from PIL import Image
+
+    exif, out = Image.Exif(), io.BytesIO()
+    exif.get_ifd(0x8769).update({0xA001: 65535, 0xA500: 2.2})
+    exif.get_ifd(0x8769)[0xA005] = {1: "R03"}
+    xmp = b"<x:xmpmeta xmlns:x='adobe:ns:meta/'><exif:Gamma>22/10</exif:Gamma></x:xmpmeta>"
+    Image.new("RGB", (8, 8), (99, 5, 200)).save(out, "JPEG", exif=exif, xmp=xmp)
+    return out.getvalue()
 
 
 def pages(path: Path) -> None:
@@ -314,7 +367,8 @@ def baseline(path: Path) -> None:
 def example() -> bytes:
     meta = {"scene": "0" * 16, "label": "sphere", "wavelengths_nm": list(BANDS)}
     out = io.BytesIO()
-    np.savez_compressed(out, truth=TRUTH.stokes, mask=TRUTH.mask, meta=np.array(json.dumps(meta)))
+    images = {"truth": TRUTH.stokes, "mask": TRUTH.mask, "mixed": TRUTH.mask}
+    np.savez_compressed(out, **images, meta=np.array(json.dumps(meta)))
     return out.getvalue()
 
 
@@ -340,6 +394,9 @@ READERS = {
     },
     "mesh-ply-strips": Reader(of_file("a.ply", load_mesh), lambda: STRIPS),
     "mesh-ply-polygons": Reader(of_file("a.ply", load_mesh), lambda: POLYGONS),
+    "mesh-obj-concave": Reader(of_file("a.obj", load_mesh), lambda: OBJ_CONCAVE),
+    "mesh-off-concave": Reader(of_file("a.off", load_mesh), lambda: OFF_CONCAVE),
+    "mesh-ply-concave": Reader(of_file("a.ply", load_mesh), lambda: PLY_CONCAVE),
     "png": Reader(of_file("a.png", read_picture), picture("png")),
     "png-16": Reader(of_file("a.png", read_picture), picture("png", np.uint16)),
     "jpeg": Reader(of_file("a.jpg", read_picture), picture("jpeg")),
@@ -389,6 +446,10 @@ READERS = {
         ),
         lambda: bytes(range(192)),
     ),
+    "png-gamma": Reader(of_file("a.png", read_picture), written("a.png", with_gamma)),
+    "jpeg-exif": Reader(of_file("a.jpg", read_picture), with_exif),
+    "avif-deep": Reader(of_file("a.avif", read_picture), deep_avif),
+    "jpeg-2000-opacity": Reader(of_file("a.jp2", read_picture), with_opacity),
     "jpeg-2000": Reader(of_file("a.jp2", read_picture), jpeg2000),
     **{
         f"picture-{kind}": Reader(of_file(f"a.{kind}", read_picture), picture(kind))

@@ -31,10 +31,10 @@ def results_table(results: Results) -> Table:
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("light", "body", "method"):
         table.add_column(name, no_wrap=True)
-    for name in ("NMSE", "skill", "worst"):
+    for name in ("NMSE", "skill", "worst", "unmixed"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in headline(results):
-        numbers = [_skill(row["skill_median"]), _skill(row["skill_min"])]
+        numbers = [_skill(row[f"skill_{name}"]) for name in ("median", "min", "unmixed_median")]
         nmse = f"{row['nmse_mean']:.1e}"
         table.add_row(row["light"], row["body"], row["method"], nmse, *numbers)
     return table

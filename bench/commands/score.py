@@ -91,4 +91,11 @@ def _tell(results: Results, folder: Path, console: Any) -> None:
     invalid = results.table.loc[results.table.metric == "invalid", "value"].sum()
     if invalid > 0:
         console.print(f"{invalid:.0f} pixels with invalid inputs: see the metric `invalid`")
+    unknown = results.run["scenes_without_normal_spread"]
+    if unknown:
+        scenes = f"{unknown} of {results.run['scenes']} scenes"
+        console.print(
+            f"{scenes} do not tell which pixels see more than one normal: no skill without them;"
+            " `malus render` of this version into a new folder does"
+        )
     console.print(f"written to {folder}", highlight=False)

@@ -1,7 +1,8 @@
 """Detect predictions in another convention or unit, from the images themselves.
 
 Each common mistake is made on the true s1 and s2: angles counted otherwise, s1 and s2 exchanged,
-an angle doubled or in another unit, a division by s0, 8-bit codes in place of radiance. If the
+an angle doubled or in another unit, other frames, a division by s0, 8-bit codes in place of
+radiance. If the
 predictions are several times nearer to the result than to the truth, their maker probably made that
 mistake. All that is needed are sums that can be added over scenes.
 """
@@ -13,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from malus.bench.datasets.frame_mistakes import frame_turns
 from malus.bench.scoring.metrics import peak
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
@@ -133,6 +135,11 @@ MISTAKES: dict[str, list[Mistake]] = {
 """What fits better, in words, and the mistakes that it points to; likelier ones first."""
 
 
+def _in_frame(true: FloatArray, turn: FloatArray, bands: int, every: int) -> FloatArray:
+    """Stokes vectors (n, 3) in frames turned by an angle a pixel, for each of them in a sample."""
+    return polarisation.in_turned_frame(true, np.repeat(turn, bands)[::every])
+
+
 @dataclass(frozen=True)
 class ConventionSums:
     """Sums over pixels, bands and scenes, relative to the peak of each scene.
@@ -148,7 +155,7 @@ class ConventionSums:
     as_is : float
         Σ of squared differences of s1 and s2 from the truth, over a sample of the pixels.
     mistaken : dict of str to tuple of float
-        The same from the truth with each of `MISTAKES`.
+        The same from the truth with each of `MISTAKES`, and in the frames of `frame_turns`.
     """
 
     predicted: float = 0.0
@@ -178,6 +185,7 @@ class ConventionSums:
             true0=weight * float(np.sum(t[:, 0] ** 2)),
         )
         every = -(-len(t) // _SAMPLE) or 1
+        bands = truth.stokes.shape[2]
         p, t, weight = p[::every], t[::every], weight * every
         return replace(
             sums,
@@ -187,6 +195,13 @@ class ConventionSums:
                     weight * float(np.sum((p[:, 1:] - mistake(t, p)) ** 2)) for mistake in kinds
                 )
                 for words, kinds in MISTAKES.items()
+            }
+            | {
+                words: tuple(
+                    weight * float(np.sum((p - _in_frame(t, turn, bands, every))[:, 1:] ** 2))
+                    for turn in turns
+                )
+                for words, turns in frame_turns(truth).items()
             },
         )
 

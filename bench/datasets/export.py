@@ -59,7 +59,8 @@ NUMPY_WORDS = CONVENTIONS | {
     "truth.npz": "stokes, specular, diffuse (where the lobes are known),"
     " standard_error, specular_noise, diffuse_noise"
     " (height, width, bands, 3); image (height, width, bands); normals (height, width, 3); mask"
-    " (height, width); wavelengths_nm, eta (bands,); alpha; read with allow_pickle=False",
+    " and normal_spread (degrees; missing in older datasets) (height, width); wavelengths_nm, eta"
+    " (bands,); alpha; read with allow_pickle=False",
 }
 PNG_WORDS = {
     "aolp_<band>nm.png": "angle of linear polarisation, from +x (horizontal), anticlockwise as"
@@ -166,12 +167,16 @@ def _numbered(opened: Dataset, layout: str, folder: Path, progress: Progress) ->
 
 def write_numpy(folder: Path, truth: Truth) -> None:
     """The arrays of a truth as `truth.npz`, without pickle; lobes where they are known."""
-    lobes: dict[str, Any] = {"specular": truth.specular, "diffuse": truth.diffuse}
+    known: dict[str, Any] = {}
+    if truth.scene.lobes_known:
+        known |= {"specular": truth.specular, "diffuse": truth.diffuse}
+    if truth.normal_spread is not None:
+        known["normal_spread"] = truth.normal_spread
     np.savez(
         folder / "truth.npz",
         stokes=truth.stokes,
         image=truth.image,
-        **(lobes if truth.scene.lobes_known else {}),
+        **known,
         standard_error=truth.standard_error,
         specular_noise=truth.specular_noise,
         diffuse_noise=truth.diffuse_noise,

@@ -149,7 +149,7 @@ def _score(
 ) -> Results:
     started = time.perf_counter()
     tables: list[pd.DataFrame] = []
-    sums, worst = ConventionSums(), 0.0
+    sums, worst, unknown = ConventionSums(), 0.0, 0
     for done, scene_id in enumerate(dataset.scenes):
         progress(done, len(dataset), scene_id)
         truth = dataset.truth(scene_id)
@@ -160,8 +160,10 @@ def _score(
             scored.append(_as_method(name, stokes, truth))
         tables.append(_scene_table(truth, scored, metrics))
         worst = max(worst, truth.interpolation_error.get("rms", 0.0))
+        unknown += truth.normal_spread is None
     names = [method.name for method in methods]
     run = _run_record(dataset, names, time.perf_counter() - started, worst)
+    run["scenes_without_normal_spread"] = unknown
     if predictions is not None:
         run["suite"]["methods"] = [*names, name]
         run["predictions"] = {

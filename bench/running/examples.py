@@ -11,6 +11,7 @@ import numpy as np
 
 from malus.bench.running.plan import FamilyPlan
 from malus.bench.scoring.observe import observe
+from malus.bench.scoring.unmixed_pixels import mixed_pixels
 from malus.reconstruct import Inapplicable, Method
 from malus.renderers.truth import Truth
 from malus.scenes.core.files import write_whole
@@ -43,7 +44,7 @@ def _of_middle_index(scenes: Sequence[Scene]) -> Scene:
 
 
 def write_example(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
-    """Write `examples/<scene id>.npz`: truth, mask, one Stokes image a method, and a label."""
+    """Write `examples/<scene id>.npz`: truth, masks, one Stokes image a method, and a label."""
     path = folder / EXAMPLES / f"{truth.scene.id}.npz"
     if path.exists():
         return
@@ -52,6 +53,9 @@ def write_example(folder: Path, truth: Truth, methods: Sequence[Method]) -> None
         "mask": truth.mask,
         "meta": np.array(json.dumps(_meta(truth.scene))),
     }
+    mixed = mixed_pixels(truth)
+    if mixed is not None:
+        images["mixed"] = mixed
     for method in methods:
         try:
             estimate = method.reconstruct(observe(truth, method.needs))

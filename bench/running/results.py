@@ -64,7 +64,8 @@ def headlines(table: pd.DataFrame) -> pd.DataFrame:
 def headline(results: Results) -> list[dict[str, Any]]:
     """NMSE and skill of every method, body and kind of light, as plain numbers.
 
-    Skill is the median over scenes that have one; `without_skill` counts the others.
+    Skills are medians over scenes that have one, `skill_unmixed_median` over the pixels of one
+    normal; `without_skill` counts the other scenes.
     """
     table = results.headlines
     table = table[table.knowledge == "everything"]
@@ -73,6 +74,7 @@ def headline(results: Results) -> list[dict[str, Any]]:
     for group, part in table.groupby(keys, sort=False):
         nmse = part.value[part.metric == "nmse"]
         skill = part.value[part.metric == "skill"]
+        unmixed = part.value[part.metric == "skill_unmixed"]
         if nmse.empty:
             continue
         rows.append(
@@ -82,6 +84,7 @@ def headline(results: Results) -> list[dict[str, Any]]:
                 "nmse_max": float(nmse.max()),
                 "skill_median": _or_none(skill.median()),
                 "skill_min": _or_none(skill.min()),
+                "skill_unmixed_median": _or_none(unmixed.median()),
                 "scenes": len(nmse),
                 "without_skill": int(skill.isna().sum()),
             }

@@ -26,6 +26,7 @@ from malus.bench.scoring.pixel_kernels import (
     gather_family,
     products,
 )
+from malus.bench.scoring.unmixed_pixels import MixedPixels, Unmixed
 from malus.reconstruct import Components, Inapplicable, Method, Observation
 from malus.renderers.families.interpolated import Family
 from malus.renderers.truth import Truth
@@ -146,8 +147,13 @@ class FamilyJudge:
         self.facing = np.square(np.square(cos_zenith(pixels.first)))
         self.draws = np.empty((count, 5, image.shape[1]))
         unpolarised = np.zeros_like(pixels.true)
-        moments, totals = self._sums((image, unpolarised, unpolarised))
+        guess = image, unpolarised, unpolarised
+        moments, totals = self._sums(guess)
         self.guess_moments = moments, totals, self.draws[:, :3].copy()
+        self.mixed = MixedPixels.of(
+            pixels.first, (image, pixels.true, pixels.draw), angle_form(), count
+        )
+        self.guess_unmixed = None if self.mixed is None else self.mixed.without(moments, guess)
         self.guesses = [self._residuals(moments, scene) for scene in range(count)]
         # The guess lacks the whole field: its product with that is minus the field's energy.
         self.totals = np.stack([-totals[:, 0], totals[:, 2]], axis=1)
@@ -157,8 +163,13 @@ class FamilyJudge:
         """Score an estimate of all scenes, one score a scene."""
         moments, totals = self._sums_of(estimate)
         violations = self._violations(estimate)
+        components = estimate.image, estimate.s1, estimate.s2
+        unmixed = None if self.mixed is None else self.mixed.without(moments, components)
         return [
-            self._score(moments, totals[scene], int(violations[scene]), scene)
+            replace(
+                self._score(moments, totals[scene], int(violations[scene]), scene),
+                unmixed=self._unmixed(unmixed, scene),
+            )
             for scene in range(len(self.pixels.scenes))
         ]
 
@@ -179,6 +190,14 @@ class FamilyJudge:
             ),
         )
 
+    def _unmixed(self, moments: Float64Array | None, scene: int) -> Unmixed | None:
+        """Residuals of one scene over the pixels of one normal; None where these are unknown."""
+        if self.mixed is None or moments is None or self.guess_unmixed is None:
+            return None
+        count = len(self.mixed.indices)
+        method = self._residuals(moments, scene, count)
+        return Unmixed(count, (*method, *self._residuals(self.guess_unmixed, scene, count)))
+
     def _sums_of(self, estimate: Components) -> tuple[Float64Array, Float64Array]:
         """As `_sums`; those of the trivial guess are known."""
         is_guess = estimate.image is self.pixels.observation.image and not (
@@ -195,10 +214,12 @@ class FamilyJudge:
         image, s1, s2 = (np.ascontiguousarray(component) for component in estimate)
         return difference_sums((image, s1, s2), truth, self.facing, angle_form(), self.draws)
 
-    def _residuals(self, moments: Float64Array, scene: int) -> tuple[Residuals, Residuals]:
+    def _residuals(
+        self, moments: Float64Array, scene: int, left_out: int = 0
+    ) -> tuple[Residuals, Residuals]:
         """Error moments of one scene's estimate, and of its response to one draw of the noise."""
         own = slice(scene * self.bands, (scene + 1) * self.bands)
-        count, peak = self.pixels.true.shape[1], self.peaks[scene]
+        count, peak = self.pixels.true.shape[1] - left_out, self.peaks[scene]
         error, response = (Residuals.of_products(m[:, own], peak, count) for m in moments)
         return error, response
 

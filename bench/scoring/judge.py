@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -27,6 +28,7 @@ from malus.bench.scoring.pixel_kernels import (
     difference_sums,
     products,
 )
+from malus.bench.scoring.unmixed_pixels import MixedPixels, Unmixed
 from malus.reconstruct import Components, Method, get_method
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import Float64Array, FloatArray
@@ -69,6 +71,9 @@ class Score:
         Values of the further metrics that were asked for.
     converged : bool or None
         Whether the method's own search converged; None where it searches nothing.
+    unmixed : Unmixed or None
+        The same residuals without the pixels that see more than one normal; None where nobody
+        measured which do.
 
     Examples
     --------
@@ -95,6 +100,7 @@ class Score:
     agreement: Agreement
     extra: tuple[MetricValue, ...] = ()
     converged: bool | None = None
+    unmixed: Unmixed | None = None
 
     @property
     def nmse(self) -> float:
@@ -104,9 +110,14 @@ class Score:
     @property
     def skill(self) -> float:
         """Skill: 1 is perfect, 0 no better than I(ϑ) = I/2; NaN where that guess is pure noise."""
-        method = Error(self.residuals.nmse(), self.noise.nmse())
-        trivial = Error(self.trivial.nmse(), self.trivial_noise.nmse())
-        return skill(method, trivial, self.residuals.pixels)
+        return _skill_of((self.residuals, self.noise, self.trivial, self.trivial_noise))
+
+    @property
+    def skill_unmixed(self) -> float:
+        """Skill over the pixels of one normal; NaN where nobody measured which these are."""
+        if self.unmixed is None:
+            return math.nan
+        return self.skill if not self.unmixed.mixed else _skill_of(self.unmixed.residuals)
 
     def values(self) -> Iterator[MetricValue]:
         """All rows of this score in the results table."""
@@ -127,9 +138,18 @@ class Score:
         yield MetricValue("signal", *self.agreement.signal)
         yield MetricValue("violations", float(self.violations))
         yield MetricValue("invalid", float(self.invalid))
+        if self.unmixed is not None:
+            yield MetricValue("skill_unmixed", self.skill_unmixed)
+            yield MetricValue("mixed", float(self.unmixed.mixed))
         if self.converged is not None:
             yield MetricValue("converged", float(self.converged))
         yield from self.extra
+
+
+def _skill_of(residuals: Sequence[Residuals]) -> float:
+    """Skill from the residuals of a method and its noise, of the trivial guess and its noise."""
+    method, noise, trivial, trivial_noise = (one.nmse() for one in residuals)
+    return skill(Error(method, noise), Error(trivial, trivial_noise), residuals[0].pixels)
 
 
 _ANGLE_SETS = (PAPER_ANGLES_DEG, *((angle,) for angle in PAPER_ANGLES_DEG))
@@ -166,8 +186,12 @@ class Judge:
         self.facing = np.square(np.square(cos_zenith(truth)))  # see Agreement.facing_skill
         self.draws = np.empty((1, 5, len(self.pixels.indices)))
         unpolarised = np.zeros_like(self.pixels.true)
-        moments, ((along, _, error),) = self._sums((image, unpolarised, unpolarised))
+        estimate = image, unpolarised, unpolarised
+        moments, ((along, _, error),) = self._sums(estimate)
         self.guess = self._residuals(moments)
+        pixels = image, self.pixels.true, self.pixels.draw
+        self.mixed = MixedPixels.of(truth, pixels, angle_form())
+        self.guess_unmixed = None if self.mixed is None else self.mixed.without(moments, estimate)
         # The guess lacks the whole field: its product with that is minus the field's energy.
         self.totals = -along, error
         (draws,) = self.draws
@@ -185,7 +209,8 @@ class Judge:
 
     def score_estimate(self, estimate: Components, metrics: Sequence[Metric] = ()) -> Score:
         """Score an estimate (2, pixels, bands) that a method made of this truth's masked pixels."""
-        moments, (totals,) = self._sums((estimate.image, estimate.s1, estimate.s2))
+        components = estimate.image, estimate.s1, estimate.s2
+        moments, (totals,) = self._sums(components)
         scale = self.peak**2
         residuals, noise = self._residuals(moments)
         return Score(
@@ -202,6 +227,7 @@ class Judge:
             ),
             tuple(self._extra(estimate, metrics)) if metrics else (),
             estimate.converged,
+            self._unmixed(moments, components),
         )
 
     def _extra(self, estimate: Components, metrics: Sequence[Metric]) -> Iterator[MetricValue]:
@@ -217,11 +243,19 @@ class Judge:
         image, s1, s2 = (np.ascontiguousarray(component) for component in estimate)
         return difference_sums((image, s1, s2), truth, self.facing, angle_form(), self.draws)
 
-    def _residuals(self, moments: Float64Array) -> tuple[Residuals, Residuals]:
+    def _residuals(self, moments: Float64Array, left_out: int = 0) -> tuple[Residuals, Residuals]:
         """Error moments of the estimate, and of its response to one draw of the noise."""
-        count = self.pixels.true.shape[1]
+        count = self.pixels.true.shape[1] - left_out
         error, response = (Residuals.of_products(m, self.peak, count) for m in moments)
         return error, response
+
+    def _unmixed(self, moments: Float64Array, estimate: ThreeImages) -> Unmixed | None:
+        """Residuals over the pixels of one normal; None where these are unknown."""
+        if self.mixed is None or self.guess_unmixed is None:
+            return None
+        count, kept = len(self.mixed.indices), self.mixed.without(moments, estimate)
+        method, guess = self._residuals(kept, count), self._residuals(self.guess_unmixed, count)
+        return Unmixed(count, (*method, *guess))
 
     def _violations(self, estimate: Components) -> int:
         components = estimate.image[0], estimate.s1[0], estimate.s2[0]

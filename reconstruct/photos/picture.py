@@ -12,6 +12,7 @@ from malus.reconstruct.photos.tone_curves import (
     Transfer,
     icc_transfer,
     linear_transfer,
+    power_transfer,
     srgb_transfer,
 )
 from malus.scenes.core.arrays import AnyArray, Float32Array, FloatArray
@@ -110,11 +111,15 @@ def check_size(path: Path, width: int, height: int) -> None:
         )
 
 
-def transfer_of(profile: bytes | None, bits: int, linear: bool, path: Path) -> Transfer:
-    """Tone curves of a file of integers: its own profile's, sRGB's, or none for linear light."""
+def transfer_of(
+    profile: bytes | None, bits: int, linear: bool, path: Path, gamma: float | None = None
+) -> Transfer:
+    """Tone curves of a file of integers: none for linear light, its profile's, gamma, or sRGB's."""
     if linear:
         return linear_transfer(bits)
-    return icc_transfer(profile, bits, str(path)) if profile else srgb_transfer(bits)
+    if profile:
+        return icc_transfer(profile, bits, str(path))
+    return srgb_transfer(bits) if gamma is None else power_transfer(gamma, bits)
 
 
 def upright(codes: AnyArray, orientation: int) -> AnyArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from malus.scenes.core.errors import InputError, reading
 _CODESTREAM = b"\xff\x4f\xff\x51"
 """Start of a code stream and of its sizes."""
 _SYCC = 18
+_STRAIGHT, _PREMULTIPLIED = 1, 2
+"""Kinds of opacity in a box of channel definitions."""
 
 
 def read_jpeg2000(path: Path, linear: bool) -> Picture:
@@ -27,9 +30,13 @@ def read_jpeg2000(path: Path, linear: bool) -> Picture:
         check_size(path, width - left, height - top)
         channels, depth = struct.unpack_from(">HB", data, offset + 40)
         bits = (depth & 0x7F) + 1
-        profile, form = _colours(data[:offset])
+        head = _header(data[:offset])
+        profile, form = _colours(head)
         if depth & 0x80 or not 8 <= bits <= 16:
             form = f"{bits} bits, signed" if depth & 0x80 else f"{bits} bits"
+        opacity = _opacity(head.get(b"cdef", b""))
+        if not form and any(channel != channels - 1 for channel in opacity):
+            form = "an opacity that is not the last channel"
         if channels > 4 or form:
             refused = form or f"{channels} channels"
             raise InputError(
@@ -37,8 +44,11 @@ def read_jpeg2000(path: Path, linear: bool) -> Picture:
             )
         codes = np.asarray(imagecodecs.jpeg2k_decode(data))
     transfer = transfer_of(profile, bits, linear, path)
-    metadata = {"icc_profile": profile} if profile else {}
-    return from_codes(codes, "JPEG2000", transfer, metadata)
+    metadata: dict[str, Any] = {"icc_profile": profile} if profile else {}
+    if opacity:
+        metadata["cdef"] = head[b"cdef"]
+    premultiplied = _PREMULTIPLIED in opacity.values()
+    return from_codes(codes, "JPEG2000", transfer, metadata, premultiplied)
 
 
 def boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -63,18 +73,34 @@ def boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
         offset = end
 
 
-def _colours(head: bytes) -> tuple[bytes | None, str | None]:
+def _header(head: bytes) -> dict[bytes, bytes]:
+    """Content of the boxes in a file's header, of each kind the first; none of a code stream."""
+    whole = b"".join(content for name, content in boxes(head) if name == b"jp2h")
+    found: dict[bytes, bytes] = {}
+    for name, content in boxes(whole):
+        found.setdefault(name, content)
+    return found
+
+
+def _opacity(definition: bytes) -> dict[int, int]:
+    """Channels that are opacity, and of which kind, by the box of channel definitions."""
+    found = {}
+    for start in range(2, len(definition) - 5, 6):
+        channel, kind, _ = struct.unpack_from(">3H", definition, start)
+        if kind in (_STRAIGHT, _PREMULTIPLIED):
+            found[channel] = kind
+    return found
+
+
+def _colours(head: dict[bytes, bytes]) -> tuple[bytes | None, str | None]:
     """The colour profile in a file's header, if there is one, and a form that is not read."""
-    for name, content in boxes(head):
-        if name != b"jp2h":
-            continue
-        for inner, value in boxes(content):
-            if inner == b"pclr":
-                return None, "a palette"
-            if inner == b"colr" and value[:1] in (b"\x02", b"\x03"):
-                return value[3:], None
-            if inner == b"colr" and value[:1] == b"\x01":
-                (space,) = struct.unpack_from(">I", value, 3)
-                if space == _SYCC:
-                    return None, "luminance and chroma"
+    if b"pclr" in head:
+        return None, "a palette"
+    value = head.get(b"colr", b"")
+    if value[:1] in (b"\x02", b"\x03"):
+        return value[3:], None
+    if value[:1] == b"\x01":
+        (space,) = struct.unpack_from(">I", value, 3)
+        if space == _SYCC:
+            return None, "luminance and chroma"
     return None, None

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from malus.reconstruct.photos.declared_curves import declared_gamma
 from malus.reconstruct.photos.picture import (
     ORIENTATION,
     Picture,
@@ -24,6 +25,7 @@ from malus.reconstruct.photos.picture import (
     transfer_of,
     upright,
 )
+from malus.reconstruct.photos.read_camera_raw import RAW_SUFFIXES, read_camera_raw
 from malus.reconstruct.photos.read_exr import read_exr
 from malus.reconstruct.photos.read_jpeg2000 import read_jpeg2000
 from malus.reconstruct.photos.read_tiff import read_tiff
@@ -36,7 +38,7 @@ SUFFIXES = {
     ".tif": "TIFF", ".tiff": "TIFF", ".exr": "EXR", ".webp": "WEBP", ".avif": "AVIF",
     ".jp2": "JPEG2000", ".j2k": "JPEG2000", ".jpx": "JPEG2000", ".jpf": "JPEG2000",
     ".heic": "HEIF", ".heif": "HEIF", ".hif": "HEIF", ".bmp": "BMP", ".ppm": "PPM",
-    ".pgm": "PPM", ".pnm": "PPM",
+    ".pgm": "PPM", ".pnm": "PPM", **dict.fromkeys(sorted(RAW_SUFFIXES), "RAW"),
 }  # fmt: skip
 _FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "HEIF", "BMP", "PPM")
 """What Pillow is asked for; a file may bear the suffix of another one of them."""
@@ -46,10 +48,8 @@ _REFUSED = {
     "1": "1 bit a pixel", "P": "a palette", "PA": "a palette", "CMYK": "CMYK inks",
     "YCCK": "CMYK inks", "LAB": "CIELAB", "RGBa": "colours multiplied by their opacity",
 }  # fmt: skip
-_RAW_SUFFIXES = {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2"}
 _GAIN_MAPS = (b"hdrgm:", b"urn:iso:std:iso:ts:21496")
 """How Ultra HDR JPEGs of Android, and those after ISO 21496-1, announce their gain map."""
-_SRGB_GAMMA = 1 / 2.2
 
 
 def read_picture(path: Path | str, linear: bool = False, part: str | None = None) -> Picture:
@@ -91,9 +91,6 @@ def read_picture(path: Path | str, linear: bool = False, part: str | None = None
         "TIFF": read_tiff,
     }
     kind = SUFFIXES.get(path.suffix.lower())
-    if path.suffix.lower() in _RAW_SUFFIXES:
-        hint = "develop it to a linear 16-bit TIFF first, with rawpy, dcraw or darktable"
-        raise InputError(str(path), "a developed picture", "a camera's raw file", hint)
     if kind is None:
         suffixes = ", ".join(sorted(SUFFIXES))
         suffix = path.suffix or "no suffix"
@@ -106,6 +103,8 @@ def read_picture(path: Path | str, linear: bool = False, part: str | None = None
         raise InputError("part", "a file of several parts, OpenEXR or TIFF", kind, "leave it out")
     if kind == "JPEG2000":
         return read_jpeg2000(path, linear)
+    if kind == "RAW":
+        return read_camera_raw(path)
     return _read_with_pillow(path, kind, linear)
 
 
@@ -125,15 +124,22 @@ def _read_with_pillow(path: Path, kind: str, linear: bool) -> Picture:
             orientation = int(image.getexif().get(ORIENTATION, 1))
             metadata = _metadata(path, image)
             kind, bits = _KINDS.get(image.format, image.format), _bits(path, image)
+            gamma = None if metadata.get("icc_profile") else declared_gamma(path, image)
             if "transparency" in image.info and image.mode in ("L", "RGB"):
                 image = image.convert("LA" if image.mode == "L" else "RGBA")
                 notes = (*notes, "the transparent colour is written as an alpha channel")
             codes = np.asarray(image)
-    if bits == 16 and codes.dtype == np.uint8:
+    if kind in ("AVIF", "HEIF") and (bits > 8 or gamma is not None):
+        notes = (*notes, f"{kind} of {bits} bits a channel and its curve is written as a PNG")
+        codes = codes if bits == 8 else _deep_heif(path, kind, bits)
+        kind, bits = "PNG", 8 if bits == 8 else 16
+    elif bits == 16 and codes.dtype == np.uint8:
         codes = _deep_png(path)
     elif bits == 16:
         codes = codes.astype(np.uint16)
-    transfer = transfer_of(metadata.get("icc_profile"), bits, linear, path)
+    if kind == "PNG" and gamma is not None:
+        metadata["gamma"] = 1 / gamma
+    transfer = transfer_of(metadata.get("icc_profile"), bits, linear, path, gamma)
     return from_codes(upright(codes, orientation), kind, transfer, metadata, notes=notes)
 
 
@@ -187,30 +193,21 @@ def _check_form(path: Path, image: Any) -> tuple[str, ...]:
             notes.append(f"the file holds {frames} pictures: the first is read")
     elif frames > 1:
         raise InputError(str(path), "one picture", f"{frames}", "save the one that you mean")
-    gamma = image.info.get("gamma")
-    if gamma and "icc_profile" not in image.info and abs(gamma - _SRGB_GAMMA) > 0.02:
-        notes.append(
-            f"the file's gamma of {gamma:g} is not used: `linear` or a profile tells the curve"
-        )
     _check_depth(path, image)
     return tuple(notes)
 
 
 def _check_depth(path: Path, image: Any) -> None:
-    """Refuse more bits than Pillow reads of AVIF, HEIC and PPM, which it would cut in silence."""
-    with path.open("rb") as file:
-        head = file.read(1 << 16)
-    if image.format in ("AVIF", "HEIF"):
-        offset = head.find(b"pixi")
-        bits = max(head[offset + 9 : offset + 9 + head[offset + 8]], default=8) if offset > 0 else 8
-    elif image.format == "PPM" and image.mode == "RGB":
-        header = [word for line in head[:4096].split(b"\n") for word in line.split(b"#")[0].split()]
-        bits = int(header[3]).bit_length() if header[0] in (b"P3", b"P6") else 8
-    else:
+    """Refuse more bits than Pillow reads of PPM, which it would cut in silence."""
+    if image.format != "PPM" or image.mode != "RGB":
         return
+    with path.open("rb") as file:
+        head = file.read(4096)
+    header = [word for line in head.split(b"\n") for word in line.split(b"#")[0].split()]
+    bits = int(header[3]).bit_length() if header[0] in (b"P3", b"P6") else 8
     if bits > 8:
         hint = "convert it to a 16-bit PNG or TIFF"
-        raise InputError(str(path), f"8 bits a channel of {image.format}", f"{bits} bits", hint)
+        raise InputError(str(path), "8 bits a channel of PPM", f"{bits} bits", hint)
 
 
 def _metadata(path: Path, image: Any) -> dict[str, Any]:
@@ -224,6 +221,9 @@ def _metadata(path: Path, image: Any) -> dict[str, Any]:
     texts = getattr(image, "text", None)
     if texts:
         kept["text"] = {str(key): str(value) for key, value in texts.items()}
+    xmp = image.info.get("xmp")
+    if xmp and image.format in ("JPEG", "WEBP", "AVIF", "HEIF") and b"hdrgm" not in xmp:
+        kept["xmp"] = xmp
     if image.format == "WEBP":
         with path.open("rb") as file:
             kept["lossless"] = b"VP8L" in file.read(4096)
@@ -231,10 +231,14 @@ def _metadata(path: Path, image: Any) -> dict[str, Any]:
 
 
 def _bits(path: Path, image: Any) -> int:
-    """Bits a channel: Pillow reads 16-bit colour as 8, so that the PNG's header is asked."""
-    if image.format == "PNG":
+    """Bits a channel in the file, also where Pillow has cut them to 8."""
+    if image.format in ("PNG", "AVIF", "HEIF"):
         with path.open("rb") as file:
-            return 16 if file.read(25)[24] == 16 else 8
+            head = file.read(1 << 16)
+        if image.format == "PNG":
+            return 16 if head[24] == 16 else 8
+        offset = head.find(b"pixi")
+        return max(head[offset + 9 : offset + 9 + head[offset + 8]], default=8) if offset > 0 else 8
     return 16 if image.mode == "I" else _MODES[image.mode]
 
 
@@ -244,3 +248,19 @@ def _deep_png(path: Path) -> AnyArray:
 
     with reading(str(path), "a whole PNG file", "save it again"):
         return np.asarray(imagecodecs.png_decode(path.read_bytes()), dtype=np.uint16)
+
+
+def _deep_heif(path: Path, kind: str, bits: int) -> AnyArray:
+    """Codes of an AVIF or HEIC file with more than 8 bits a channel, in 16 bits."""
+    with reading(str(path), f"a whole {kind} file", "save it again"):
+        if kind == "AVIF":
+            import imagecodecs
+
+            codes = np.asarray(imagecodecs.avif_decode(path.read_bytes()))
+        else:
+            opened = importlib.import_module("pillow_heif").open_heif(
+                path, convert_hdr_to_8bit=False
+            )
+            # Its codes stand in the upper bits of 16.
+            codes = np.asarray(opened) >> (16 - bits)
+        return np.rint(np.arange(2**bits) * (65535 / (2**bits - 1))).astype(np.uint16)[codes]

@@ -117,6 +117,18 @@ def linear_transfer(bits: int) -> Transfer:
     return Transfer(np.linspace(0.0, 1.0, 1 << bits)[None], "linear")
 
 
+def power_transfer(gamma: float, bits: int) -> Transfer:
+    """Codes whose power `gamma` is light, which a file declares without a profile.
+
+    Examples
+    --------
+    >>> round(power_transfer(2.0, 8).light_of(127.5), 4)
+    0.25
+    """
+    source = f"the file's gamma of {gamma:.4g}"
+    return Transfer(np.linspace(0.0, 1.0, 1 << bits)[None] ** gamma, source)
+
+
 def icc_transfer(profile: bytes, bits: int, where: str) -> Transfer:
     """The tone curves of an ICC profile, for codes of that many bits.
 

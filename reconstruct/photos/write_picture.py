@@ -68,9 +68,16 @@ def _png(path: Path, picture: Picture) -> None:
         path.write_bytes(_deep_png(codes, metadata, texts))
         return
     info = PIL.PngImagePlugin.PngInfo()
+    if "gamma" in metadata:
+        info.add(b"gAMA", _gamma(metadata.pop("gamma")))
     for key, value in texts.items():
         info.add_itxt(key, value)
     PIL.Image.fromarray(codes).save(path, format="PNG", pnginfo=info, **metadata)
+
+
+def _gamma(gamma: float) -> bytes:
+    """Content of the chunk of a PNG that tells the power of light that its values are."""
+    return struct.pack(">I", round(gamma * 100_000))
 
 
 def _deep_png(codes: NDArray[np.uint16], metadata: dict[str, Any], texts: dict[str, str]) -> bytes:
@@ -81,6 +88,8 @@ def _deep_png(codes: NDArray[np.uint16], metadata: dict[str, Any], texts: dict[s
     extra = []
     if "icc_profile" in metadata:
         extra.append((b"iCCP", b"icc\0\0" + zlib.compress(metadata["icc_profile"])))
+    if "gamma" in metadata:
+        extra.append((b"gAMA", _gamma(metadata["gamma"])))
     if "dpi" in metadata:
         per_metre = [round(float(dpi) / 0.0254) for dpi in metadata["dpi"]]
         extra.append((b"pHYs", struct.pack(">IIB", *per_metre, 1)))
@@ -126,22 +135,22 @@ def _jpeg2000(path: Path, picture: Picture) -> None:
     data = imagecodecs.jpeg2k_encode(
         _codes(picture), level=0, codecformat="jp2", reversible=True, bitspersample=bits
     )
-    path.write_bytes(with_profile(bytes(data), picture.metadata.get("icc_profile")))
+    path.write_bytes(_with_header(bytes(data), picture.metadata))
 
 
-def with_profile(data: bytes, profile: bytes | None) -> bytes:
-    """A JPEG 2000 file with a colour profile in place of the name of its colour space."""
-    if profile is None:
-        return data
+def _with_header(data: bytes, metadata: dict[str, Any]) -> bytes:
+    """A JPEG 2000 file with a colour profile for its colour space, and what its channels are."""
+    profile, definition = metadata.get("icc_profile"), metadata.get("cdef")
 
     def box(name: bytes, content: bytes) -> bytes:
         return struct.pack(">I4s", 8 + len(content), name) + content
 
     def header(content: bytes) -> bytes:
-        return b"".join(
-            box(name, b"\x02\0\0" + profile if name == b"colr" else value)
+        own = b"".join(
+            box(name, b"\x02\0\0" + profile if profile and name == b"colr" else value)
             for name, value in boxes(content)
         )
+        return own + (box(b"cdef", definition) if definition else b"")
 
     return b"".join(
         box(name, header(content) if name == b"jp2h" else content) for name, content in boxes(data)

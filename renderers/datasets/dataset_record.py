@@ -21,8 +21,9 @@ CONVENTIONS = {
     " radiance; R, G, B are a preview in linear sRGB",
     "files": "stokes = specular + diffuse, which are not there where nobody can tell them apart;"
     " geometry: unit normals in the image frame, zero off the object, and the mask of pixels that"
-    " it covers entirely; error: standard error of stokes, and one draw of the noise of specular"
-    " and diffuse (all of it in the first where they are not there)",
+    " it covers entirely, and normal_spread: how far the normals in a pixel differ, in degrees (the"
+    " arc cosine of the length of their mean); error: standard error of stokes, and one draw of the"
+    " noise of specular and diffuse (all of it in the first where they are not there)",
 }
 """Meaning of the numbers, written into every dataset."""
 

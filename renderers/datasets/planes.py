@@ -24,14 +24,17 @@ from malus.scenes.core.arrays import AnyArray
 Bands = tuple[float, ...]
 FieldName = Literal[
     "specular", "diffuse", "standard_error", "specular_noise", "diffuse_noise",
-    "normals", "eta_map", "alpha_map",
+    "normals", "eta_map", "alpha_map", "normal_spread",
 ]  # fmt: skip
 DType = Literal["float32", "float64", "complex64", "complex128"]
 
 LOBES: tuple[FieldName, ...] = ("specular", "diffuse")
 ERRORS: tuple[FieldName, ...] = ("standard_error", "specular_noise", "diffuse_noise")
-MAPS: tuple[FieldName, ...] = ("eta_map", "alpha_map")
-"""Arrays that a truth has only where the quantity varies over the image."""
+MAPS: tuple[FieldName, ...] = ("eta_map", "alpha_map", "normal_spread")
+"""Arrays that some truths have: index and roughness where they vary over the image, and how far the
+normals in a pixel differ, which older datasets do not tell."""
+_SINGLE: dict[FieldName, str] = {"alpha_map": "alpha", "normal_spread": "normal_spread"}
+"""Channel of an array (height, width)."""
 FIELDS: tuple[FieldName, ...] = (*LOBES, *ERRORS, "normals")
 """Arrays that every truth has."""
 
@@ -62,6 +65,7 @@ def _trailing(name: FieldName, bands: int) -> tuple[int, ...]:
         "normals": (3,),
         "eta_map": (bands,),
         "alpha_map": (),
+        "normal_spread": (),
     }
     return special.get(name, (bands, 3))
 
@@ -76,8 +80,8 @@ def planes(name: FieldName, array: AnyArray, bands: Bands) -> Channels:
     """
     if name == "normals":
         return {f"normals.{axis}": array[..., index] for index, axis in enumerate("XYZ")}
-    if name == "alpha_map":
-        return {"alpha": array}
+    if name in _SINGLE:
+        return {_SINGLE[name]: array}
     if name == "eta_map":
         parts = {"n": array.real, "k": array.imag} if np.iscomplexobj(array) else {"n": array}
         return {
@@ -94,8 +98,8 @@ def array_from_planes(
     """The array whose `planes` are given, complex if `dtype` is, in the planes' precision."""
     if name == "normals":
         return np.stack([channels[f"normals.{axis}"] for axis in "XYZ"], axis=-1)
-    if name == "alpha_map":
-        return channels["alpha"]
+    if name in _SINGLE:
+        return channels[_SINGLE[name]]
     if name == "eta_map":
         n = np.stack([channels[f"eta.n.{band_name(band)}"] for band in bands], axis=-1)
         if not dtype.startswith("complex"):

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from malus.renderers.mitsuba.lobe_samples import unit
+from malus.renderers.mitsuba.lobe_samples import spread_of, unit
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.scene import Sampling, Scene
@@ -70,6 +70,7 @@ class RepeatedRenders:
             diffuse_noise=mean("diffuse_noise"),
             standard_error=np.sqrt(np.sum(variance, axis=0, dtype=variance[0].dtype)),
             normals=unit(mean("normals")),
+            normal_spread=spread_of(self._mean([_mean_normals(truth) for truth in truths])),
             mask=np.logical_and.reduce([truth.mask for truth in truths]),
             samples=self.samples,
         )
@@ -78,6 +79,12 @@ class RepeatedRenders:
         """Mean of the passes' images weighted by their samples, in the images' type."""
         mean = np.average(images, axis=0, weights=self.counts)
         return np.asarray(mean, dtype=images[0].dtype)
+
+
+def _mean_normals(truth: Truth) -> AnyArray:
+    """Mean vectors (height, width, 3) of the unit normals in each pixel."""
+    assert truth.normal_spread is not None
+    return truth.normals * np.cos(np.radians(truth.normal_spread))[..., None]
 
 
 def relative_error(renders: Renders, scenes: Iterable[Scene]) -> float:

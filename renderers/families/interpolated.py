@@ -50,6 +50,11 @@ class Family:
         return self._image((self.lobes.normals @ axes.T)[:, None, :])[:, :, 0]
 
     @functools.cached_property
+    def normal_spread(self) -> Float32Array:
+        """How far the normals within each pixel (height, width) differ, degrees."""
+        return self._image(self.lobes.normal_spread[:, None, None])[:, :, 0, 0]
+
+    @functools.cached_property
     def mask(self) -> BoolArray:
         """Pixels (height, width) that the object covers entirely."""
         return self._image(self.lobes.covered[:, None, None])[:, :, 0, 0]
@@ -83,6 +88,7 @@ class Family:
             specular=self._image(specular),
             diffuse=self._image(diffuse * albedo),
             normals=self.normals,
+            normal_spread=self.normal_spread,
             mask=self.mask,
             standard_error=error,
             specular_noise=self._image(specular_noise),

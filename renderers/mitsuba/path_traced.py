@@ -19,7 +19,7 @@ import numpy as np
 
 from malus.renderers.mitsuba.coverage import covering
 from malus.renderers.mitsuba.lighting import Sampler, sampler
-from malus.renderers.mitsuba.lobe_samples import HALVES, unit
+from malus.renderers.mitsuba.lobe_samples import HALVES, spread_of, unit
 from malus.renderers.mitsuba.patterns import surface_shares
 from malus.renderers.mitsuba.placed import object_bsdf, parts_of, pattern_on, placed_object
 from malus.renderers.mitsuba.pooled import pooled
@@ -127,6 +127,7 @@ class Room:
             specular=specular.mean(axis=0),
             diffuse=diffuse.mean(axis=0),
             normals=unit(normals),
+            normal_spread=spread_of(normals / np.float32(samples)),
             mask=owner >= 0,
             standard_error=np.sqrt(pooled(variance, owner) / np.float32(samples - 1)),
             specular_noise=0.5 * (specular[0] - specular[1]),

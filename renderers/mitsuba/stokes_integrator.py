@@ -12,7 +12,7 @@ import numpy as np
 
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.coverage import inside
-from malus.renderers.mitsuba.lobe_samples import Lobes, unit
+from malus.renderers.mitsuba.lobe_samples import Lobes, spread_of, unit
 from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
 from malus.renderers.mitsuba.translate import (
     diffuse_bsdf,
@@ -60,6 +60,7 @@ def render_lobes(
         covariance=np.zeros(specular.shape[1:], dtype=np.float32),
         pixels=pixels,
         normals=unit(normals[pixels]),
+        normal_spread=spread_of(normals[pixels]),
         covered=covered[pixels],
     )
 

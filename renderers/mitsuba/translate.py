@@ -81,7 +81,7 @@ def tessellated(shape: Shape) -> TriangleMesh:
         case MeshFile():
             from malus.scenes.shapes.meshes import load_mesh
 
-            return load_mesh(shape.checked(), shading=shape.shading)[0]
+            return load_mesh(shape.checked(), shape.shading, shape.up)[0]
     raise TypeError(f"no mesh for {shape!r}")
 
 

@@ -26,6 +26,17 @@ function positionsOf(scene) {
   return at;
 }
 
+/** Numbers of the object's pixels that see more than one normal. */
+function mixedOf(scene) {
+  const mixed = new Set();
+  if (scene.mixed === null) return mixed;
+  const bits = bytesOf(scene.mixed);
+  for (let i = 0; i < scene.pixels; i++) {
+    if (bits[i >> 3] & (128 >> (i & 7))) mixed.add(i);
+  }
+  return mixed;
+}
+
 /** Stokes planes [s0, s1, s2] of one band; s0 is the truth's where it is not stored. */
 function stokesOf(planes, pixels, truth) {
   const stored = new Uint16Array(bytesOf(planes.block).buffer);

@@ -52,6 +52,7 @@ class Viewer {
       this.turn(Number(event.target.value));
     });
     this.find("exposure").addEventListener("input", () => this.ask("paint"));
+    this.find("unmixed").addEventListener("change", () => this.choosePixels());
     this.find("play").addEventListener("click", () => this.play(!this.playing));
     this.find("zoom-in").addEventListener("click", () => this.zoom(1.5));
     this.find("zoom-out").addEventListener("click", () => this.zoom(1 / 1.5));
@@ -71,7 +72,7 @@ class Viewer {
       Home: () => this.turn(0), End: () => this.turn(180),
       "+": () => this.zoom(1.5), "-": () => this.zoom(1 / 1.5), 0: () => this.zoom(0),
     };
-    if (!target.matches("button")) actions[" "] = () => this.play(!this.playing);
+    if (!target.matches("button, #unmixed")) actions[" "] = () => this.play(!this.playing);
     let action = actions[event.key];
     if (event.shiftKey && step[event.key]) action = () => this.step(...step[event.key]);
     if (!action) return;
@@ -89,22 +90,40 @@ class Viewer {
     keep("method", Object.keys(scene.methods).map((name) => new Option(name, name)));
     keep("band", scene.bands.map((name, i) => new Option(name, i)));
     if (this.find("method").value === "unpolarised" && scene.methods.eq8) this.find("method").value = "eq8";
-    this.at = positionsOf(scene);
-    this.where = new Int32Array(scene.width * scene.height).fill(-1);
-    this.at.forEach((place, i) => { this.where[place] = i; });
-    Object.values(this.panels).forEach((panel) => panel.resize(scene.width, scene.height));
-    const first = this.at[Math.floor(this.at.length * 0.33)] || 0;
+    const mixed = this.mixed = mixedOf(scene);
+    this.find("unmixed").closest(".unmixed").hidden = !mixed.size;
+    this.find("unmixed-text").textContent =
+      `Leave out ${mixed.size} pixel${mixed.size === 1 ? "" : "s"} of several normals`;
+    const all = positionsOf(scene), first = all[Math.floor(all.length * 0.33)] || 0;
     this.view.reset();
     this.view.locked = false;
     this.view.pick = { x: first % scene.width, y: Math.floor(first / scene.width) };
+    this.choosePixels();
+  }
+
+  /** All pixels of the object, or only those that see one normal. */
+  choosePixels() {
+    const { scene, mixed } = this, all = positionsOf(scene);
+    const without = this.find("unmixed").checked && mixed.size > 0;
+    this.shown = without ? Uint32Array.from(all.keys()).filter((i) => !mixed.has(i)) : null;
+    this.at = this.shown ? this.shown.map((i) => all[i]) : all;
+    this.where = new Int32Array(scene.width * scene.height).fill(-1);
+    this.at.forEach((place, i) => { this.where[place] = i; });
+    Object.values(this.panels).forEach((panel) => panel.resize(scene.width, scene.height));
     this.load();
+  }
+
+  /** Stokes planes of the pixels that are shown. */
+  ofShown(stokes) {
+    return this.shown ? stokes.map((plane) => Float32Array.from(this.shown, (i) => plane[i])) : stokes;
   }
 
   load() {
     const { scene } = this, band = Number(this.find("band").value);
     const method = this.find("method").value, pixels = scene.pixels;
-    this.truth = stokesOf(scene.truth[band], pixels);
-    this.estimate = stokesOf(scene.methods[method][band], pixels, this.truth);
+    const truth = stokesOf(scene.truth[band], pixels);
+    this.truth = this.ofShown(truth);
+    this.estimate = this.ofShown(stokesOf(scene.methods[method][band], pixels, truth));
     this.difference = differenceOf(this.estimate, this.truth);
     this.white = quantile(brightest(this.truth), 0.995) || 1;
     this.spread = quantile(brightest(this.difference), 0.995) || this.white * 1e-6;
@@ -112,7 +131,9 @@ class Viewer {
       quantile(s[0].map((s0, i) => dolpOf(s0, s[1][i], s[2][i])), 0.995));
     this.largest = Math.min(1, Math.max(0.01, ...dolps));
     const score = (scene.scores || {})[method];
-    this.find("score").textContent = score ? `${method} on this scene, all bands and angles: NMSE ${score.nmse}, skill ${score.skill}` : "";
+    const unmixed = this.mixed.size ? `, without pixels of several normals ${score?.unmixed}` : "";
+    this.find("score").textContent = score
+      ? `${method} on this scene, all bands and angles: NMSE ${score.nmse}, skill ${score.skill}${unmixed}` : "";
     this.root.querySelectorAll(".method-name").forEach((name) => { name.textContent = method; });
     this.paintStill();
     this.ask("paint");

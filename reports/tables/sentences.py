@@ -20,6 +20,10 @@ NOISE = (
     "Monte Carlo noise of the truth adds to every NMSE: the expected part stands beside it, and is"
     " subtracted from the method's and the trivial guess's NMSE before their skill is formed."
 )
+UNMIXED = (
+    "Unmixed is the skill without the pixels that see more than one normal, as at the sharp edges"
+    " of a part: a method is told one normal there, which belongs to neither face."
+)
 ERROR_MAPS = (
     "Colour difference of every pixel between reconstruction and truth, scaled as in the paper's"
     " Figures 6 to 8: black is no error, white is 10 just noticeable differences of 2.3 each."

@@ -22,8 +22,9 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     DataFrame
         One row a body × light × method, in the table's order: scenes, inapplicable (scenes on
         which the method could not work), nmse_mean, nmse_max, noise (mean expected Monte Carlo
-        part of NMSE), skill_median, skill_min, negative and unreported (numbers of scenes whose
-        skill is below zero, and whose trivial guess is inside the noise).
+        part of NMSE), skill_median, skill_min, unmixed_median (of the skill over pixels of one
+        normal; NaN where nobody measured which these are), negative and unreported (numbers of
+        scenes whose skill is below zero, and whose trivial guess is inside the noise).
 
     Examples
     --------
@@ -44,6 +45,8 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     result["noise"] = nmse["noise"].mean()
     result["skill_median"] = skill.median()
     result["skill_min"] = skill.min()
+    unmixed = overall_rows(table, "skill_unmixed").groupby(_GROUP, sort=False)["value"]
+    result["unmixed_median"] = unmixed.median().reindex(result.index)
     result["negative"] = skill.apply(lambda values: int((values < 0).sum()))
     result["unreported"] = skill.apply(lambda values: int(values.isna().sum()))
     counts = ["negative", "unreported"]

@@ -95,19 +95,22 @@ def errors(table: pd.DataFrame) -> TextTable:
     """NMSE and skill of every method per light and body."""
     heads = (
         "body", "light", "method", "scenes", "NMSE mean", "NMSE max", "noise in it",
-        "skill median", "skill min", "skill < 0", "no skill to report",
+        "skill median", "skill min", "unmixed median", "skill < 0", "no skill to report",
     )  # fmt: skip
     return TextTable(heads, [_error_line(row) for row in _records(by_light_and_body(table))])
+
+
+_SKILLS = ("skill_median", "skill_min", "unmixed_median")
 
 
 def _error_line(row: dict[str, Any]) -> list[str]:
     names = [str(row[name]) for name in ("body", "light", "method")]
     if row["inapplicable"] == row["scenes"]:
-        return [*names, "0", "not applicable", *[NO_NUMBER] * 6]
+        return [*names, "0", "not applicable", *[NO_NUMBER] * 7]
     numbers = [scientific(row[name]) for name in ("nmse_mean", "nmse_max", "noise")]
-    skills = [skill_text(row[name]) for name in ("skill_median", "skill_min")]
+    skills = [skill_text(row[name]) for name in _SKILLS]
     if row["method"] == TRIVIAL:  # it is what skill is measured against
-        skills = [NO_NUMBER, NO_NUMBER]
+        skills = [NO_NUMBER] * len(_SKILLS)
     counts = [str(row[name]) for name in ("negative", "unreported")]
     return [*names, str(row["scenes"] - row["inapplicable"]), *numbers, *skills, *counts]
 

@@ -19,7 +19,10 @@ _HINT = "delete it and run the suite again"
 
 @dataclass(frozen=True)
 class Example:
-    """One scene: Stokes images (height, width, bands, 3) of the truth and of every method."""
+    """One scene: Stokes images (height, width, bands, 3) of the truth and of every method.
+
+    `mixed` (height, width) are pixels that see more than one normal; None in older files.
+    """
 
     scene: str
     label: str
@@ -27,6 +30,7 @@ class Example:
     mask: BoolArray
     truth: FloatArray
     methods: dict[str, FloatArray]
+    mixed: BoolArray | None = None
 
     @property
     def pixels(self) -> int:
@@ -47,6 +51,7 @@ class Example:
             self.mask,
             self.truth[:, :, chosen],
             {name: stokes[:, :, chosen] for name, stokes in self.methods.items()},
+            self.mixed,
         )
 
 
@@ -76,6 +81,9 @@ def read_example(path: Path) -> Example:
         if stokes.shape != expected_shape or example.mask.ndim != 2:
             shapes = f"{name} of shape {stokes.shape}, mask {example.mask.shape}"
             raise InputError(str(path), _EXPECTED, shapes, _HINT)
+    if example.mixed is not None and example.mixed.shape != example.mask.shape:
+        shapes = f"mixed of shape {example.mixed.shape}, mask {example.mask.shape}"
+        raise InputError(str(path), _EXPECTED, shapes, _HINT)
     return example
 
 
@@ -93,4 +101,5 @@ def _example(arrays: dict[str, AnyArray]) -> Example:
         mask=arrays["mask"].astype(bool),
         truth=arrays["truth"],
         methods=methods,
+        mixed=arrays["mixed"].astype(bool) if "mixed" in arrays else None,
     )

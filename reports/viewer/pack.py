@@ -96,7 +96,9 @@ class Packer:
         bands = range(len(example.wavelengths_nm))
         mask = example.mask
         truth = [example.truth[mask][:, band] for band in bands]
+        mixed = mask[mask] & False if example.mixed is None else example.mixed[mask]
         return about | {
+            "mixed": self._block(np.packbits(mixed)) if mixed.any() else None,
             "id": example.scene,
             "label": example.label,
             "width": width,

@@ -43,9 +43,14 @@ def viewer(examples: tuple[Example, ...], table: pd.DataFrame) -> Markup:
 def _scores(table: pd.DataFrame, example: Example) -> dict[str, dict[str, str]]:
     rows = table[table["scene"] == example.scene]
     skills = overall_rows(rows, "skill").set_index("method")["value"].to_dict()
+    unmixed = overall_rows(rows, "skill_unmixed").set_index("method")["value"].to_dict()
     errors = overall_rows(rows, "nmse").set_index("method")["value"].to_dict()
     return {
-        str(method): {"nmse": scientific(error), "skill": skill_text(skills.get(method, np.nan))}
+        str(method): {
+            "nmse": scientific(error),
+            "skill": skill_text(skills.get(method, np.nan)),
+            "unmixed": skill_text(unmixed.get(method, np.nan)),
+        }
         for method, error in errors.items()
     }
 

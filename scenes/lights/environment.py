@@ -26,6 +26,15 @@ SKY_HEIGHT = 256
 """Rows of a sky's map: its horizon is blurred by 0.15 % of the light that a sphere reflects."""
 _HDR_SIZE = re.compile(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n")
 
+_LAYOUTS = {
+    (1, 1): "a mirror ball or an angular map (light probe)",
+    (4, 3): "a cube's cross",
+    (3, 4): "a cube's cross",
+    (6, 1): "a cube's strip",
+    (1, 6): "a cube's strip",
+}
+"""Other layouts by their width and height."""
+
 _WINDOWS = ("data", "display")
 
 LARGEST_PIXELS = 1 << 26
@@ -119,7 +128,22 @@ def _read_exr_map(path: Path) -> Float32Array:
     if data != display:
         found = f"a part of it: data window {data} in display window {display}"
         raise InputError(str(path), "a map of all directions", found, "export the whole map")
-    return read_grey(path)
+    values = read_grey(path)
+    if "envmap" not in header:
+        _check_layout(path, values)
+    return values
+
+
+def _check_layout(path: Path, values: Float32Array) -> None:
+    """Refuse what has the shape of another layout, where the file does not tell which it has."""
+    height, width = values.shape
+    for (across, down), what in _LAYOUTS.items():
+        if across * height == down * width:
+            hint = "convert it to one, or let OpenEXR's attribute envmap say that it is one"
+            found = f"{width} x {height}, the shape of {what}"
+            raise InputError(
+                str(path), "a latitude-longitude map, twice as wide as high", found, hint
+            )
 
 
 def read_grey(path: Path) -> Float32Array:
@@ -191,7 +215,9 @@ def _read_hdr(path: Path) -> Float32Array:
     with reading(str(path), "a whole Radiance file", "copy it again"):
         colours = imagecodecs.rgbe_decode(content)
     with np.errstate(over="ignore"):  # infinite radiance is refused by name
-        return np.asarray(colours.mean(axis=-1), dtype=np.float32)
+        values = np.asarray(colours.mean(axis=-1), dtype=np.float32)
+    _check_layout(path, values)
+    return values
 
 
 def check_size(path: Path, width: int, height: int) -> None:

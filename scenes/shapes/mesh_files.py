@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import logging
 import warnings
 from collections.abc import Iterator
@@ -14,6 +16,8 @@ import numpy as np
 from malus.scenes.core.arrays import Float64Array, IntArray
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.shapes.ply import holds_strips, read_ply
+from malus.scenes.shapes.polygons import UncutFace, cut_polygons
+from malus.scenes.shapes.text_meshes import obj_with_triangles, off_with_triangles
 
 LARGEST_FILE_BYTES = 2 << 30
 
@@ -29,6 +33,9 @@ _OPTIONAL_READERS = {
 """What trimesh needs for formats that it does not read alone."""
 
 _WHOLE = "check that the file is whole and needs no other file"
+
+_REWRITTEN = {"obj": obj_with_triangles, "off": off_with_triangles}
+"""Text of which trimesh would read other faces."""
 
 _NOWHERE = logging.NullHandler()
 
@@ -73,7 +80,7 @@ def _parts_of_ply(file: Path) -> list[MeshArrays]:
     except InputError:
         # Binary faces of unlike length are a wrong length of the file to trimesh.
         strips = True
-    with reading(f"mesh {file}", "a readable ply file", _WHOLE), np.errstate(all="ignore"):
+    with _reading(file, "ply"):
         mesh = read_ply(file.read_bytes())
     if not len(mesh.faces):
         return []
@@ -87,16 +94,51 @@ def _parts_of_scene(file: Path, kind: str) -> list[MeshArrays]:
     # What trimesh logs of missing textures would go to the error stream.
     logging.getLogger("trimesh").addHandler(_NOWHERE)
     # NaN and infinity pass here without a warning: _centred refuses them by name.
+    with _reading(file, kind), file.open("rb") as stream:
+        rewrite = _REWRITTEN.get(kind)
+        source = stream if rewrite is None else io.BytesIO(rewrite(stream.read()))
+        # An empty resolver: nothing outside this one file is opened.
+        scene = load_scene(source, file_type=kind, resolver={}, process=False)
+        if kind == "ply" and _has_wrong_fans(scene):
+            raise ValueError("concave faces")  # which our own reader cuts
+        return list(_parts(scene))
+
+
+@contextlib.contextmanager
+def _reading(file: Path, kind: str) -> Iterator[None]:
+    """Turn what goes wrong on a broken file into one InputError, without warnings."""
+    # NaN and infinity pass here without a warning: _centred refuses them by name.
     with (
         reading(f"mesh {file}", f"a readable {kind} file", _WHOLE),
         np.errstate(all="ignore"),
         warnings.catch_warnings(),
-        file.open("rb") as stream,
     ):
         warnings.simplefilter("ignore")
-        # An empty resolver: nothing outside this one file is opened.
-        scene = load_scene(stream, file_type=kind, resolver={}, process=False)
-        return list(_parts(scene))
+        try:
+            yield
+        except UncutFace as face:
+            where, expected = f"mesh {file}, face {face.number}", "a face that can be cut"
+            hint = "cut it into triangles in the program that wrote the file"
+            raise InputError(where, expected, str(face), hint) from None
+
+
+def _has_wrong_fans(scene: Any) -> bool:
+    """Whether trimesh cut a concave polygon of a PLY file into a fan."""
+    for mesh in scene.geometry.values():
+        elements = mesh.metadata.get("_ply_raw", {})
+        faces = elements.get("face", {}).get("data")
+        names = getattr(getattr(faces, "dtype", None), "names", None) or faces or ()
+        for name in {"vertex_indices", "vertex_index"}.intersection(names):
+            rows = faces[name]
+            if getattr(rows.dtype, "names", None):  # lists of one length, behind that length
+                rows = rows["f1"]
+            if rows.ndim == 2 and rows.shape[1] == 3:
+                continue
+            data = elements["vertex"]["data"]
+            vertices = np.stack([np.ravel(data[axis]) for axis in "xyz"], axis=-1)
+            if cut_polygons(vertices.astype(np.float64), rows):
+                return True
+    return False
 
 
 def _parts(scene: Any) -> Iterator[MeshArrays]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.shapes.geometry import TriangleMesh, fitted, unit_vectors
 from malus.scenes.shapes.mesh_files import MeshArrays, read_mesh_file
-from malus.scenes.shapes.shapes import Crease, Shading
+from malus.scenes.shapes.shapes import Axis, Crease, Shading
 
 
 def merged_indices(vertices: Float64Array, distance: float) -> IntArray:
@@ -192,7 +193,17 @@ _THINNEST = 1e-7
 """Height of a triangle in the unit sphere below which float32 cannot hold its orientation."""
 
 
-def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMesh, list[str]]:
+_TURNS: dict[Axis, Float64Array] = {
+    "x": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+    "y": np.eye(3),
+    "z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+}
+"""Rotations that turn an axis of a file to +y: about z, and about x as programs export it."""
+
+
+def load_mesh(
+    path: str | Path, shading: Shading = "smooth", up: Axis = "y"
+) -> tuple[TriangleMesh, list[str]]:
     """Read a mesh file, centred and scaled to the unit sphere, and describe its defects.
 
     Parameters
@@ -203,6 +214,8 @@ def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMe
     shading : {"smooth", "flat", "file"} or Crease
         Normals: averages over the faces round a vertex weighted by their angles, none, or the
         file's own; with a `Crease`, averages that do not cross edges sharper than it.
+    up : {"x", "y", "z"}
+        Axis of the file that becomes +y.
 
     Returns
     -------
@@ -229,10 +242,21 @@ def load_mesh(path: str | Path, shading: Shading = "smooth") -> tuple[TriangleMe
     if not isinstance(shading, Crease) and shading not in ("smooth", "flat", "file"):
         expected, hint = "shading smooth, flat or file, or a Crease", "choose one of them"
         raise InputError(f"mesh {file}", expected, repr(shading), hint)
-    arrays = _centred(read_mesh_file(file), file)
+    if up not in _TURNS:
+        raise InputError(f"mesh {file}", "up x, y or z", repr(up), "choose one of them")
+    arrays = _centred(_turned(read_mesh_file(file), up), file)
     if shading == "file" and arrays.normals is None:
         raise InputError(f"mesh {file}", "normals in the file", "none", "choose shading smooth")
     return _without_defects(arrays, shading, file)
+
+
+def _turned(arrays: MeshArrays, up: Axis) -> MeshArrays:
+    """The mesh with one of its axes turned to +y."""
+    if up == "y":
+        return arrays
+    turn = _TURNS[up].T
+    normals = None if arrays.normals is None else arrays.normals @ turn
+    return replace(arrays, vertices=arrays.vertices @ turn, normals=normals)
 
 
 def _centred(arrays: MeshArrays, file: Path) -> MeshArrays:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from malus.scenes.core.arrays import AnyArray, Float64Array, IntArray
+from malus.scenes.shapes.polygons import cut_polygons
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
@@ -77,10 +78,12 @@ def holds_strips(head: bytes) -> bool:
 
 
 def read_ply(content: bytes) -> PlyMesh:
-    """The triangles of a PLY file; polygons become fans, and strips turn every other triangle.
+    """The triangles of a PLY file: of polygons, and of strips, which turn every other triangle.
 
     Raises
     ------
+    UncutFace
+        For a polygon that crosses itself.
     ValueError
         For a file that is cut, longer than its header tells, or without vertices.
     """
@@ -92,11 +95,13 @@ def read_ply(content: bytes) -> PlyMesh:
     vertex = columns.get("vertex", {})
     if not {"x", "y", "z"} <= set(vertex):
         raise ValueError("expected vertices with x, y and z")
-    triangles = [_fans(columns.get("face", {})), _strips(columns.get("tristrips", {}))]
+    vertices = np.asarray(_numbers(vertex, ("x", "y", "z")))
+    faces = _polygons(vertices, columns.get("face", {}))
+    triangles = [faces, _strips(columns.get("tristrips", {}))]
     normals = _numbers(vertex, ("nx", "ny", "nz"))
     uv = [_numbers(vertex, names) for names in _UV_NAMES]
     return PlyMesh(
-        np.asarray(_numbers(vertex, ("x", "y", "z"))),
+        vertices,
         np.concatenate(triangles),
         normals,
         next((pair for pair in uv if pair is not None), None),
@@ -247,11 +252,15 @@ def _indices(columns: Columns) -> list[IntArray]:
     return []
 
 
-def _fans(face: Columns) -> IntArray:
-    """Triangles (m, 3) of polygons, all from the first corner."""
+def _polygons(vertices: Float64Array, face: Columns) -> IntArray:
+    """Triangles (m, 3) of polygons: from the first corner, or cut where they are concave."""
+    rows = _indices(face)
+    cut = cut_polygons(vertices, rows)
     parts = [
-        np.column_stack([np.full(len(row) - 2, row[0]), row[1:-1], row[2:]])
-        for row in _indices(face)
+        row[cut[place]]
+        if place in cut
+        else np.column_stack([np.full(len(row) - 2, row[0]), row[1:-1], row[2:]])
+        for place, row in enumerate(rows)
         if len(row) > 2
     ]
     return np.concatenate(parts) if parts else np.zeros((0, 3), np.int64)

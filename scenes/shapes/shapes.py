@@ -23,6 +23,7 @@ class Crease(Model):
 
 
 Shading = Literal["smooth", "flat", "file"] | Crease
+Axis = Literal["x", "y", "z"]
 
 
 class Sphere(Model):
@@ -108,6 +109,10 @@ class Superquadric(Model):
 class MeshFile(NamedFile):
     """A mesh file, centred and scaled to the unit sphere; `digest` is the hash of its bytes.
 
+    `up` is the axis of the file that stands upright in the scene. From files with z upright, as CAD
+    and Blender have them, one looks along +y, at what these programs call the front. Units mean
+    nothing, because every size becomes that of the unit sphere.
+
     Its normals are by default averages that do not cross edges of more than 40°. On a block of CAD
     the averages over all faces are 38° off (root mean square over the surface), on a cylinder of
     48 sides 30°, and these 0° and 0.6°; on a scan of 2900 points with few sharp edges both are
@@ -122,6 +127,7 @@ class MeshFile(NamedFile):
     kind: Literal["mesh"] = "mesh"
     path: str = Field(min_length=1)
     shading: Shading = Crease(crease_deg=40)
+    up: Axis = Field(default="y", exclude_if=lambda axis: axis == "y")
     file_kind: ClassVar[str] = "mesh file"
 
     @property

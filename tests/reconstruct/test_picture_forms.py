@@ -133,7 +133,7 @@ def read_png(folder: Path) -> Picture:
 
 
 @pytest.mark.skipif(not PIL.features.check("avif"), reason="this Pillow has no AVIF")
-def test_avif_of_eight_bits_and_no_more(tmp_path: Path) -> None:
+def test_avif_of_eight_bits_stays_avif(tmp_path: Path) -> None:
     path = tmp_path / "a.avif"
     PIL.Image.fromarray(SMOOTH).save(path, quality=100, icc_profile=PROFILE)
     picture = read_picture(path)
@@ -142,9 +142,56 @@ def test_avif_of_eight_bits_and_no_more(tmp_path: Path) -> None:
     assert again.metadata["icc_profile"] == PROFILE
     # AVIF is lossy: three codes of an even gradient.
     assert np.abs(again.linear - picture.linear).max() < 3 * np.diff(picture.transfer.table).max()
-    deep = (CODES_16[..., :3] >> 6).astype(np.uint16)
-    path.write_bytes(imagecodecs.avif_encode(deep, bitspersample=10, level=100))
-    with pytest.raises(InputError, match="8 bits a channel of AVIF, found 10 bits"):
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+@pytest.mark.parametrize("channels", [3, 4])
+def test_avif_of_more_bits_is_written_as_png(tmp_path: Path, bits: int, channels: int) -> None:
+    deep, path = (CODES_16[..., :channels] >> (16 - bits)).astype(np.uint16), tmp_path / "a.avif"
+    path.write_bytes(imagecodecs.avif_encode(deep, bitspersample=bits, level=100))  # lossless
+    picture = read_picture(path, linear=True)
+    # The nearest of 16 bits.
+    np.testing.assert_allclose(picture.linear, deep[..., :3] / (2**bits - 1), atol=0.6 / 65535)
+    assert any(f"AVIF of {bits} bits" in note for note in picture.notes)
+    copy = rewritten(path, picture)
+    assert copy.suffix == ".png"
+    written = imagecodecs.png_decode(copy.read_bytes())
+    np.testing.assert_array_equal(np.rint(written / 65535 * (2**bits - 1)), deep)
+
+
+def test_heic_of_more_bits_is_written_as_png(tmp_path: Path) -> None:
+    heif = pytest.importorskip("pillow_heif", reason="reads HEIC")
+    codes = np.ascontiguousarray(CODES_16[..., :3])
+    path = tmp_path / "a.heic"
+    image = heif.from_bytes(mode="RGB;16", size=codes.shape[1::-1], data=codes.tobytes())
+    image.save(path, quality=-1, chroma=444, matrix_coefficients=0)  # lossless, of 10 bits
+    picture = read_picture(path, linear=True)
+    assert np.abs(picture.linear - codes / 65535).max() < 2 / 1023
+    assert rewritten(path, picture).suffix == ".png"
+
+
+@pytest.mark.parametrize("kind", [1, 2])
+def test_jpeg_2000_keeps_what_its_opacity_is(tmp_path: Path, kind: int) -> None:
+    """A half transparent grey whose values are multiplied by its opacity, or not."""
+    codes = np.empty((8, 8, 4), np.uint8)
+    codes[..., :3], codes[..., 3] = 64, 128
+    plain = bytes(imagecodecs.jpeg2k_encode(codes, level=0, codecformat="jp2", reversible=True))
+    definition = struct.pack(">13H", 4, 0, 0, 1, 1, 0, 2, 2, 0, 3, 3, kind, 0)
+    box = struct.pack(">I4s", 8 + len(definition), b"cdef") + definition
+    at = plain.index(b"jp2h") - 4
+    length = struct.unpack_from(">I", plain, at)[0]
+    longer = struct.pack(">I", length + len(box))
+    path = tmp_path / "a.jp2"
+    path.write_bytes(plain[:at] + longer + plain[at + 4 : at + length] + box + plain[at + length :])
+    picture = read_picture(path, linear=True)
+    expected = 64 / 255 if kind == 1 else 64 / 128
+    np.testing.assert_allclose(picture.linear, expected, rtol=1e-6)
+    copy = rewritten(path, picture)
+    assert box in copy.read_bytes()
+    np.testing.assert_array_equal(imagecodecs.jpeg2k_decode(copy.read_bytes()), codes)
+    other = struct.pack(">13H", 4, 0, kind, 0, 1, 0, 1, 2, 0, 2, 3, 0, 3)
+    path.write_bytes(path.read_bytes().replace(definition, other))
+    with pytest.raises(InputError, match="opacity that is not the last channel"):
         read_picture(path)
 
 
@@ -398,26 +445,86 @@ def png_with(chunk: bytes, content: bytes) -> bytes:
     return data.getvalue()[:33] + raw + data.getvalue()[33:]
 
 
-def test_a_transparent_colour_and_a_gamma_are_told(tmp_path: Path) -> None:
+def test_a_transparent_colour_is_told(tmp_path: Path) -> None:
     colour = struct.pack(">3H", *SMOOTH[3, 4].tolist())
     (tmp_path / "t.png").write_bytes(png_with(b"tRNS", colour))
     picture = read_picture(tmp_path / "t.png")
     assert picture.alpha is not None
     assert picture.alpha[3, 4] == 0
     assert any("transparent colour" in note for note in picture.notes)
-    (tmp_path / "g.png").write_bytes(png_with(b"gAMA", struct.pack(">I", 100000)))
-    assert any("gamma of 1" in note for note in read_picture(tmp_path / "g.png").notes)
 
 
-def test_moving_pictures_and_raw_files_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("gamma", [1.0, 0.55])
+def test_a_png_tells_its_gamma_and_keeps_it(tmp_path: Path, bits: int, gamma: float) -> None:
+    codes = np.ascontiguousarray(SMOOTH if bits == 8 else CODES_16[..., :3])
+    data, path = bytes(imagecodecs.png_encode(codes)), tmp_path / "a.png"
+    content = struct.pack(">I", round(gamma * 1e5))
+    raw = struct.pack(">I", 4) + b"gAMA" + content
+    raw += struct.pack(">I", zlib.crc32(b"gAMA" + content))
+    path.write_bytes(data[:33] + raw + data[33:])
+    picture = read_picture(path)
+    # The samples are light to the power of the chunk's number.
+    np.testing.assert_allclose(picture.linear**gamma, codes / (2**bits - 1), atol=1e-6)
+    assert f"gamma of {1 / gamma:.4g}" in picture.assumption
+    copy = rewritten(path, picture)
+    assert raw in copy.read_bytes()
+    np.testing.assert_array_equal(imagecodecs.png_decode(copy.read_bytes()), codes)
+    srgb = b"\0\0\0\1sRGB\0" + struct.pack(">I", zlib.crc32(b"sRGB\0"))
+    path.write_bytes(data[:33] + srgb + raw + data[33:])  # which stands above gAMA
+    assert "sRGB" in read_picture(path).assumption
+
+
+@pytest.mark.parametrize("named", ["index", "gamma", "xmp"])
+def test_a_jpeg_tells_its_gamma_and_keeps_it(tmp_path: Path, named: str) -> None:
+    """Cameras in their Adobe RGB mode write no profile, but R03."""
+    exif, options = PIL.Image.Exif(), {}
+    if named == "xmp":
+        options["xmp"] = b"<x:xmpmeta xmlns:x='adobe:ns:meta/'><exif:Gamma>22/10</exif:Gamma>"
+    elif named == "gamma":
+        exif.get_ifd(0x8769)[0xA500] = PIL.TiffImagePlugin.IFDRational(22, 10)
+    else:
+        exif.get_ifd(0x8769)[0xA001] = 65535
+        exif.get_ifd(0x8769)[0xA005] = {1: "R03"}
+    path = tmp_path / "a.jpg"
+    PIL.Image.new("RGB", (16, 16), (128, 64, 200)).save(path, quality=100, exif=exif, **options)
+    picture = read_picture(path)
+    assert "gamma of 2.2" in picture.assumption or "gamma of 2.199" in picture.assumption
+    light = (np.array([128, 64, 200]) / 255) ** 2.2
+    np.testing.assert_allclose(picture.linear, np.broadcast_to(light, (16, 16, 3)), atol=0.01)
+    again = read_picture(rewritten(path, picture))
+    assert again.assumption == picture.assumption
+
+
+@pytest.mark.parametrize(("code", "found"), [(16, "PQ"), (18, "HLG"), (9, "number 9")])
+def test_curves_of_high_range_are_refused(tmp_path: Path, code: int, found: str) -> None:
+    (tmp_path / "a.png").write_bytes(png_with(b"cICP", bytes([9, code, 0, 1])))
+    with pytest.raises(InputError, match=found):
+        read_picture(tmp_path / "a.png")
+    deep = (CODES_16[..., :3] >> 6).astype(np.uint16)
+    data = imagecodecs.avif_encode(deep, bitspersample=10, level=100, transfer=code)
+    (tmp_path / "a.avif").write_bytes(data)
+    with pytest.raises(InputError, match=found):
+        read_picture(tmp_path / "a.avif")
+
+
+def test_a_linear_avif_is_linear(tmp_path: Path) -> None:
+    codes = np.ascontiguousarray(SMOOTH)
+    data = imagecodecs.avif_encode(codes, level=100, transfer=8)
+    (tmp_path / "a.avif").write_bytes(data)
+    picture = read_picture(tmp_path / "a.avif")
+    np.testing.assert_allclose(picture.linear, codes / 255, atol=1.01 / 255)
+    again = read_picture(rewritten(tmp_path / "a.avif", picture))
+    assert again.kind == "PNG"
+    np.testing.assert_allclose(again.linear, picture.linear, atol=1e-6)
+
+
+def test_moving_pictures_are_refused(tmp_path: Path) -> None:
     frames = [PIL.Image.fromarray(codes) for codes in (SMOOTH, 255 - SMOOTH, SMOOTH[::-1])]
     for suffix in ("webp", "png"):
         frames[0].save(tmp_path / f"a.{suffix}", save_all=True, append_images=frames[1:])
         with pytest.raises(InputError, match="expected one picture, found 3"):
             read_picture(tmp_path / f"a.{suffix}")
-    (tmp_path / "a.dng").write_bytes(b"II*\0")
-    with pytest.raises(InputError, match="develop it to a linear 16-bit TIFF"):
-        read_picture(tmp_path / "a.dng")
 
 
 @pytest.mark.parametrize("name", ["a.jp2", "a.webp", "a.avif", "a.bmp", "a.ppm", "a.mpo"])

@@ -48,6 +48,12 @@ def disc(size: int = SIZE) -> BoolArray:
     return (x - middle) ** 2 + (y - middle) ** 2 < (0.47 * size) ** 2
 
 
+def mixed_part(size: int = SIZE) -> BoolArray:
+    """Some of the disc's pixels, not symmetric in any way."""
+    y, x = np.mgrid[:size, :size]
+    return disc(size) & ((x - 0.3 * size) ** 2 + (y - 0.6 * size) ** 2 < (0.15 * size) ** 2)
+
+
 def stokes_image(seed: int, size: int = SIZE) -> Float32Array:
     """Every degree and angle of polarisation, and no two pixels alike."""
     random = np.random.default_rng(seed)
@@ -58,11 +64,15 @@ def stokes_image(seed: int, size: int = SIZE) -> Float32Array:
     return np.stack(parts, axis=-1).astype(np.float32)
 
 
-def save_example(folder: Path, scene: str, label: str, **methods: Float32Array) -> Float32Array:
+def save_example(
+    folder: Path, scene: str, label: str, mixed: BoolArray | None = None, **methods: Float32Array
+) -> Float32Array:
     size = len(next(iter(methods.values())))
     truth = stokes_image(1, size)
     meta = {"scene": scene, "label": label, "wavelengths_nm": WAVELENGTHS}
-    arrays = {f"method.{name}": stokes for name, stokes in methods.items()}
+    arrays: dict[str, Any] = {f"method.{name}": stokes for name, stokes in methods.items()}
+    if mixed is not None:
+        arrays["mixed"] = mixed
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(folder / f"{scene}.npz", truth=truth, mask=disc(size), meta=np.array(json.dumps(meta)),
              allow_pickle=False, **arrays)  # fmt: skip
@@ -75,7 +85,14 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
     table = sample.table()
     first, second = table["scene"].unique()[:2]
-    save_example(folder / "examples", first, EVIL, eq8=stokes_image(2), unpolarised=_unpolarised())
+    save_example(
+        folder / "examples",
+        first,
+        EVIL,
+        mixed_part(),
+        eq8=stokes_image(2),
+        unpolarised=_unpolarised(),
+    )
     save_example(folder / "examples", second, "second", eq8=stokes_image(3))
     table["light"] = table["light"].replace("uniform", EVIL)
     run = sample.run()
@@ -248,6 +265,31 @@ def test_band_and_scene_are_the_ones_chosen(opened: Browser) -> None:
     assert np.mean(opened.grey("estimate")[away] == wanted[away]) > 0.98
     methods = opened.js("return [...document.querySelectorAll('#method option')].map(o => o.value)")
     assert methods == ["eq8"]
+
+
+def test_pixels_of_several_normals_can_be_left_out(opened: Browser) -> None:
+    mixed, label = mixed_part(), "document.getElementById('unmixed').closest('.unmixed')"
+    assert f"Leave out {mixed.sum()} pixels" in opened.js(f"return {label}.textContent")
+    opened.choose("method", "eq8")
+    opened.turn(30)
+    before = opened.grey("estimate")
+    opened.js("document.getElementById('unmixed').click()")
+    opened.settle()
+    white = float(opened.js("return document.getElementById('viewer').dataset.white"))
+    away = disc() & ~_near_the_pick(opened)
+    found = opened.grey("estimate")
+    wanted = screen_grey(polarised(stokes_image(2)[:, :, 0], 30), white)
+    assert np.mean(found[away & ~mixed] == wanted[away & ~mixed]) > 0.98  # as above
+    assert (found[away & mixed] == 0).all()  # nothing is painted there
+    assert "without pixels of several normals" in opened.js(
+        "return document.getElementById('score').textContent"
+    )
+    opened.js("document.getElementById('unmixed').click()")
+    opened.settle()
+    np.testing.assert_array_equal(opened.grey("estimate"), before)
+    opened.choose("scene", "1")  # an older example, which does not tell
+    assert opened.js(f"return {label}.hidden")
+    assert opened.js(f"return getComputedStyle({label}).display") == "none"
 
 
 def test_read_out_tells_the_pixel(opened: Browser) -> None:

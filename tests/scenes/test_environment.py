@@ -17,8 +17,8 @@ from malus.scenes.shapes.patterns import ImageTexture
 CASES = Path(__file__).parents[1] / "cases" / "exr"
 
 
-def written(path: Path, names: str = "RGB", **header: Any) -> Path:
-    planes = {name: np.full((4, 8), 0.5, np.float32) for name in names}
+def written(path: Path, names: str = "RGB", size: tuple[int, int] = (4, 8), **header: Any) -> Path:
+    planes = {name: np.full(size, 0.5, np.float32) for name in names}
     kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     OpenEXR.File(kind | header, planes).write(str(path))
     return path
@@ -32,6 +32,30 @@ def test_a_cube_map_is_refused_by_name() -> None:
 def test_a_map_that_says_what_it_is_is_read(tmp_path: Path) -> None:
     path = written(tmp_path / "a.exr", envmap=OpenEXR.ENVMAP_LATLONG)
     np.testing.assert_array_equal(radiance_map(Environment(name=str(path))), np.full((4, 8), 0.5))
+
+
+@pytest.mark.parametrize(
+    ("size", "says"),
+    [((8, 8), "light probe"), ((6, 8), "cross"), ((8, 6), "cross"), ((2, 12), "strip")],
+)
+@pytest.mark.parametrize("suffix", ["exr", "hdr"])
+def test_the_shape_of_another_layout_is_refused(
+    tmp_path: Path, size: tuple[int, int], says: str, suffix: str
+) -> None:
+    """Light probes of Debevec's are angular maps, square and without a word of it."""
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "exr":
+        written(path, size=size)
+    else:
+        head = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {size[0]} +X {size[1]}\n".encode()
+        path.write_bytes(head + bytes([128, 128, 128, 128]) * (size[0] * size[1]))
+    with pytest.raises(InputError, match=says):
+        radiance_map(Environment(name=str(path)))
+
+
+def test_a_square_map_may_say_that_it_is_one(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.exr", size=(8, 8), envmap=OpenEXR.ENVMAP_LATLONG)
+    assert radiance_map(Environment(name=str(path))).shape == (8, 8)
 
 
 def test_a_part_of_a_map_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,140 @@
+"""Rewrite faces of OBJ and OFF files that trimesh would read as other faces.
+
+It cuts every polygon into a fan, which a concave one is not, and counts the negative indices of OBJ
+from the end of the file instead of from where they stand.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from malus.scenes.shapes.polygons import cut_polygons
+
+_CONTINUED = re.compile(rb"\\\r?\n")
+_SUSPECT = re.compile(rb"(?m)^[ \t]*f(?:(?:[ \t]+[^\s#]+){4}|[^\n#]*[ \t/]-)")
+_ELEMENT = re.compile(rb"(?m)^[ \t]*(v|vt|vn|f)([ \t][^\n#]*)")
+_COMMENT = re.compile(r"#[^\n]*")
+
+
+def obj_with_triangles(content: bytes) -> bytes:
+    """An OBJ file with its negative indices counted and its concave polygons cut.
+
+    Raises
+    ------
+    UncutFace
+        For a polygon that crosses itself.
+    ValueError
+        For numbers that are none.
+
+    Examples
+    --------
+    >>> arrow = b"v 0 0 0\\nv 2 1 0\\nv 0 2 0\\nv 1 1 0\\n"
+    >>> obj_with_triangles(arrow + b"f -4 -3 -2 -1\\n").splitlines()[4:]
+    [b'f 4 1 2', b'f 2 3 4']
+    """
+    content = _CONTINUED.sub(b" ", content)
+    if _SUSPECT.search(content) is None:
+        return content
+    reader = _ObjReader()
+    for match in _ELEMENT.finditer(content):
+        reader.read(match)
+    rewritten, end = [], 0
+    for (start, after), lines in sorted(reader.replaced().items()):
+        rewritten += [content[end:start], lines]
+        end = after
+    return b"".join([*rewritten, content[end:]])
+
+
+@dataclass
+class _ObjReader:
+    """Positions so far, faces, and numbers of positions, texture coordinates and normals."""
+
+    positions: list[list[float]] = field(default_factory=list)
+    counts: dict[bytes, int] = field(default_factory=lambda: dict.fromkeys((b"v", b"vt", b"vn"), 0))
+    faces: list[list[bytes]] = field(default_factory=list)
+    spans: list[tuple[int, int]] = field(default_factory=list)
+    counted: set[int] = field(default_factory=set)
+
+    def read(self, match: re.Match[bytes]) -> None:
+        """Take the element of a line."""
+        kind, words = match[1], match[2].split()
+        if kind == b"f":
+            if any(word.startswith(b"-") or b"/-" in word for word in words):
+                self.counted.add(len(self.faces))
+                words = [self._counted(word) for word in words]
+            self.faces.append(words)
+            self.spans.append(match.span())
+            return
+        self.counts[kind] += 1
+        if kind == b"v":
+            self.positions.append([float(word) for word in words[:3]])
+
+    def _counted(self, word: bytes) -> bytes:
+        """A corner `1/2/3` of a face with its indices counted from the beginning of the file."""
+        indices = word.split(b"/")
+        for place, kind in enumerate(self.counts):
+            if place < len(indices) and indices[place].startswith(b"-"):
+                index = self.counts[kind] + 1 + int(indices[place])
+                if index < 1:
+                    raise ValueError(f"face {len(self.faces) + 1} with the index {word!r}")
+                indices[place] = b"%d" % index
+        return b"/".join(indices)
+
+    def replaced(self) -> dict[tuple[int, int], bytes]:
+        """The lines that replace a face, by where it stands in the file."""
+        cut = _cut(self.positions, [self._numbers(face) for face in self.faces])
+        lines = {}
+        for face in self.counted | cut.keys():
+            corners = self.faces[face]
+            parts = [[corners[k] for k in part] for part in cut[face]] if face in cut else [corners]
+            lines[self.spans[face]] = b"\n".join(b"f " + b" ".join(part) for part in parts)
+        return lines
+
+    def _numbers(self, face: list[bytes]) -> list[int]:
+        return [int(corner.split(b"/")[0]) - 1 for corner in face]
+
+
+def off_with_triangles(content: bytes) -> bytes:
+    """An OFF file with its concave polygons cut.
+
+    Raises
+    ------
+    UncutFace
+        For a polygon that crosses itself.
+    ValueError
+        For numbers that are none.
+
+    Examples
+    --------
+    >>> arrow = b"OFF\\n4 1 0\\n0 0 0\\n2 1 0\\n0 2 0\\n1 1 0\\n4 0 1 2 3\\n"
+    >>> off_with_triangles(arrow).splitlines()[-2:]
+    [b'3 3 0 1', b'3 1 2 3']
+    """
+    text = _COMMENT.sub("", content.decode("utf-8", "replace"))
+    lines = [line.split() for line in re.split("C?OFF", text, maxsplit=1)[-1].splitlines()]
+    lines = [line for line in lines if line]
+    first = 1 + int(lines[0][0])
+    faces = [line[1 : 1 + int(line[0])] for line in lines[first : first + int(lines[0][1])]]
+    positions = [[float(word) for word in line[:3]] for line in lines[1:first]]
+    cut = _cut(positions, [[int(corner) for corner in face] for face in faces])
+    if not cut:
+        return content
+    triangles = [
+        corners
+        for number, face in enumerate(faces)
+        for corners in ([[face[k] for k in part] for part in cut.get(number, [])] or [face])
+    ]
+    body = [*lines[1:first], *([str(len(corners)), *corners] for corners in triangles)]
+    head = ["OFF", f"{first - 1} {len(triangles)} 0"]
+    return "\n".join([*head, *map(" ".join, body), ""]).encode()
+
+
+def _cut(positions: list[list[float]], faces: list[list[int]]) -> dict[int, list[list[int]]]:
+    """Triangles of the polygons that have to be cut, by the place of a face in the file."""
+    if max(map(len, faces), default=0) < 4:
+        return {}
+    cut = cut_polygons(np.array(positions, np.float64).reshape(-1, 3), faces)
+    return {face: triangles.tolist() for face, triangles in cut.items()}
