@@ -86,6 +86,7 @@ class Suite(Model):
     surroundings: tuple[Surroundings, ...] = Field(default=(), exclude_if=_is_empty)
     random: RandomScenes | None = Field(default=None, exclude_if=_is_empty)
     splits: Splits | None = Field(default=None, exclude_if=_is_empty)
+    licence: str = Field(default="", max_length=1000, exclude_if=_is_empty)
     wavelengths_nm: Wavelengths
     methods: tuple[str, ...] = Field(min_length=1)
     metrics: tuple[str, ...] = ()
@@ -155,7 +156,7 @@ class Suite(Model):
     def scenes(self) -> Iterator[Scene]:
         """All distinct scenes, those of one family of renders one after another."""
         if self.random is not None and self.draws is not None:
-            yield from dict.fromkeys(map(self.draws.scene, range(self.random.count)))
+            yield from map(self.draws.scene, range(self.random.count))
             return
         around = self.surroundings or (None,)
         families = itertools.product(self.shapes, around, self.lights, self.surfaces, self.bodies)
