@@ -64,7 +64,8 @@ def _tell(done: dict[str, Any], out: Path, console: Any) -> None:
     console.print(
         f"{done['scenes']} scenes in {out}{part}: {done['rendered']} rendered,"
         f" {done['taken_over']} taken over; {done['seconds']:.1f} s,"
-        f" {done['bytes'] / 1e6:.1f} MB written, {done['peak_memory_bytes'] / 1e6:.0f} MB of memory",
+        f" {done['bytes'] / 1e6:.1f} MB written,"
+        f" {done['peak_memory_bytes'] / 1e6:.0f} MB of memory",
         highlight=False,
     )
     if done["failed"]:

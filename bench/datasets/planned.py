@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from itertools import accumulate
 
@@ -94,7 +95,7 @@ def _of_axes(
 
 def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
     """Hash of what decides a truth besides its scene: the family's renders and who made them."""
-    return content_id([family.id, suite.renderer, variant.name, version("malus")])
+    return content_id([family.id, suite.renderer, variant.name, _version()])
 
 
 def _renders(suite: Suite, variant: Variant) -> str:
@@ -102,7 +103,13 @@ def _renders(suite: Suite, variant: Variant) -> str:
     content = suite.model_dump(mode="json")
     if suite.random is not None:
         del content["random"]["count"]
-    return content_id([content, variant.name, version("malus")])
+    return content_id([content, variant.name, _version()])
+
+
+@cache
+def _version() -> str:
+    """The version of malus, which is slow to find out."""
+    return version("malus")
 
 
 def _numbers(part: str | None) -> tuple[int, int]:

@@ -35,7 +35,6 @@ from malus.scenes.random_suite.templates import (
     with_files,
 )
 from malus.scenes.scene import Scene, Wavelengths
-from malus.scenes.shapes.shapes import ShapeOrPlane
 from malus.scenes.suite_surfaces import SuiteMaterial, SuiteSurface, scene_surface
 from malus.scenes.surroundings import Placed
 
@@ -154,17 +153,6 @@ class DrawnSurface(Model):
     def made(self) -> Surface:
         """The surface of a scene."""
         return scene_surface(self.material, self.surface, self.body)
-
-
-class DrawnObject(Model):
-    """An object of the surroundings: like `Placed`, with a surface of its own or a drawn one."""
-
-    shape: ShapeOrPlane
-    surface: Surface | DrawnSurface
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    scale: float = 1.0
-    tilt_deg: float = 0.0
-    turn_deg: float = 0.0
 
 
 class SceneDraws:
@@ -327,9 +315,11 @@ class SceneDraws:
 
 
 def _placed(thing: Mapping[str, Any], where: str) -> Placed:
-    values = DrawnObject.parse(thing, where)
-    surface = values.surface.made if isinstance(values.surface, DrawnSurface) else values.surface
-    return Placed(**{**dict(values), "surface": surface})
+    """An object of the surroundings, with its own surface or one that was drawn."""
+    surface = thing["surface"]
+    if isinstance(surface, Mapping) and "surface" in surface:
+        surface = DrawnSurface.parse(surface, where).made
+    return Placed.parse({**thing, "surface": surface}, where)
 
 
 def _weighted(item: Any) -> tuple[Any, float]:
