@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections import Counter
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
 
 from malus.bench.datasets.croissant import croissant
 from malus.bench.running.distributions import value_distributions
+from malus.renderers.datasets.dataset import Dataset
 from malus.renderers.datasets.dataset_record import DatasetRecord, read_dataset
-from malus.scenes.core.files import replace_file, replace_text
-from malus.scenes.random_suite.splits import check_leaks
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import read_json, replace_file, replace_text
+from malus.scenes.core.model import Model
+from malus.scenes.random_suite.splits import Disjoint, SplitName, check_leaks
 from malus.scenes.scene import Scene
 from malus.scenes.suite import Suite
 
 CARD, PICTURE, CROISSANT, SPLITS = "README.md", "conventions.png", "croissant.json", "splits.json"
+
+MAX_SPLITS_BYTES = 1 << 28
 
 IMAGES = {
     "scene.json": "The scene, and size and SHA-256 of every image.",
@@ -76,6 +85,37 @@ def _scenes(suite: Suite) -> Iterator[tuple[Scene, str]]:
         yield scene, scene.id
 
 
+class SplitsRecord(Model):
+    """Content of `splits.json`: scenes of each split, and the split of each disjoint value."""
+
+    format: Literal["malus splits 1"] = "malus splits 1"
+    disjoint: tuple[Disjoint, ...] = ()
+    splits: dict[SplitName, tuple[str, ...]]
+    values: dict[Disjoint, dict[str, SplitName]] = Field(default_factory=dict)
+
+
+def keep_splits(dataset: Dataset, folder: Path) -> None:
+    """Copy a dataset's `splits.json`, if it has one, beside an export of it.
+
+    Raises
+    ------
+    InputError
+        If a scene is in two splits, in none, or none of the dataset's.
+    """
+    path = dataset.path / SPLITS
+    if not path.exists():
+        return
+    content = read_json(path, MAX_SPLITS_BYTES)[0]
+    splits = SplitsRecord.parse(content, str(path)).splits
+    counts = Counter(name for names in splits.values() for name in names)
+    wrong = sorted({name for name, count in counts.items() if count > 1})
+    wrong += sorted(set(counts) ^ set(dataset.scenes))
+    if wrong:
+        expected = "every scene of the dataset in one split"
+        raise InputError(str(path), expected, f"scene {wrong[0]} not so", "render it again")
+    replace_text(folder / SPLITS, json.dumps(content, indent=1) + "\n")
+
+
 def _write_splits(
     folder: Path, record: DatasetRecord, suite: Suite, scenes: list[tuple[Scene, str]]
 ) -> None:
@@ -85,16 +125,15 @@ def _write_splits(
     values = check_leaks(
         ((scene, name, split_of[name]) for scene, name in scenes if name in split_of), suite.splits
     )
-    content = {
-        "format": "malus splits 1",
-        "disjoint": list(suite.splits.disjoint),
-        "splits": {
-            split: [entry.scene for entry in record.scenes if entry.split == split]
+    content = SplitsRecord(
+        disjoint=suite.splits.disjoint,
+        splits={
+            split: tuple(entry.scene for entry in record.scenes if entry.split == split)
             for split in suite.splits.shares
         },
-        "values": values,
-    }
-    replace_text(folder / SPLITS, json.dumps(content, indent=1) + "\n")
+        values=values,
+    )
+    replace_text(folder / SPLITS, content.model_dump_json(indent=1) + "\n")
 
 
 def card(record: DatasetRecord, suite: Suite, scenes: list[Scene]) -> str:

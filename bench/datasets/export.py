@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from malus.bench.datasets.card import keep_splits
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
@@ -75,6 +76,8 @@ def export(
 ) -> int:
     """Write every scene of a dataset in another format, and conventions.json beside them.
 
+    `splits.json` is kept where the dataset has one.
+
     Parameters
     ----------
     dataset : Dataset, or the path or URL of its folder
@@ -116,6 +119,7 @@ def export(
     for done, scene_id in enumerate(opened.scenes):
         progress(done, len(opened), scene_id)
         replace_folder(folder / scene_id, partial(_write, write, opened.truth(scene_id)))
+    keep_splits(opened, folder)
     return len(opened)
 
 

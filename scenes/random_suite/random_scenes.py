@@ -254,6 +254,7 @@ class SceneDraws:
         """
         first = {axis: next(variants(items[0][0])) for axis, items in self._items.items()}
         first.pop("surroundings")
+        yield "key random, first of every axis", first
         for axis, items in self._items.items():
             for number, (template, _) in enumerate(items):
                 for variant in variants(template):

@@ -207,7 +207,7 @@ def _name(value: Any) -> str:
 
 def check_leaks(
     scenes: Iterable[tuple[Scene, str, SplitName]], splits: Splits
-) -> dict[str, dict[str, SplitName]]:
+) -> dict[Disjoint, dict[str, SplitName]]:
     """The split of every value of the disjoint axes, of scenes with their ids and splits.
 
     Raises
@@ -215,16 +215,16 @@ def check_leaks(
     InputError
         If a scene, or a value of a disjoint axis, is in two splits.
     """
-    axes: tuple[str, ...] = ("scene", *splits.disjoint)
-    found: dict[str, dict[str, SplitName]] = {axis: {} for axis in axes}
+    seen: dict[str, SplitName] = {}
+    found: dict[Disjoint, dict[str, SplitName]] = {axis: {} for axis in splits.disjoint}
     for scene, scene_id, split in scenes:
-        for axis in axes:
-            values = {scene_id} if axis == "scene" else values_of(scene, axis)  # type: ignore[arg-type]
-            for value in values:
+        if seen.setdefault(scene_id, split) != split:
+            _refuse_leak("scene", scene_id, seen[scene_id], split, scene_id)
+        for axis in splits.disjoint:
+            for value in values_of(scene, axis):
                 other = found[axis].setdefault(value, split)
                 if other != split:
                     _refuse_leak(axis, value, other, split, scene_id)
-    del found["scene"]
     return found
 
 
