@@ -26,12 +26,16 @@ from malus.scenes.lights.lights import Environment, Light
 from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.materials.measured import Measured, open_pbrdf
 from malus.scenes.materials.surface import Body, Surface
+from malus.scenes.random_suite.random_scenes import RandomScenes, SceneDraws
+from malus.scenes.random_suite.splits import Splits
 from malus.scenes.scene import Sampling, Scene, Wavelengths
 from malus.scenes.shapes.patterns import ImageTexture
 from malus.scenes.shapes.shapes import MeshFile, Shape
 from malus.scenes.suite_surfaces import RefractiveIndex, SuiteMaterial, SuiteSurface, scene_surface
 from malus.scenes.surroundings import Placed, Surroundings
 
+_AXES = ("shapes", "materials", "surfaces", "lights", "bodies", "surroundings")
+_DEFAULTS = {"bodies": ("unpolarised",)}
 AnyShape = TypeVar("AnyShape", bound=Model)
 Renderer = Literal["mitsuba", "torrance-sparrow"]
 Knowledge = Literal["everything", "ladder"]
@@ -40,6 +44,10 @@ Knowledge = Literal["everything", "ladder"]
 MAX_SUITE_BYTES = 1 << 20
 MOST_SCENES = 10_000_000
 """Most scenes of a suite: a plan holds every one of them in memory."""
+
+
+def _is_empty(value: Any) -> bool:
+    return not value
 
 
 class ScalarSizes(Model):
@@ -70,12 +78,15 @@ class Suite(Model):
 
     name: FolderName = Field(min_length=1, max_length=100)
     description: str = ""
-    shapes: tuple[Shape, ...] = Field(min_length=1)
-    materials: tuple[SuiteMaterial, ...] = Field(min_length=1)
-    surfaces: tuple[SuiteSurface, ...] = Field(min_length=1)
-    lights: tuple[Light, ...] = Field(min_length=1)
-    bodies: tuple[Body, ...] = Field(default=("unpolarised",), min_length=1)
-    surroundings: tuple[Surroundings, ...] = Field(default=(), exclude_if=lambda value: not value)
+    shapes: tuple[Shape, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
+    materials: tuple[SuiteMaterial, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
+    surfaces: tuple[SuiteSurface, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
+    lights: tuple[Light, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
+    bodies: tuple[Body, ...] = Field(default=_DEFAULTS["bodies"], min_length=1)
+    surroundings: tuple[Surroundings, ...] = Field(default=(), exclude_if=_is_empty)
+    random: RandomScenes | None = Field(default=None, exclude_if=_is_empty)
+    splits: Splits | None = Field(default=None, exclude_if=_is_empty)
+    licence: str = Field(default="", max_length=1000, exclude_if=_is_empty)
     wavelengths_nm: Wavelengths
     methods: tuple[str, ...] = Field(min_length=1)
     metrics: tuple[str, ...] = ()
@@ -98,7 +109,28 @@ class Suite(Model):
         return tuple(surfaces()) if value == "all" else value
 
     @model_validator(mode="after")
+    def _axes_or_random(self) -> Self:
+        given = [axis for axis in _AXES if getattr(self, axis) != _DEFAULTS.get(axis, ())]
+        if self.random is not None:
+            if given:
+                hint = f"move {given[0]} below [random]"
+                raise InputError(f"key {given[0]}", "no axis beside [random]", "one", hint)
+            return self
+        for axis in _AXES[:4]:
+            if not getattr(self, axis):
+                raise InputError(f"key {axis}", "this key", "nothing", "add this key")
+        if self.splits is not None:
+            hint = "remove it, or draw the scenes with [random]"
+            raise InputError("key splits", "splits of random scenes only", "no [random]", hint)
+        return self
+
+    @model_validator(mode="after")
     def _scenes_fit(self) -> Self:
+        if self.draws is not None:
+            for key, content in self.draws.examples():
+                for placed in self.draws.made(content, key).objects:
+                    placed.surface.indices(self.wavelengths_nm)
+            return self
         axes = self.shapes, self.surroundings or (None,), self.lights, self.surfaces, self.bodies
         count = math.prod(map(len, axes)) * len(self.materials)
         if count > MOST_SCENES:
@@ -114,8 +146,18 @@ class Suite(Model):
                     placed.surface.indices(self.wavelengths_nm)
         return self
 
+    @property
+    def draws(self) -> SceneDraws | None:
+        """The scenes of a random suite by their numbers; None for a suite of axes."""
+        if self.random is None:
+            return None
+        return self.random.draws(self.camera, self.wavelengths_nm, self.splits)
+
     def scenes(self) -> Iterator[Scene]:
         """All distinct scenes, those of one family of renders one after another."""
+        if self.random is not None and self.draws is not None:
+            yield from map(self.draws.scene, range(self.random.count))
+            return
         around = self.surroundings or (None,)
         families = itertools.product(self.shapes, around, self.lights, self.surfaces, self.bodies)
         yielded = set()
@@ -192,6 +234,8 @@ def load_suite(name_or_path: str | Path) -> Suite:
     bands = suite.wavelengths_nm
     materials = tuple(_with_measured_table(item, folder, bands) for item in suite.materials)
     around = tuple(_with_files(surroundings, folder) for surroundings in suite.surroundings)
+    if suite.random is not None:
+        return suite.model_copy(update={"random": suite.random.with_files(folder)})
     files = {"shapes": shapes, "materials": materials, "lights": lights, "surfaces": surfaces}
     return suite.model_copy(update=files | {"surroundings": around})
 

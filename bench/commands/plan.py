@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from malus.bench.commands.options import backend_option, command
 from malus.bench.studies.registry import STUDIES
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from malus.scenes.suite import Suite
 
 
 @command("plan")
@@ -42,9 +49,34 @@ def plan_command(suite: str, backend: str) -> None:
     for saving in planned.savings:
         table.add_row(saving.what, str(saving.done), str(saving.instead_of), saving.why)
     console.print(table)
+    if planned.suite.random is not None:
+        _tell_distributions(planned.suite, console)
     console.print(
         f"{planned.renders} renders instead of {planned.renders_without_plan}; about "
         f"{planned.seconds:.0f} s here instead of {planned.seconds_without_plan:.0f} s. A stored "
         f"dataset: about {planned.bytes / 1e9:.2f} GB before compression",
         highlight=False,
     )
+
+
+def _tell_distributions(suite: Suite, console: Console) -> None:
+    """Print how the values of random scenes are distributed, and how many a split has."""
+    from collections import Counter
+
+    from malus.bench.commands.printing import plain_table
+    from malus.bench.running.distributions import value_distributions
+
+    table = plain_table("drawn")
+    table.add_column("values", justify="right")
+    table.add_column("from", justify="right")
+    table.add_column("to", justify="right")
+    table.add_column("how often")
+    for row in value_distributions(suite.scenes()):
+        ends = ["" if end is None else f"{end:.4g}" for end in (row.low, row.high)]
+        table.add_row(row.key, str(row.count), *ends, row.shown)
+    console.print(table)
+    if suite.random is not None and suite.draws is not None and suite.splits is not None:
+        counts = Counter(map(suite.draws.split, range(suite.random.count)))
+        told = ", ".join(f"{name} {counts[name]}" for name in suite.splits.shares)
+        apart = f"; apart: {', '.join(suite.splits.disjoint)}" if suite.splits.disjoint else ""
+        console.print(f"splits: {told}{apart}", highlight=False)

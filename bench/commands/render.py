@@ -23,6 +23,7 @@ from malus.bench.commands.options import (
 @size_options
 @backend_option
 @work_options
+@click.option("--part", metavar="K/N", help="Only part K of N, such as 3/16, for job arrays.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was done as JSON.")
 def render_command(suite: str, out: Path, as_json: bool, **options: Any) -> None:
     """Render SUITE as a dataset: Stokes images of both lobes, normals and errors as OpenEXR.
@@ -30,9 +31,14 @@ def render_command(suite: str, out: Path, as_json: bool, **options: Any) -> None
     Stopped half-way, the same command goes on where it was. A scene that cannot be rendered is
     recorded and left out, and the exit code is 1 then; `malus status` tells why.
 
+    Parts may be rendered on many machines at once into one folder that all see; the last makes it
+    whole. Where they see none, copy the content of their folders into one and give the command
+    without --part: it takes over what is there.
+
     \b
-    Example:
+    Examples:
       malus render quick --out quick-dataset
+      malus render quick --part 2/4 --out quick-parts
     """
     from rich.console import Console
 
@@ -54,9 +60,11 @@ def render_command(suite: str, out: Path, as_json: bool, **options: Any) -> None
 
 
 def _tell(done: dict[str, Any], out: Path, console: Any) -> None:
+    part = f" (part {done['part']})" if done["part"] else ""
     console.print(
-        f"{done['scenes']} scenes in {out}: {done['rendered']} rendered, {done['taken_over']} taken"
-        f" over; {done['seconds']:.1f} s, {done['bytes'] / 1e6:.1f} MB written,"
+        f"{done['scenes']} scenes in {out}{part}: {done['rendered']} rendered,"
+        f" {done['taken_over']} taken over; {done['seconds']:.1f} s,"
+        f" {done['bytes'] / 1e6:.1f} MB written,"
         f" {done['peak_memory_bytes'] / 1e6:.0f} MB of memory",
         highlight=False,
     )

@@ -36,6 +36,9 @@ def status_command(folder: Path, as_json: bool) -> None:
         f"{progress.what}, {progress.total} {progress.unit}: {progress.done} done, "
         f"{progress.failed_families} failed, {progress.left} left"
     )
+    for part in progress.parts:
+        failed = f", {part.failed} failed" if part.failed else ""
+        console.print(f"  part {part.part}: {part.done} of {part.total} done{failed}")
     for label, failure in progress.failed[:SHOWN]:
         parts = (failure.method, failure.scene and f"scene {failure.scene}")
         whose = ", ".join(part for part in parts if part)
@@ -43,6 +46,7 @@ def status_command(folder: Path, as_json: bool) -> None:
     if len(progress.failed) > SHOWN:
         console.print(f"  and {len(progress.failed) - SHOWN} more failures; --json tells all")
     if not progress.finished:
-        console.print("The command that made the folder, given again, goes on where it was.")
+        hint = ", and --part those that have not begun" if progress.parts else ""
+        console.print(f"The command that made the folder, given again, goes on where it was{hint}.")
     elif progress.failed:
         console.print("`malus run … --retry-failed` tries the failed ones again.")

@@ -22,11 +22,11 @@ from typing import Any
 
 import numpy as np
 
+from malus.bench.datasets.card import keep_splits
 from malus.bench.datasets.export_networks import LAYOUTS
 from malus.bench.datasets.export_training import (
     HDF5_WORDS,
     SHARDS_WORDS,
-    splits_of,
     write_one_hdf5,
     write_webdataset,
 )
@@ -87,6 +87,8 @@ def export(
 ) -> int:
     """Write every scene of a dataset in another format, and conventions.json beside them.
 
+    `splits.json` is kept where the dataset has one.
+
     Parameters
     ----------
     dataset : Dataset, or the path or URL of its folder
@@ -123,17 +125,19 @@ def export(
     opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
     if layout in _WHOLE:
         write_all, words = _WHOLE[layout]
-        write_all(opened, _prepared(out, words), progress)
+        write_all(opened, _prepared(opened, out, words), progress)
     elif layout in LAYOUTS:
-        _numbered(opened, layout, _prepared(out, dict(LAYOUTS[layout].words)), progress)
+        _numbered(opened, layout, _prepared(opened, out, dict(LAYOUTS[layout].words)), progress)
     else:
         _one_by_one(opened, layout, out, pixels, progress)
     return len(opened)
 
 
-def _prepared(out: Path | str, words: dict[str, str]) -> Path:
+def _prepared(opened: Dataset, out: Path | str, words: dict[str, str]) -> Path:
+    """The folder, with the words on what is in it, and the splits of a dataset that has them."""
     folder = prepare_folder(as_path(out), "an export")
     replace_text(folder / "conventions.json", json.dumps(words, indent=1) + "\n")
+    keep_splits(opened, folder)
     return folder
 
 
@@ -146,7 +150,7 @@ def _one_by_one(
         if pixels not in PIXELS:
             raise InputError("pixels", "exr or png", repr(pixels), "choose one of them")
         write = partial(write_polanalyser, pixels=pixels)
-    folder = _prepared(out, words)
+    folder = _prepared(opened, out, words)
     for done, scene_id in enumerate(opened.scenes):
         progress(done, len(opened), scene_id)
         replace_folder(folder / scene_id, partial(_write, write, opened.truth(scene_id)))
@@ -156,9 +160,6 @@ def _numbered(opened: Dataset, layout: str, folder: Path, progress: Progress) ->
     """Layouts of networks: scenes by number, which `names.json` resolves."""
     width = max(4, len(str(len(opened) - 1)))
     names = {scene: f"{number:0{width}}" for number, scene in enumerate(opened.scenes)}
-    splits = splits_of(opened)
-    if splits:
-        replace_text(folder / "splits.json", json.dumps({"splits": splits}, indent=1) + "\n")
     replace_text(folder / "names.json", json.dumps(names, indent=1) + "\n")
     for done, (scene_id, name) in enumerate(names.items()):
         progress(done, len(opened), scene_id)

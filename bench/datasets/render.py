@@ -7,16 +7,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
+from malus.bench.datasets.card import write_documents
+from malus.bench.datasets.planned import PlannedDataset, planned_dataset
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.parts import Failure
-from malus.bench.running.plan import FamilyPlan, plan
+from malus.bench.running.plan import FamilyPlan
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.truths import truths
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
@@ -28,7 +29,6 @@ from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import owned
-from malus.scenes.core.model import content_id
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.versions import versions
 from malus.scenes.scene import Scene
@@ -48,11 +48,13 @@ def render_dataset(
     resolution: int | None = None,
     seed: int | None = None,
     timeout: float | None = None,
+    part: str | None = None,
 ) -> dict[str, Any]:
     """Render a suite as a dataset: Stokes images of both lobes, normals and errors as OpenEXR.
 
-    Scenes that the folder holds already are taken over. A scene that cannot be rendered is
-    recorded with the reason, and the others go on.
+    Scenes that the folder holds already are taken over. A card, `README.md` and `croissant.json`,
+    tells what the dataset holds, and `splits.json` the splits of a random suite.
+    A scene that cannot be rendered is recorded with the reason, and the others go on.
 
     Parameters
     ----------
@@ -70,11 +72,16 @@ def render_dataset(
         Seconds that a family may take. With it a process of its own renders, so that a crash costs
         one family; a script that asks for this has to keep its own work under
         `if __name__ == "__main__":`.
+    part : str, optional
+        One part of several, such as `"3/16"`: every 16th scene of a random suite, or every 16th
+        family of scenes of another, from the third. Parts may be rendered at once and into one
+        folder, which the last makes whole; or into several, whose content is copied into one.
 
     Returns
     -------
     dict
-        `out`; numbers of scenes, `scenes`, `rendered`, `taken_over` and `failed`; `seconds`, and
+        `out`; `part`, such as `3/16`, or None for the whole; numbers of its
+        scenes, `scenes`, `rendered`, `taken_over` and `failed`; `seconds`, and
         `bytes` of what was rendered.
 
     Raises
@@ -98,13 +105,16 @@ def render_dataset(
         if timeout is not None and worker is None:
             worker = stack.enter_context(WorkerProcess(timeout))
         folder = prepare_folder(as_path(out), "a dataset")
-        done = _render_families(chosen, folder, variant, progress, worker, retry_failed)
+        planned = planned_dataset(chosen, variant, part)
+        done = _render_families(chosen, planned, folder, variant, progress, worker, retry_failed)
+        write_documents(folder, chosen)
     size = done.pop("bytes")
     return done | {"seconds": round(time.perf_counter() - started, 3), "bytes": size}
 
 
 def _render_families(
     suite: Suite,
+    planned: PlannedDataset,
     folder: Path,
     variant: Variant,
     progress: Progress,
@@ -112,13 +122,10 @@ def _render_families(
     retry_failed: bool,
 ) -> dict[str, Any]:
     """Render and write what the folder lacks; counts of scenes, and bytes that were written."""
-    families = plan(suite)
-    origins = {
-        scene.id: _origin(family, suite, variant) for family in families for scene in family.scenes
-    }
+    families, origins = planned.families, {n: s.origin for n, s in planned.scenes.items()}
     with (
-        owned(folder, content_id(origins)),
-        DatasetWriter(folder, origins, about(suite, variant)) as writer,
+        owned(folder, planned.part.renders),
+        DatasetWriter(folder, planned.scenes, about(suite, variant), planned.part) as writer,
         WritingThread(writer, origins) as writing,
     ):
         taken_over = len(writer.done)
@@ -130,11 +137,12 @@ def _render_families(
                 writing.begin(outcome, task.family)
         writing.wait()
         progress(len(writer.done), len(origins), "")
-    if not writer.done:
+    if not writer.done and writer.failed:
         why = next(iter(writer.failed.values())).reason
         raise InputError(f"suite {suite.name}", "a scene that can be rendered", "none", why)
     return {
         "out": str(folder),
+        "part": planned.part.label if planned.part.count > 1 else None,
         "scenes": len(origins),
         "rendered": writing.truths,
         "taken_over": taken_over,
@@ -150,11 +158,6 @@ def about(suite: Suite, variant: Variant) -> dict[str, Any]:
         "versions": versions("malus", "mitsuba", "drjit", "numpy"),
         "variant": {"name": variant.name, "reason": variant.reason},
     }
-
-
-def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
-    """Hash of what decides a truth besides its scene: the family's renders and who made them."""
-    return content_id([family.id, suite.renderer, variant.name, version("malus")])
 
 
 @dataclass(frozen=True)

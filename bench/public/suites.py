@@ -104,7 +104,7 @@ def plan(suite: Suite | str | Path, backend: str | Variant = "auto") -> Plan:
         get_method(reference)
     get_metrics(loaded.metrics)
     families = families_of(loaded)
-    seconds = predicted_seconds(families, variant, loaded.renderer)
+    seconds = predicted_seconds(families, variant, loaded.renderer, loaded.random is not None)
     record = plan_record(loaded, families, seconds)
     return Plan(
         suite=loaded,
@@ -120,10 +120,24 @@ def plan(suite: Suite | str | Path, backend: str | Variant = "auto") -> Plan:
     )
 
 
+SAMPLES_OF_RANDOM = 8
+"""Random scenes that are rendered to predict the time of all: rooms take longer than spheres."""
+
+
 def predicted_seconds(
-    families: Sequence[FamilyPlan], variant: Variant, renderer: str = "mitsuba"
+    families: Sequence[FamilyPlan],
+    variant: Variant,
+    renderer: str = "mitsuba",
+    random: bool = False,
 ) -> float:
-    """Seconds of rendering, from rendering one family on this machine, in miniature by Mitsuba."""
+    """Seconds of rendering, from rendering one family on this machine, in miniature by Mitsuba.
+
+    Of `random` scenes, which differ in all that costs time, several are rendered.
+    """
+    if random:
+        samples = families[:: -(-len(families) // SAMPLES_OF_RANDOM)]
+        seconds = [predicted_seconds([family], variant, renderer) for family in samples]
+        return len(families) * sum(seconds) / len(seconds)
     sample = max(families, key=lambda family: family.specular_images)
     if renderer == "torrance-sparrow":
         started = time.perf_counter()

@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from malus.bench.running.parts import PLAN
-from malus.renderers.datasets.dataset import DATASET
+from malus.renderers.datasets.dataset_record import DATASET
 from malus.scenes.core.errors import InputError, first_line
 from malus.scenes.core.files import TEMPORARY, remove_abandoned
 from malus.scenes.core.remote import is_here, put_mark

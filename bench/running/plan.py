@@ -51,7 +51,8 @@ class FamilyPlan:
 def plan(suite: Suite) -> list[FamilyPlan]:
     """Families of a suite, ordered so that cached tables are used again.
 
-    Methods keep tables of a roughness, renderers the table of a measured material.
+    Methods keep tables of a roughness, renderers the table of a measured material. Each random
+    scene is a family of its own, with a seed of its own: what is rendered follows from it alone.
 
     Examples
     --------
@@ -60,11 +61,32 @@ def plan(suite: Suite) -> list[FamilyPlan]:
     >>> len(families), len(families[0].scenes)
     (8, 2)
     """
+    if suite.draws is not None:
+        families = [family_of_scene(scene, suite.sampling) for scene in suite.scenes()]
+        return sorted(families, key=_by_tables)
     groups: dict[FamilyKey, list[Scene]] = {}
     for scene in suite.scenes():
         groups.setdefault(FamilyKey.of(scene), []).append(scene)
     ordered = sorted(groups.items(), key=lambda group: (group[0].alpha, _measured_file(group[0])))
     return [_family(key, scenes, suite.sampling) for key, scenes in ordered]
+
+
+def _by_tables(family: FamilyPlan) -> tuple[float, str]:
+    key = FamilyKey.of(family.scenes[0])
+    return key.alpha, _measured_file(key)
+
+
+SEEDS = 1 << 28
+"""Number of seeds of a render."""
+
+
+def family_of_scene(scene: Scene, sampling: Sampling) -> FamilyPlan:
+    """Plan of one scene that shares no render; its noise is that of no other scene.
+
+    With one seed for all, the noise of a data set would be one pattern, which a network learns.
+    """
+    seed = (sampling.seed + int(scene.id, 16)) % SEEDS
+    return _family(FamilyKey.of(scene), [scene], sampling.model_copy(update={"seed": seed}))
 
 
 def _measured_file(key: FamilyKey) -> str:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from malus.bench.running.parts import PLAN, Failure, Parts
-from malus.renderers.datasets.dataset import DATASET, open_dataset
+from malus.renderers.datasets.dataset_record import DATASET, read_dataset
+from malus.renderers.datasets.listed_scenes import listed_of
+from malus.renderers.datasets.part_list import read_parts
 from malus.scenes.core.errors import InputError, printable
 from malus.scenes.core.files import read_json
 from malus.scenes.core.remote import as_path
@@ -18,6 +20,16 @@ from malus.scenes.core.result_files import RUN
 MAX_PLAN_BYTES = 1 << 28
 
 _ID = re.compile(r"[0-9a-f]{16}")
+
+
+@dataclass(frozen=True)
+class PartStatus:
+    """How far a part of a dataset is: its name, such as `3/16`, and numbers of scenes."""
+
+    part: str
+    total: int
+    done: int
+    failed: int
 
 
 @dataclass
@@ -34,6 +46,8 @@ class Status:
         One a family and reason.
     finished : bool
         Nothing is left, and the results are written.
+    parts : list of PartStatus
+        Parts of a dataset that are rendered one by one, as far as they have begun.
 
     Examples
     --------
@@ -49,6 +63,7 @@ class Status:
     left: int = 0
     failed: list[tuple[str, Failure]] = field(default_factory=list)
     finished: bool = False
+    parts: list[PartStatus] = field(default_factory=list)
 
     @property
     def failed_families(self) -> int:
@@ -75,6 +90,7 @@ class Status:
             "left": self.left,
             "finished": self.finished,
             "failures": reasons,
+            "parts": [asdict(part) for part in self.parts],
         }
 
 
@@ -161,12 +177,22 @@ def _is_written(folder: Path, expected: Mapping[str, Any]) -> bool:
 
 
 def _of_dataset(folder: Path) -> Status:
-    record = open_dataset(folder).record
+    """How far a dataset is, by `dataset.json` and the lists of its parts; no scene is read."""
+    record = read_dataset(folder)[0]
     name = printable(str((record.suite or {}).get("name", "scenes")))
-    done = len(record.scenes)
-    left = record.planned - done - len(record.failed)
-    failed = [
+    listed = listed_of(folder, record.renders)
+    done, failed = len(listed.done), list(listed.failed.values())
+    left = max(record.planned - done - len(failed), 0)
+    failures = [
         (printable(scene.label), Failure(scene.scene, None, printable(scene.reason)))
-        for scene in record.failed
+        for scene in failed
     ]
-    return Status(f"dataset of {name}", "scenes", record.planned, done, left, failed, not left)
+    parts = [
+        PartStatus(each.part.label, each.part.planned, len(each.done), len(each.failed))
+        for each in read_parts(folder)
+        if each.part.renders == record.renders and each.part.count > 1
+    ]
+    total = max(record.planned, done + len(failed))
+    return Status(
+        f"dataset of {name}", "scenes", total, done, left, failures, not left, parts=parts
+    )

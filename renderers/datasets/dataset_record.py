@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator
 
+from malus.scenes.core.files import read_json
 from malus.scenes.core.model import Model
+from malus.scenes.random_suite.splits import SplitName
 from malus.scenes.scene import Scene
+
+DATASET = "dataset.json"
+MAX_DATASET_BYTES = 1 << 28
 
 CONVENTIONS = {
     "image": "rows from the top; x to the right, y up, z towards the viewer",
@@ -28,8 +34,17 @@ CONVENTIONS = {
 """Meaning of the numbers, written into every dataset."""
 
 
+def _is_default(value: Any) -> bool:
+    return value is None or value == ""
+
+
 class SceneEntry(Model):
-    """One scene in `dataset.json`: its id, the hash of its `scene.json`, and a description."""
+    """One scene in `dataset.json`: its id, the hash of its `scene.json`, and a description.
+
+    `origin` names the renders that it comes from, `bytes` is the size of its files, `index` its
+    number in the suite, `split` that of a random suite that it belongs to. Datasets of earlier
+    versions have none of these.
+    """
 
     scene: str = Field(pattern=r"^[0-9a-f]{16}$")
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -38,10 +53,14 @@ class SceneEntry(Model):
     surface: str
     body: str
     light: str
+    origin: str = Field(default="", max_length=200, exclude_if=_is_default)
+    bytes: int | None = Field(default=None, ge=0, exclude_if=_is_default)
+    index: int | None = Field(default=None, ge=0, exclude_if=_is_default)
+    split: SplitName | None = Field(default=None, exclude_if=_is_default)
 
     @classmethod
-    def of(cls, scene: Scene, sha256: str) -> Self:
-        """The entry of a scene."""
+    def of(cls, scene: Scene, sha256: str, **more: Any) -> Self:
+        """The entry of a scene; `more` are `origin`, `bytes`, `index` and `split`."""
         surface = scene.surface
         return cls(
             scene=scene.id,
@@ -51,6 +70,7 @@ class SceneEntry(Model):
             surface=surface.label,
             body=surface.body,
             light=scene.light.label,
+            **more,
         )
 
 
@@ -69,7 +89,10 @@ class FailedScene(Model):
 
 
 class DatasetRecord(Model):
-    """Content of `dataset.json`; `planned` is the number of scenes that there will be."""
+    """Content of `dataset.json`; `planned` is the number of scenes that there will be.
+
+    `renders` is a hash of what decides these scenes and their images.
+    """
 
     format: Literal["malus dataset 1"] = "malus dataset 1"
     suite: dict[str, Any] | None = None
@@ -77,6 +100,7 @@ class DatasetRecord(Model):
     variant: dict[str, str] = Field(default_factory=dict)
     conventions: dict[str, str] = Field(default_factory=lambda: dict(CONVENTIONS))
     planned: int = Field(default=0, ge=0)
+    renders: str = Field(default="", max_length=64, exclude_if=_is_default)
     scenes: tuple[SceneEntry, ...] = ()
     failed: tuple[FailedScene, ...] = ()
 
@@ -86,3 +110,15 @@ class DatasetRecord(Model):
         if len({entry.scene for entry in entries}) != len(entries):
             raise ValueError("every scene once")
         return entries
+
+
+def read_dataset(folder: Path) -> tuple[DatasetRecord, str]:
+    """The record of the dataset in a folder, and the SHA-256 of `dataset.json`.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is malformed.
+    """
+    content, sha256 = read_json(folder / DATASET, MAX_DATASET_BYTES)
+    return DatasetRecord.parse(content, str(folder / DATASET)), sha256

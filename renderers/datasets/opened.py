@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from malus.renderers.datasets import dataset as folders
-from malus.renderers.datasets.dataset import DATASET, Dataset
+from malus.renderers.datasets.dataset import Dataset
+from malus.renderers.datasets.dataset_record import DATASET
 from malus.renderers.datasets.hdf5 import HDF5, Hdf5File
 from malus.renderers.datasets.samples import Samples, SampleSource
 from malus.renderers.datasets.shards import SHARDS, Shards

@@ -1,0 +1,123 @@
+"""What of a suite a dataset, or one of its parts, shall hold."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+from itertools import accumulate
+
+from malus.bench.running.plan import FamilyPlan, family_of_scene, plan
+from malus.renderers.datasets.dataset import PlannedScene
+from malus.renderers.datasets.part_list import Part
+from malus.renderers.variant import Variant
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.model import content_id
+from malus.scenes.materials.surface import Measured
+from malus.scenes.random_suite.splits import check_leaks
+from malus.scenes.suite import Suite
+
+
+@dataclass(frozen=True)
+class PlannedDataset:
+    """Families to render, every scene of theirs by its id, and the part of the whole they are."""
+
+    families: list[FamilyPlan]
+    scenes: dict[str, PlannedScene]
+    part: Part
+
+
+def planned_dataset(suite: Suite, variant: Variant, part: str | None = None) -> PlannedDataset:
+    """Plan of a dataset; a part `"3/16"` has every 16th random scene, or family, from the third.
+
+    Raises
+    ------
+    InputError
+        For a part that is none, for random scenes that are alike, and for a value of a disjoint
+        axis in two splits.
+    """
+    number, count = _numbers(part)
+    renders = _renders(suite, variant)
+    if suite.random is not None:
+        families, scenes = _random(suite, variant, number, count)
+        planned, in_all = len(families), suite.random.count
+        if len(scenes) < planned:
+            hint = "draw a range in place of choices, so that no two scenes are equal"
+            raise InputError(f"suite {suite.name}", f"{planned} scenes", f"{len(scenes)}", hint)
+    else:
+        every = plan(suite)
+        families, scenes = _of_axes(every, suite, variant, number, count)
+        planned, in_all = len(scenes), sum(len(family.scenes) for family in every)
+    whole = Part(number=number, count=count, planned=planned, in_all=in_all, renders=renders)
+    return PlannedDataset(families, scenes, whole)
+
+
+def _random(
+    suite: Suite, variant: Variant, number: int, count: int
+) -> tuple[list[FamilyPlan], dict[str, PlannedScene]]:
+    """Random scenes of a part, each a family of its own, those of a measured material together."""
+    assert suite.random is not None
+    assert suite.draws is not None
+    draws, families, scenes, of_splits = suite.draws, [], {}, []
+    for index in range(number - 1, suite.random.count, count):
+        family = family_of_scene(draws.scene(index), suite.sampling)
+        name, split = family.scenes[0].id, draws.split(index)
+        families.append(family)
+        scenes[name] = PlannedScene(_origin(family, suite, variant), index, split)
+        if split is not None:
+            of_splits.append((family.scenes[0], name, split))
+    if suite.splits is not None:
+        check_leaks(of_splits, suite.splits)
+    return sorted(families, key=_measured_file), scenes
+
+
+def _measured_file(family: FamilyPlan) -> str:
+    surface = family.scenes[0].surface
+    return surface.path if isinstance(surface, Measured) else ""
+
+
+def _of_axes(
+    every: Sequence[FamilyPlan], suite: Suite, variant: Variant, number: int, count: int
+) -> tuple[list[FamilyPlan], dict[str, PlannedScene]]:
+    """Families of a part of a suite of axes; scenes have numbers where there are several parts."""
+    places = {id(family): place for place, family in enumerate(every)}
+    families = list(every[number - 1 :: count])
+    firsts = list(accumulate((len(family.scenes) for family in every), initial=0))
+    scenes = {}
+    for family in families:
+        origin, first = _origin(family, suite, variant), firsts[places[id(family)]]
+        for index, scene in enumerate(family.scenes, first):
+            scenes[scene.id] = PlannedScene(origin, index if count > 1 else None)
+    return families, scenes
+
+
+def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
+    """Hash of what decides a truth besides its scene: the family's renders and who made them."""
+    return content_id([family.id, suite.renderer, variant.name, _version()])
+
+
+def _renders(suite: Suite, variant: Variant) -> str:
+    """Hash of what decides all scenes but their count, and who renders them."""
+    content = suite.model_dump(mode="json")
+    if suite.random is not None:
+        del content["random"]["count"]
+    return content_id([content, variant.name, _version()])
+
+
+@cache
+def _version() -> str:
+    """The version of malus, which is slow to find out."""
+    return version("malus")
+
+
+def _numbers(part: str | None) -> tuple[int, int]:
+    """Number and count of a part such as `"3/16"`."""
+    if part is None:
+        return 1, 1
+    match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", part)
+    if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        hint = "parts are counted from 1"
+        raise InputError("part", "a part of several, such as 3/16", repr(part), hint)
+    return int(match[1]), int(match[2])
