@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from malus.scenes import polarisation
-from malus.scenes.core.arrays import BoolArray, FloatArray, NumberArray
+from malus.scenes.core.arrays import AnyArray, BoolArray, FloatArray, NumberArray
+from malus.scenes.maps import MapName
 from malus.scenes.scene import Scene
+from malus.scenes.sensor_frame import SensorFrame
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,10 @@ class Truth:
         is that of the scene's surface everywhere. `eta` returns the one that applies.
     alpha_map : (height, width) or None
         Beckmann roughness where it varies over the image, likewise; `alpha` returns it.
+    maps : dict of (height, width, ...) by name
+        Further maps that a dataset stores, see `malus.scenes.maps`; a dataset reads them apart.
+    frame : SensorFrame or None
+        What a polarisation camera makes of the Stokes image, likewise.
 
     Examples
     --------
@@ -67,6 +74,8 @@ class Truth:
     samples: int | None = None
     eta_map: NumberArray | None = None
     alpha_map: FloatArray | None = None
+    maps: Mapping[MapName, AnyArray] = field(default_factory=dict)
+    frame: SensorFrame | None = None
 
     @property
     def eta(self) -> NumberArray:

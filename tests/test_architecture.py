@@ -27,7 +27,7 @@ PACKAGE_IMPORTS = {
 ROOMS = {
     "scenes": (
         "core", "polarisation", "colour camera", "lights", "shapes", "materials",
-        "surroundings", "scene", "suite_surfaces", "suite",
+        "surroundings sensor", "scene sensor_frame", "suite_surfaces maps", "suite",
     ),
     "renderers": (
         "truth variant family_key", "mitsuba", "families", "torrance_sparrow", "rendering",

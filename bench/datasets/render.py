@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
+from malus.bench.datasets.maps_and_frames import NOTHING, Additions
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.overrides import chosen_suite, chosen_variant
@@ -145,16 +146,20 @@ def _render_families(
 
 def about(suite: Suite, variant: Variant) -> dict[str, Any]:
     """What `dataset.json` says of where the truths come from: suite, versions and variant."""
+    additions = Additions.of(suite)
     return {
         "suite": suite.model_dump(mode="json"),
         "versions": versions("malus", "mitsuba", "drjit", "numpy"),
         "variant": {"name": variant.name, "reason": variant.reason},
+        "conventions": additions.conventions(),
     }
 
 
 def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
     """Hash of what decides a truth besides its scene: the family's renders and who made them."""
-    return content_id([family.id, suite.renderer, variant.name, version("malus")])
+    parts: list[Any] = [family.id, suite.renderer, variant.name, version("malus")]
+    added = Additions.of(suite).identity()
+    return content_id([*parts, added] if added else parts)
 
 
 @dataclass(frozen=True)
@@ -165,6 +170,8 @@ class RenderTask:
     ----------
     next_shape : Shape or None
         Of the family after this one, whose mesh can be made meanwhile.
+    additions : Additions
+        What is stored beside the truths.
     """
 
     family: FamilyPlan
@@ -172,6 +179,7 @@ class RenderTask:
     renderer: str
     variant: Variant
     next_shape: Shape | None = None
+    additions: Additions = NOTHING
 
 
 def _tasks(
@@ -185,7 +193,8 @@ def _tasks(
     for family in sorted(families, key=_by_stage(families)):
         scenes = [scene for scene in family.scenes if is_left(scene)]
         if scenes:
-            tasks.append(RenderTask(family, scenes, suite.renderer, variant))
+            added = Additions.of(suite)
+            tasks.append(RenderTask(family, scenes, suite.renderer, variant, additions=added))
     shapes = [*(task.family.scenes[0].shape for task in tasks), None]
     return [
         replace(task, next_shape=following if following != own else None)
@@ -221,8 +230,12 @@ def _rendered(task: RenderTask) -> Iterator[Truth | Failure]:
         rendered = truths(
             task.family, task.scenes, task.renderer, task.variant, result, errors=True
         )
-        for _, truth in rendered:
-            yield truth
+        for scene, truth in rendered:
+            whole = None
+            with result.guard(scene):
+                whole = task.additions.added_to(truth, task.variant)
+            if whole is not None:
+                yield whole
     yield from result.failures
 
 

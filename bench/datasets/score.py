@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 import pandas as pd
 
 from malus.bench.datasets.convention_check import ConventionSums
+from malus.bench.datasets.maps_and_frames import SENSOR, sensor_truth, well_lit
 from malus.bench.datasets.predictions import PredictionErrors, Predictions, check_predictions
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
@@ -25,14 +27,17 @@ from malus.bench.running.results import (
     table_of,
     write_results,
 )
+from malus.bench.scoring.extra_metrics import polarisation_error
 from malus.bench.scoring.judge import Judge
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
+from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import FloatArray
 from malus.scenes.core.errors import InputError, printable
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.versions import versions
+from malus.scenes.sensor_frame import SensorFrame
 
 
 def score_dataset(
@@ -50,6 +55,10 @@ def score_dataset(
     ----------
     dataset : Dataset, or the path or URL of its folder
     methods : sequence of Method, or of their names
+        `"sensor"` scores the raw frames of a dataset's polarisation camera, demosaiced and nothing
+        else, in the camera's channels against the very light that it saw: what the sensor alone
+        costs. It has errors of DoLP, AoLP, s1 and s2 too, over pixels with light for a hundredth
+        of the full well in every channel.
     predictions : path or URL of a folder, optional
         One prediction a scene, as `malus.bench.datasets.predictions` describes. All of them are
         checked before anything is scored.
@@ -84,13 +93,14 @@ def score_dataset(
     ['eq8']
     """
     opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
-    chosen = [get_method(method) if isinstance(method, str) else method for method in methods]
     names = [method if isinstance(method, str) else method.name for method in methods]
+    chosen = [get_method(m) if isinstance(m, str) else m for m in methods if m != SENSOR]
     _check_request(opened, names, predictions is not None, name)
     folder = None if out is None else prepare_folder(as_path(out), "scores")
     if predictions is not None and not isinstance(predictions, Predictions):
         predictions = _checked(opened, as_path(predictions), progress)
-    results = _score(opened, chosen, predictions, name, progress)
+    sensor = SENSOR in methods
+    results = _score(opened, chosen, predictions, name, progress, sensor)
     if folder is not None:
         write_results(folder, results)
     return results
@@ -105,6 +115,9 @@ def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name
     if len(dataset) == 0:
         hint = "`malus render` with the same suite and folder goes on with it"
         raise InputError(str(dataset.path), "a dataset with scenes", "none", hint)
+    if SENSOR in names and dataset.scene(dataset.scenes[0]).sensor is None:
+        hint = "add [sensor] to its suite and render it again, or leave this method out"
+        raise InputError("method sensor", "a dataset with frames of a sensor", "none", hint)
 
 
 def _checked(dataset: Dataset, folder: Path, progress: Progress) -> Predictions:
@@ -121,6 +134,7 @@ def _score(
     predictions: Predictions | None,
     name: str,
     progress: Progress,
+    sensor: bool,
 ) -> Results:
     started = time.perf_counter()
     tables: list[pd.DataFrame] = []
@@ -134,8 +148,10 @@ def _score(
             sums += ConventionSums.of(stokes, truth)
             scored.append(_as_method(name, stokes, truth))
         tables.append(_scene_table(truth, scored))
+        if sensor:
+            tables.append(_sensor_table(truth, dataset.frame(scene_id)))
         worst = max(worst, truth.interpolation_error.get("rms", 0.0))
-    names = [method.name for method in methods]
+    names = [*(method.name for method in methods), *([SENSOR] if sensor else [])]
     run = _run_record(dataset, names, time.perf_counter() - started, worst)
     if predictions is not None:
         run["suite"]["methods"] = [*names, name]
@@ -173,6 +189,19 @@ def _scene_table(truth: Truth, methods: Sequence[Method]) -> pd.DataFrame:
         except Inapplicable as reason:
             records.append(inapplicable(about, method.name, str(reason)))
     return table_of(records)
+
+
+def _sensor_table(truth: Truth, frame: SensorFrame) -> pd.DataFrame:
+    """Scores of what a polarisation camera makes of a scene.
+
+    Errors of DoLP, AoLP, s1 and s2 are those of well-lit pixels: in the dark they tell nothing.
+    """
+    ideal, stokes = sensor_truth(truth, frame), demosaiced_stokes(frame)
+    values = list(Judge(ideal).score(_as_method(SENSOR, stokes, ideal)).values())
+    lit = truth.mask & well_lit(ideal, frame)
+    if lit.any():
+        values += polarisation_error(replace(ideal, mask=lit))(stokes[lit])
+    return table_of([record(describe(truth.scene), SENSOR, values)])
 
 
 def _run_record(

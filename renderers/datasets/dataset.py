@@ -15,7 +15,7 @@ from __future__ import annotations
 import functools
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -27,14 +27,19 @@ from malus.renderers.datasets.scene_folder import (
     SCENE,
     SceneRecord,
     is_whole,
+    read_maps,
     read_record,
     read_scene,
+    read_sensor,
     write_scene,
 )
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import read_json, remove_abandoned, replace_text
 from malus.scenes.core.remote import as_path
+from malus.scenes.maps import MapName
+from malus.scenes.sensor_frame import SensorFrame
 
 DATASET = "dataset.json"
 MAX_DATASET_BYTES = 1 << 28
@@ -117,6 +122,30 @@ class Dataset:
         self.scene(scene_id)
         truth = read_scene(self.path / scene_id)
         return replace(truth, scene=with_own_files(truth.scene, self.path, self._checked))
+
+    def maps(
+        self, scene_id: str, names: Iterable[MapName] | None = None
+    ) -> dict[MapName, AnyArray]:
+        """Read maps (height, width, ...) of a scene by name, by default all that it has.
+
+        `malus.scenes.maps` says what each of them means.
+
+        Raises
+        ------
+        InputError
+            No such scene, a map that it has not, or a file that is missing, cut or changed.
+        """
+        return read_maps(self.path / scene_id, self.scene(scene_id), names)
+
+    def frame(self, scene_id: str) -> SensorFrame:
+        """Read what a polarisation camera made of a scene: its raw frame and a Stokes image.
+
+        Raises
+        ------
+        InputError
+            No such scene, no frame of it, or a file that is missing, cut or changed.
+        """
+        return read_sensor(self.path / scene_id, self.scene(scene_id))
 
 
 def open_dataset(folder: Path | str) -> Dataset:
