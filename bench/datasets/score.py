@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -147,9 +147,10 @@ def _score(
             stokes = predictions.stokes(dataset.scene(scene_id))
             sums += ConventionSums.of(stokes, truth)
             scored.append(_as_method(name, stokes, truth))
-        tables.append(_scene_table(truth, scored))
+        records = list(_records(truth, scored)) if scored else []
         if sensor:
-            tables.append(_sensor_table(truth, dataset.frame(scene_id)))
+            records.append(_sensor_record(truth, dataset.frame(scene_id)))
+        tables.append(table_of(records))
         worst = max(worst, truth.interpolation_error.get("rms", 0.0))
     names = [*(method.name for method in methods), *([SENSOR] if sensor else [])]
     run = _run_record(dataset, names, time.perf_counter() - started, worst)
@@ -180,18 +181,16 @@ def _predicted(observation: Observation, stokes: FloatArray, picture: FloatArray
     return Components(intensity, stokes[..., 1], stokes[..., 2])
 
 
-def _scene_table(truth: Truth, methods: Sequence[Method]) -> pd.DataFrame:
+def _records(truth: Truth, methods: Sequence[Method]) -> Iterator[Record]:
     judge, about = Judge(truth), describe(truth.scene)
-    records: list[Record] = []
     for method in methods:
         try:
-            records.append(record(about, method.name, judge.score(method).values()))
+            yield record(about, method.name, judge.score(method).values())
         except Inapplicable as reason:
-            records.append(inapplicable(about, method.name, str(reason)))
-    return table_of(records)
+            yield inapplicable(about, method.name, str(reason))
 
 
-def _sensor_table(truth: Truth, frame: SensorFrame) -> pd.DataFrame:
+def _sensor_record(truth: Truth, frame: SensorFrame) -> Record:
     """Scores of what a polarisation camera makes of a scene.
 
     Errors of DoLP, AoLP, s1 and s2 are those of well-lit pixels: in the dark they tell nothing.
@@ -201,7 +200,7 @@ def _sensor_table(truth: Truth, frame: SensorFrame) -> pd.DataFrame:
     lit = truth.mask & well_lit(ideal, frame)
     if lit.any():
         values += polarisation_error(replace(ideal, mask=lit))(stokes[lit])
-    return table_of([record(describe(truth.scene), SENSOR, values)])
+    return record(describe(truth.scene), SENSOR, values)
 
 
 def _run_record(
