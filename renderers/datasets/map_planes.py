@@ -90,5 +90,5 @@ def all_channels(types: Mapping[MapName, MapType], bands: Bands) -> Iterable[str
 def _type_of(name: MapName, values: AnyArray) -> MapType:
     for kind in ("float32", "complex64", "uint16"):
         if values.dtype == kind:
-            return kind  # type: ignore[return-value]
+            return kind
     raise ValueError(f"map {name}: expected float32, complex64 or uint16, found {values.dtype}")

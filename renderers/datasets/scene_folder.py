@@ -294,7 +294,7 @@ def _planes(truth: Truth, names: Iterable[FieldName]) -> Channels:
     }
 
 
-def _read_images(folder: Path, record: SceneRecord) -> dict[str, AnyArray]:
+def _read_images(folder: Path, record: SceneRecord) -> dict[str, Any]:
     shape, bands = record.shape, record.scene.wavelengths_nm
     arrays: dict[str, AnyArray]
     if record.scene.lobes_known:
