@@ -26,11 +26,13 @@ if TYPE_CHECKING:
     )
     from malus.bench.public.lists import (
         list_lights as list_lights,
+        list_maps as list_maps,
         list_materials as list_materials,
         list_metals as list_metals,
         list_methods as list_methods,
         list_metrics as list_metrics,
         list_patterns as list_patterns,
+        list_sensors as list_sensors,
         list_shapes as list_shapes,
         list_studies as list_studies,
         list_suites as list_suites,
@@ -90,6 +92,7 @@ if TYPE_CHECKING:
     )
     from malus.reconstruct.photos.picture import Picture as Picture
     from malus.reconstruct.photos.read_picture import read_picture as read_picture
+    from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes as demosaiced_stokes
     from malus.renderers import Truth as Truth, render as render
     from malus.renderers.datasets.dataset import Dataset as Dataset
     from malus.renderers.datasets.opened import open_dataset as open_dataset
@@ -128,6 +131,9 @@ if TYPE_CHECKING:
         suite_names as suite_names,
     )
 
+    from malus.scenes.sensor import Sensor as Sensor
+    from malus.scenes.sensor_frame import SensorFrame as SensorFrame, expose as expose
+
     __version__: str
 
 _NAMES = {
@@ -145,8 +151,9 @@ _NAMES = {
     "malus.bench.datasets.score": "score_dataset",
     "malus.bench.public.doctor": "doctor self_check",
     "malus.bench.public.gates": "BaselineUpdate GateResult gate update_baseline",
-    "malus.bench.public.lists": "list_lights list_materials list_metals list_methods list_metrics"
-    " list_patterns list_shapes list_studies list_suites list_surfaces list_swatches",
+    "malus.bench.public.lists": "list_lights list_maps list_materials list_metals list_methods"
+    " list_metrics list_patterns list_sensors list_shapes list_studies list_suites list_surfaces"
+    " list_swatches",
     "malus.bench.public.suites": "Plan plan report run",
     "malus.bench.public.tables": "compare table",
     "malus.bench.running.results": "Results read_results",
@@ -159,6 +166,7 @@ _NAMES = {
     "malus.reconstruct.photos.estimate": "Knowledge read_knowledge",
     "malus.reconstruct.photos.filter": "FilterOutput FilteredPicture filter_picture",
     "malus.reconstruct.photos.read_picture": "read_picture",
+    "malus.reconstruct.photos.sensor_stokes": "demosaiced_stokes",
     "malus.renderers": "Truth render",
     "malus.renderers.datasets.dataset": "Dataset",
     "malus.renderers.datasets.opened": "open_dataset",
@@ -167,6 +175,8 @@ _NAMES = {
     " ImageTexture InputError Light Measured MeshFile Patterned Placed Plane Sampling Scene"
     " Shape Sky Sphere Spots Stripes Suite Superquadric Surroundings Torus Uniform load_suite"
     " suite_names",
+    "malus.scenes.sensor": "Sensor",
+    "malus.scenes.sensor_frame": "SensorFrame expose",
 }
 """Public names by the module that each comes from; `TYPE_CHECKING` above has the same ones."""
 

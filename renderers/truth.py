@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from malus.scenes import polarisation
-from malus.scenes.core.arrays import BoolArray, FloatArray, NumberArray
+from malus.scenes.core.arrays import AnyArray, BoolArray, FloatArray, NumberArray
+from malus.scenes.maps import MapName
 from malus.scenes.scene import Scene
+from malus.scenes.sensor_frame import SensorFrame
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,10 @@ class Truth:
     normal_spread : (height, width) or None
         How far the normals within a pixel differ, degrees: the angle whose cosine is the length of
         the mean of all unit normals in it. None where nobody measured it.
+    maps : dict of (height, width, ...) by name
+        Further maps that a dataset stores, see `malus.scenes.maps`; a dataset reads them apart.
+    frame : SensorFrame or None
+        What a polarisation camera makes of the Stokes image, likewise.
 
     Examples
     --------
@@ -71,6 +78,8 @@ class Truth:
     eta_map: NumberArray | None = None
     alpha_map: FloatArray | None = None
     normal_spread: FloatArray | None = None
+    maps: Mapping[MapName, AnyArray] = field(default_factory=dict)
+    frame: SensorFrame | None = None
 
     @property
     def eta(self) -> NumberArray:

@@ -107,6 +107,31 @@ def polarised(stokes: FloatArray, angle_deg: float) -> FloatArray:
     return result
 
 
+def analyser(angles_deg: Float64Array, extinction_ratio: float | None = None) -> Float64Array:
+    """What a polariser makes of a Stokes vector: weights (..., 3) whose product with it is I(ϑ).
+
+    Parameters
+    ----------
+    angles_deg : (...) array
+        Transmission axes in degrees, anticlockwise from the vertical as displayed.
+    extinction_ratio : float, optional
+        Transmission along the axis over that across it, > 1; by default none passes across. The
+        transmission of unpolarised light is 1/2 in any case: only its polarised part is weakened,
+        by (ratio - 1) / (ratio + 1).
+
+    Examples
+    --------
+    >>> analyser(np.array([90.0]), extinction_ratio=3.0).round(9).tolist()
+    [[0.5, 0.25, -0.0]]
+    """
+    contrast = 1.0 if extinction_ratio is None else (extinction_ratio - 1) / (extinction_ratio + 1)
+    turns = 2.0 * np.radians(angles_deg)
+    half = np.full(turns.shape, 0.5)
+    return np.stack(
+        [half, -0.5 * contrast * np.cos(turns), -0.5 * contrast * np.sin(turns)], axis=-1
+    )
+
+
 def _double_angle(angle_deg: float) -> tuple[float, float]:
     """cos 2ϑ and sin 2ϑ, exact at multiples of 45 degrees so that crossed polarisers are dark."""
     turns = (2.0 * angle_deg) % 360.0

@@ -23,12 +23,14 @@ from malus.scenes.core.named_file import digest_of
 from malus.scenes.core.registry import FolderName
 from malus.scenes.core.validation import near
 from malus.scenes.lights.lights import Environment, Light
+from malus.scenes.maps import MapNames
 from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.materials.measured import Measured, open_pbrdf
 from malus.scenes.materials.surface import Body, Surface
 from malus.scenes.random_suite.random_scenes import RandomScenes, SceneDraws
 from malus.scenes.random_suite.splits import Splits
 from malus.scenes.scene import Sampling, Scene, Wavelengths
+from malus.scenes.sensor import Sensor, located
 from malus.scenes.shapes.patterns import ImageTexture
 from malus.scenes.shapes.shapes import MeshFile, Shape
 from malus.scenes.suite_surfaces import RefractiveIndex, SuiteMaterial, SuiteSurface, scene_surface
@@ -68,7 +70,8 @@ class ScalarSizes(Model):
 class Suite(Model):
     """Lists whose product is the scenes, and the methods and metrics that score them.
 
-    `"all"` as `materials` or `surfaces` stands for every one that malus brings.
+    `"all"` as `materials` or `surfaces` stands for every one that malus brings. `maps` and `sensor`
+    say what a dataset holds beside its Stokes images; runs ignore them.
 
     Examples
     --------
@@ -97,6 +100,8 @@ class Suite(Model):
     camera: Camera = Camera()
     sampling: Sampling = Sampling()
     scalar: ScalarSizes | None = None
+    maps: MapNames = Field(default=(), exclude_if=lambda names: not names)
+    sensor: Sensor | None = Field(default=None, exclude_if=lambda sensor: sensor is None)
 
     @field_validator("materials", mode="before")
     @classmethod
@@ -152,6 +157,12 @@ class Suite(Model):
         if self.random is None:
             return None
         return self.random.draws(self.camera, self.wavelengths_nm, self.splits)
+
+    @model_validator(mode="after")
+    def _sensor_fits(self) -> Self:
+        if self.sensor is not None:
+            self.sensor.check_fits(self.wavelengths_nm, self.camera.resolution)
+        return self
 
     def scenes(self) -> Iterator[Scene]:
         """All distinct scenes, those of one family of renders one after another."""
@@ -234,9 +245,17 @@ def load_suite(name_or_path: str | Path) -> Suite:
     bands = suite.wavelengths_nm
     materials = tuple(_with_measured_table(item, folder, bands) for item in suite.materials)
     around = tuple(_with_files(surroundings, folder) for surroundings in suite.surroundings)
+    files: dict[str, Any] = {
+        "shapes": shapes,
+        "materials": materials,
+        "lights": lights,
+        "surfaces": surfaces,
+    }
     if suite.random is not None:
-        return suite.model_copy(update={"random": suite.random.with_files(folder)})
-    files = {"shapes": shapes, "materials": materials, "lights": lights, "surfaces": surfaces}
+        files = {"random": suite.random.with_files(folder)}
+    if suite.sensor is not None:
+        files["sensor"] = located(suite.sensor, folder, where)
+        files["sensor"].check_fits(bands, suite.camera.resolution)
     return suite.model_copy(update=files | {"surroundings": around})
 
 

@@ -35,7 +35,8 @@ from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.read_picture import read_picture
 from malus.reconstruct.photos.tone_curves import linear_transfer, power_transfer
 from malus.reconstruct.photos.write_picture import write_picture
-from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
+from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.scene_folder import read_record
 from malus.renderers.datasets.spectral_exr import read_spectral, write_exr, write_spectral
 from malus.reports.tables import sample

@@ -27,7 +27,7 @@ PACKAGE_IMPORTS = {
 ROOMS = {
     "scenes": (
         "core", "polarisation", "colour camera", "lights", "shapes", "materials",
-        "surroundings", "scene", "suite_surfaces", "random_suite", "suite",
+        "surroundings sensor", "scene sensor_frame", "suite_surfaces maps", "random_suite", "suite",
     ),
     "renderers": (
         "truth variant family_key", "mitsuba", "families", "torrance_sparrow", "rendering",

@@ -23,7 +23,7 @@ SHOWN_NM = (450.0, 550.0, 650.0)
 def list_command(what: str) -> None:
     """List suites, methods, metrics, materials, metals, surfaces, swatches, patterns, …
 
-    WHAT may also be shapes or lights. Without it: everything.
+    WHAT may also be shapes, lights, maps or sensors. Without it: everything.
 
     \b
     Example:
@@ -45,6 +45,8 @@ def list_command(what: str) -> None:
         "patterns": lambda: _kinds("patterns: where each of several surfaces is", list_patterns()),
         "shapes": lambda: _kinds("shapes", list_shapes()),
         "lights": lambda: _kinds("lights", list_lights()),
+        "maps": _maps,
+        "sensors": _sensors,
     }
     if what != "everything" and what not in tables:
         raise InputError("list", f"one of {', '.join(tables)}", what, "or leave it out for all")
@@ -147,6 +149,36 @@ def _swatches() -> Table:
         values = reflectance(name, SHOWN_NM)
         table.add_row(name, *(f"{value:.3f}" for value in values))
     return table
+
+
+def _maps() -> Table:
+    from malus.bench.public.lists import list_maps
+
+    title = "maps: what a dataset can hold beside its Stokes images"
+    table = _new(title, "name", "unit", "frame", "type", "what it is", "partly covered pixels")
+    for name, one in list_maps().items():
+        kind = f"{one.dtype} × {one.shape}" if one.shape else one.dtype
+        table.add_row(name, one.unit, one.frame, kind, one.summary, one.partly_covered)
+    return table
+
+
+def _sensors() -> Table:
+    from malus.bench.public.lists import list_sensors
+
+    title = "sensors of polarisation cameras"
+    table = _new(title, "preset", "what it is", "keys", "to be given", "source")
+    for name, values in list_sensors().items():
+        about = ("id", "name", "needs", "source")
+        shown = {key: value for key, value in values.items() if key not in about}
+        keys = ", ".join(f"{key} {_plain(value)}" for key, value in shown.items())
+        given = ", ".join(values["needs"])
+        table.add_row(name, values["name"], keys, given, values["source"])
+    return table
+
+
+def _plain(value: object) -> str:
+    """A value, or several one after the other, without brackets."""
+    return " ".join(f"{part:g}" for part in value) if isinstance(value, tuple) else str(value)
 
 
 def _nm(wavelength: float) -> str:

@@ -9,8 +9,9 @@ from functools import cache
 from importlib.metadata import version
 from itertools import accumulate
 
+from malus.bench.datasets.maps_and_frames import Additions
 from malus.bench.running.plan import FamilyPlan, family_of_scene, plan
-from malus.renderers.datasets.dataset import PlannedScene
+from malus.renderers.datasets.dataset_writer import PlannedScene
 from malus.renderers.datasets.part_list import Part
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
@@ -95,7 +96,9 @@ def _of_axes(
 
 def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
     """Hash of what decides a truth besides its scene: the family's renders and who made them."""
-    return content_id([family.id, suite.renderer, variant.name, _version()])
+    added = Additions.of(suite).identity()
+    parts = [family.id, suite.renderer, variant.name, _version()]
+    return content_id([*parts, added] if added else parts)
 
 
 def _renders(suite: Suite, variant: Variant) -> str:

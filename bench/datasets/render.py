@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from malus.bench.datasets.card import write_documents
+from malus.bench.datasets.maps_and_frames import NOTHING, Additions
 from malus.bench.datasets.planned import PlannedDataset, planned_dataset
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.output_folder import prepare_folder
@@ -21,8 +22,8 @@ from malus.bench.running.plan import FamilyPlan
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.truths import truths
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
-from malus.renderers.datasets.dataset import DatasetWriter
 from malus.renderers.datasets.dataset_record import FailedScene
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.mitsuba.lighting import radiance_map_of
 from malus.renderers.mitsuba.translate import tessellated_ahead
 from malus.renderers.truth import Truth
@@ -153,10 +154,12 @@ def _render_families(
 
 def about(suite: Suite, variant: Variant) -> dict[str, Any]:
     """What `dataset.json` says of where the truths come from: suite, versions and variant."""
+    additions = Additions.of(suite)
     return {
         "suite": suite.model_dump(mode="json"),
         "versions": versions("malus", "mitsuba", "drjit", "numpy"),
         "variant": {"name": variant.name, "reason": variant.reason},
+        "conventions": additions.conventions(),
     }
 
 
@@ -168,6 +171,8 @@ class RenderTask:
     ----------
     next_shape : Shape or None
         Of the family after this one, whose mesh can be made meanwhile.
+    additions : Additions
+        What is stored beside the truths.
     """
 
     family: FamilyPlan
@@ -175,6 +180,7 @@ class RenderTask:
     renderer: str
     variant: Variant
     next_shape: Shape | None = None
+    additions: Additions = NOTHING
 
 
 def _tasks(
@@ -188,7 +194,8 @@ def _tasks(
     for family in sorted(families, key=_by_stage(families)):
         scenes = [scene for scene in family.scenes if is_left(scene)]
         if scenes:
-            tasks.append(RenderTask(family, scenes, suite.renderer, variant))
+            added = Additions.of(suite)
+            tasks.append(RenderTask(family, scenes, suite.renderer, variant, additions=added))
     shapes = [*(task.family.scenes[0].shape for task in tasks), None]
     return [
         replace(task, next_shape=following if following != own else None)
@@ -224,8 +231,12 @@ def _rendered(task: RenderTask) -> Iterator[Truth | Failure]:
         rendered = truths(
             task.family, task.scenes, task.renderer, task.variant, result, errors=True
         )
-        for _, truth in rendered:
-            yield truth
+        for scene, truth in rendered:
+            whole = None
+            with result.guard(scene):
+                whole = task.additions.added_to(truth, task.variant)
+            if whole is not None:
+                yield whole
     yield from result.failures
 
 

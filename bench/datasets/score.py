@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,7 @@ import pandas as pd
 
 from malus.bench.datasets.convention_check import ConventionSums
 from malus.bench.datasets.layouts import layout_predictions
+from malus.bench.datasets.maps_and_frames import SENSOR, sensor_truth, well_lit
 from malus.bench.datasets.predictions import (
     PredictionErrors,
     Predictions,
@@ -31,15 +33,17 @@ from malus.bench.running.results import (
     table_of,
     write_results,
 )
-from malus.bench.scoring.extra_metrics import get_metrics, with_guess
+from malus.bench.scoring.extra_metrics import get_metrics, polarisation_error, with_guess
 from malus.bench.scoring.judge import Judge, Metric
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
+from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import FloatArray
 from malus.scenes.core.errors import InputError, printable
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.versions import versions
+from malus.scenes.sensor_frame import SensorFrame
 
 
 def score_dataset(
@@ -59,6 +63,10 @@ def score_dataset(
     ----------
     dataset : Dataset, or the path or URL of its folder
     methods : sequence of Method, or of their names
+        `"sensor"` scores the raw frames of a dataset's polarisation camera, demosaiced and nothing
+        else, in the camera's channels against the very light that it saw: what the sensor alone
+        costs. It has errors of DoLP, AoLP, s1 and s2 too, over pixels with light for a hundredth
+        of the full well in every channel.
     predictions : path or URL of a folder, optional
         One prediction a scene, as `malus.bench.datasets.predictions` describes. All of them are
         checked before anything is scored.
@@ -103,12 +111,14 @@ def score_dataset(
     names = [method if isinstance(method, str) else method.name for method in methods]
     _check_request(opened, names, predictions is not None, name)
     by_name = {m.name: m for m in methods if isinstance(m, Method)}
-    chosen = [by_name.get(each) or get_method(each) for each in with_guess(names, metrics)]
+    asked = [each for each in with_guess(names, metrics) if each != SENSOR]
+    chosen = [by_name.get(each) or get_method(each) for each in asked]
     measured = get_metrics(tuple(metrics))
     folder = None if out is None else prepare_folder(as_path(out), "scores")
     if predictions is not None and not isinstance(predictions, Predictions):
         predictions = _checked(opened, as_path(predictions), layout, progress)
-    results = _score(opened, chosen, measured, predictions, name, progress)
+    sensor = SENSOR in names
+    results = _score(opened, chosen, measured, predictions, name, progress, sensor)
     results.run["suite"]["metrics"] = list(metrics)
     if folder is not None:
         write_results(folder, results)
@@ -124,6 +134,9 @@ def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name
     if len(dataset) == 0:
         hint = "`malus render` with the same suite and folder goes on with it"
         raise InputError(str(dataset.path), "a dataset with scenes", "none", hint)
+    if SENSOR in names and dataset.scene(dataset.scenes[0]).sensor is None:
+        hint = "add [sensor] to its suite and render it again, or leave this method out"
+        raise InputError("method sensor", "a dataset with frames of a sensor", "none", hint)
 
 
 def _checked(dataset: Dataset, folder: Path, layout: str | None, progress: Progress) -> Predictions:
@@ -146,6 +159,7 @@ def _score(
     predictions: Predictions | None,
     name: str,
     progress: Progress,
+    sensor: bool,
 ) -> Results:
     started = time.perf_counter()
     tables: list[pd.DataFrame] = []
@@ -158,10 +172,13 @@ def _score(
             stokes = predictions.stokes(dataset.scene(scene_id))
             sums += ConventionSums.of(stokes, truth)
             scored.append(_as_method(name, stokes, truth))
-        tables.append(_scene_table(truth, scored, metrics))
+        records = list(_records(truth, scored, metrics)) if scored else []
+        if sensor:
+            records.append(_sensor_record(truth, dataset.frame(scene_id), metrics))
+        tables.append(table_of(records))
         worst = max(worst, truth.interpolation_error.get("rms", 0.0))
         unknown += truth.normal_spread is None
-    names = [method.name for method in methods]
+    names = [*(method.name for method in methods), *([SENSOR] if sensor else [])]
     run = _run_record(dataset, names, time.perf_counter() - started, worst)
     run["scenes_without_normal_spread"] = unknown
     if predictions is not None:
@@ -191,17 +208,28 @@ def _predicted(observation: Observation, stokes: FloatArray, picture: FloatArray
     return Components(intensity, stokes[..., 1], stokes[..., 2])
 
 
-def _scene_table(
+def _records(
     truth: Truth, methods: Sequence[Method], metrics: Sequence[Metric]
-) -> pd.DataFrame:
+) -> Iterator[Record]:
     judge, about = Judge(truth), describe(truth.scene)
-    records: list[Record] = []
     for method in methods:
         try:
-            records.append(record(about, method.name, judge.score(method, metrics).values()))
+            yield record(about, method.name, judge.score(method, metrics).values())
         except Inapplicable as reason:
-            records.append(inapplicable(about, method.name, str(reason)))
-    return table_of(records)
+            yield inapplicable(about, method.name, str(reason))
+
+
+def _sensor_record(truth: Truth, frame: SensorFrame, metrics: Sequence[Metric]) -> Record:
+    """Scores of what a polarisation camera makes of a scene.
+
+    Errors of DoLP, AoLP, s1 and s2 are those of well-lit pixels: in the dark they tell nothing.
+    """
+    ideal, stokes = sensor_truth(truth, frame), demosaiced_stokes(frame)
+    values = list(Judge(ideal).score(_as_method(SENSOR, stokes, ideal), metrics).values())
+    lit = truth.mask & well_lit(ideal, frame)
+    if lit.any():
+        values += polarisation_error(replace(ideal, mask=lit))(stokes[lit])
+    return record(describe(truth.scene), SENSOR, values)
 
 
 def _run_record(

@@ -5,7 +5,7 @@ Every function returns a dictionary from the name that a suite or a command take
 
 from __future__ import annotations
 
-from typing import get_args
+from typing import Any, get_args
 
 from malus.bench.studies.registry import STUDIES
 from malus.bench.studies.study import Study
@@ -14,9 +14,11 @@ from malus.reports.tables.metric_definitions import DEFINITIONS, MetricDefinitio
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 from malus.scenes.lights.lights import Light
+from malus.scenes.maps import MAPS, MapDefinition, MapName
 from malus.scenes.materials.albedo import swatches
 from malus.scenes.materials.materials import Material, NamedSurface, materials, surfaces
 from malus.scenes.materials.metals import Metal, metals
+from malus.scenes.sensor import presets
 from malus.scenes.shapes.patterns import Pattern
 from malus.scenes.shapes.shapes import Shape
 from malus.scenes.suite import Suite, load_suite, suite_names
@@ -148,6 +150,28 @@ def list_lights() -> dict[str, type[Model]]:
     ['area', 'distant', 'environment', 'sky', 'uniform']
     """
     return _kinds(Light)
+
+
+def list_maps() -> dict[MapName, MapDefinition]:
+    """Maps that a suite may ask for beside the Stokes images of a dataset, by name.
+
+    Examples
+    --------
+    >>> list_maps()["depth"].unit
+    'scene units'
+    """
+    return dict(MAPS)
+
+
+def list_sensors() -> dict[str, dict[str, Any]]:
+    """Published values of polarisation cameras' image sensors, by the name of their `preset`.
+
+    Examples
+    --------
+    >>> list_sensors()["imx250mzr"]["bit_depth"]
+    12
+    """
+    return presets()
 
 
 def _kinds(union: object) -> dict[str, type[Model]]:

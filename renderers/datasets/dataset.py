@@ -13,40 +13,34 @@ followed, and sizes are bounded before anything is decoded.
 from __future__ import annotations
 
 import functools
-import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self, SupportsIndex
+from typing import Any, SupportsIndex
 
-from malus.renderers.datasets.dataset_files import keep_files, with_own_files
+from malus.renderers.datasets.dataset_files import with_own_files
 from malus.renderers.datasets.dataset_record import (
     DATASET,
     DatasetRecord,
-    FailedScene,
-    SceneEntry,
     read_dataset,
 )
-from malus.renderers.datasets.listed_scenes import folder_size, listed_of
-from malus.renderers.datasets.part_list import Part, PartList, read_parts, remove_lists
 from malus.renderers.datasets.samples import Samples
 from malus.renderers.datasets.scene_folder import (
     SCENE,
     SceneRecord,
-    is_whole,
+    read_maps,
     read_record,
     read_scene,
-    write_scene,
+    read_sensor,
 )
 from malus.renderers.datasets.scene_samples import SceneFolders
 from malus.renderers.truth import Truth
+from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.files import remove_abandoned, replace_text
 from malus.scenes.core.remote import as_path
-from malus.scenes.random_suite.splits import SplitName
-from malus.scenes.scene import Scene
+from malus.scenes.maps import MapName
+from malus.scenes.sensor_frame import SensorFrame
 
 _ID = re.compile(r"[0-9a-f]{16}")
 
@@ -159,6 +153,30 @@ class Dataset:
         truth = read_scene(self.path / scene_id)
         return replace(truth, scene=with_own_files(truth.scene, self.path, self._checked))
 
+    def maps(
+        self, scene_id: str, names: Iterable[MapName] | None = None
+    ) -> dict[MapName, AnyArray]:
+        """Read maps (height, width, ...) of a scene by name, by default all that it has.
+
+        `malus.scenes.maps` says what each of them means.
+
+        Raises
+        ------
+        InputError
+            No such scene, a map that it has not, or a file that is missing, cut or changed.
+        """
+        return read_maps(self.path / scene_id, self.scene(scene_id), names)
+
+    def frame(self, scene_id: str) -> SensorFrame:
+        """Read what a polarisation camera made of a scene: its raw frame and a Stokes image.
+
+        Raises
+        ------
+        InputError
+            No such scene, no frame of it, or a file that is missing, cut or changed.
+        """
+        return read_sensor(self.path / scene_id, self.scene(scene_id))
+
 
 def open_dataset(folder: Path | str) -> Dataset:
     """Open the dataset in a folder, by path or URL.
@@ -184,6 +202,7 @@ def open_dataset(folder: Path | str) -> Dataset:
     >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
     ...               light=Distant(incidence_deg=60), camera=Camera(resolution=8))
     >>> folder = tempfile.mkdtemp()
+    >>> from malus.renderers.datasets.dataset_writer import DatasetWriter
     >>> with DatasetWriter(folder) as writer:
     ...     writer.add(render(scene, renderer="torrance-sparrow"))
     >>> open_dataset(folder).truth(scene.id).scene == scene
@@ -191,215 +210,3 @@ def open_dataset(folder: Path | str) -> Dataset:
     """
     opened = as_path(folder)
     return Dataset(opened, *read_dataset(opened))
-
-
-@dataclass(frozen=True)
-class PlannedScene:
-    """A scene that a dataset shall hold.
-
-    Attributes
-    ----------
-    origin : str
-        Name of the renders that it shall come from.
-    index : int or None
-        Its number in the suite, by which scenes are listed.
-    split : str or None
-    """
-
-    origin: str
-    index: int | None = None
-    split: SplitName | None = None
-
-
-class DatasetWriter:
-    """Writes a new dataset or continues one; a context manager that lists the scenes at its end.
-
-    Parameters
-    ----------
-    folder : path
-        Created if it is missing.
-    planned : mapping of scene id to PlannedScene, optional
-        Scenes that the dataset shall hold, or a part of it. Others in the folder, and those of
-        another origin, are left out. Without it every scene in the folder is kept.
-    about : mapping
-        Keys 'suite', 'versions' and 'variant' of `dataset.json`.
-    part : Part, optional
-        The part of the dataset that `planned` is; by default all of it. What other parts of the
-        same renders have listed is listed too.
-
-    Attributes
-    ----------
-    done : mapping of scene id to SceneEntry
-        Scenes of the part that need not be rendered.
-    failed : mapping of scene id to FailedScene
-        Scenes that could not be rendered, by this writer or an earlier one of the same origin.
-    """
-
-    def __init__(
-        self,
-        folder: Path | str,
-        planned: Mapping[str, PlannedScene] | None = None,
-        about: Mapping[str, Any] | None = None,
-        part: Part | None = None,
-    ) -> None:
-        self.folder = as_path(folder)
-        self.planned = planned
-        self.about = dict(about or {})
-        self.part = part or Part(planned=len(planned or ()), in_all=len(planned or ()))
-        self.done: dict[str, SceneEntry] = {}
-        self.failed: dict[str, FailedScene] = {}
-        self._list: PartList | None = None
-
-    def __enter__(self) -> Self:
-        """Keep the scenes that the folder already holds."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        remove_abandoned(self.folder)
-        listed = listed_of(self.folder)
-        self.done = dict(self._usable_scenes(listed.done))
-        self.failed = {
-            name: failure
-            for name, failure in listed.failed.items()
-            if self._is_still_failed(failure)
-        }
-        if self.planned is not None:
-            self._list = PartList(self.folder, self.part).__enter__()
-            for name, entry in self.done.items():
-                if self.part.count > 1 and self._list.earlier.done.get(name) != entry:
-                    self._list.add(entry)
-        self._write_record()
-        return self
-
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """List the scenes that are done, also after an error."""
-        if self._list is not None:
-            self._list.__exit__(error_type, error, trace)
-        self._write_record()
-        if self._list is not None:
-            self._remove_lists()
-
-    def add(self, truth: Truth, origin: str = "") -> None:
-        """Write one truth, as a whole or not at all.
-
-        Raises
-        ------
-        InputError
-            If it cannot be written.
-        """
-        name = truth.scene.id
-        folder = self.folder / name
-        write_scene(folder, truth, origin)
-        keep_files(truth.scene, self.folder)
-        self.done[name] = self._entry(truth.scene, read_record(folder)[1], origin)
-        self.failed.pop(name, None)
-        if self._list is not None:
-            self._list.add(self.done[name])
-
-    def fail(self, failed: FailedScene) -> None:
-        """Record a scene that could not be rendered."""
-        self.failed[failed.scene] = failed
-        if self._list is not None:
-            self._list.add(failed)
-
-    def _entry(self, scene: Scene, sha256: str, origin: str) -> SceneEntry:
-        name = scene.id
-        if self.planned is None:
-            return SceneEntry.of(scene, sha256)
-        place = self.planned[name]
-        size = folder_size(self.folder / name)
-        return SceneEntry.of(
-            scene, sha256, origin=origin, bytes=size, index=place.index, split=place.split
-        )
-
-    def _is_still_failed(self, failure: FailedScene) -> bool:
-        """Whether a recorded failure is one of the same origin, of a scene that is not there."""
-        if failure.scene in self.done:
-            return False
-        if self.planned is None:
-            return True
-        place = self.planned.get(failure.scene)
-        return place is not None and place.origin == failure.origin
-
-    def _usable_scenes(self, listed: Mapping[str, SceneEntry]) -> Iterator[tuple[str, SceneEntry]]:
-        """Ids and entries of complete scenes in the folder, of the planned origin."""
-        present = {entry.name for entry in self.folder.iterdir()}
-        for name in sorted(present) if self.planned is None else self.planned:
-            if name not in present or not _ID.fullmatch(name):
-                continue
-            entry = self._listed_entry(name, listed.get(name)) or self._looked_at(name)
-            if entry is not None:
-                yield name, entry
-
-    def _listed_entry(self, name: str, entry: SceneEntry | None) -> SceneEntry | None:
-        """The entry of a list where the scene is planned so, and its files have their sizes."""
-        if entry is None or self.planned is None:
-            return None
-        place = self.planned[name]
-        known = entry.bytes is not None and entry.origin == place.origin
-        if not known or entry.bytes != folder_size(self.folder / name):
-            return None
-        return entry.model_copy(update={"index": place.index, "split": place.split})
-
-    def _looked_at(self, name: str) -> SceneEntry | None:
-        """The entry of a scene by its files; None where they are damaged or of other renders."""
-        if not (self.folder / name).is_dir():
-            return None
-        try:
-            record, sha256 = read_record(self.folder / name)
-        except InputError:
-            return None  # damaged: it is rendered again
-        expected = record.origin if self.planned is None else self.planned[name].origin
-        if record.origin != expected or not is_whole(self.folder / name, record):
-            return None
-        return self._entry(record.scene, sha256, record.origin)
-
-    def _write_record(self) -> None:
-        """Write `dataset.json`, again if meanwhile another part has listed more.
-
-        So who writes it last has read the lists of all.
-        """
-        while True:
-            others = self._others()
-            self._write_record_with(others)
-            if self._others().keys() <= others.keys():
-                return
-
-    def _others(self) -> dict[str, SceneEntry | FailedScene]:
-        """Scenes, done and failed, that other parts of the same renders have listed, by id."""
-        if self.planned is None or self.part.count == 1:
-            return {}
-        found = listed_of(self.folder, self.part.renders)
-        entries = found.done | found.failed
-        return {name: entry for name, entry in entries.items() if name not in self.planned}
-
-    def _write_record_with(self, others: Mapping[str, SceneEntry | FailedScene]) -> None:
-        order = self.done if self.planned is None else self.planned
-        done = [self.done[name] for name in order if name in self.done]
-        failed = list(self.failed.values())
-        if others:
-            done += [entry for entry in others.values() if isinstance(entry, SceneEntry)]
-            failed += [entry for entry in others.values() if isinstance(entry, FailedScene)]
-            done.sort(key=lambda entry: -1 if entry.index is None else entry.index)
-        record = DatasetRecord(
-            planned=len(order) if self.planned is None else self.part.in_all,
-            renders=self.part.renders,
-            scenes=tuple(done),
-            failed=tuple(failed),
-            **self.about,
-        )
-        text = json.dumps(record.model_dump(mode="json"), indent=1, allow_nan=False)
-        replace_text(self.folder / DATASET, text + "\n")
-
-    def _remove_lists(self) -> None:
-        """Remove the lists that are not needed: own ones of the whole, all when it is complete."""
-        listed = [content.part for content in read_parts(self.folder)]
-        parts = [part for part in listed if part.renders == self.part.renders]
-        if self.part.count > 1:
-            record = open_dataset(self.folder).record
-            if len(record.scenes) + len(record.failed) < self.part.in_all:
-                return
-        remove_lists(self.folder, parts)

@@ -15,6 +15,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from malus.renderers.datasets.map_planes import (
+    MapType,
+    all_channels,
+    map_planes,
+    map_types,
+    maps_from_planes,
+)
 from malus.renderers.datasets.planes import (
     ERRORS,
     FIELDS,
@@ -32,6 +39,13 @@ from malus.renderers.datasets.planes import (
     planes,
     words_of_doubles,
 )
+from malus.renderers.datasets.sensor_files import (
+    DEMOSAICED,
+    RAW,
+    SensorRecord,
+    read_frame,
+    write_frame,
+)
 from malus.renderers.datasets.spectral_exr import read_exr, read_spectral, write_exr, write_spectral
 from malus.renderers.datasets.stokes_channels import Channels
 from malus.renderers.truth import Truth
@@ -40,18 +54,22 @@ from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import check_digest, digest, read_json, replace_folder
 from malus.scenes.core.model import Model
 from malus.scenes.core.remote import lstat
+from malus.scenes.maps import MapName
 from malus.scenes.scene import Scene
+from malus.scenes.sensor_frame import SensorFrame
 
 SCENE = "scene.json"
 MAX_SCENE_BYTES = 1 << 20
 
 FileName = Literal[
-    "stokes.exr", "diffuse.exr", "specular.exr", "geometry.exr", "error.exr", "float64.exr"
-]
+    "stokes.exr", "diffuse.exr", "specular.exr", "geometry.exr", "error.exr", "float64.exr",
+    "maps.exr", "raw.tiff", "sensor.exr",
+]  # fmt: skip
 IMAGES: tuple[FileName, ...] = (
     "stokes.exr", "diffuse.exr", "specular.exr", "geometry.exr", "error.exr",
 )  # fmt: skip
 EXACT: FileName = "float64.exr"
+MAPS_FILE: FileName = "maps.exr"
 
 MASK = "mask"
 _AGAIN = "render this scene again"
@@ -77,6 +95,8 @@ class SceneRecord(Model):
     interpolation_error: dict[str, float] = Field(default_factory=dict)
     samples: int | None = Field(default=None, ge=2)
     files: dict[FileName, StoredFile]
+    maps: dict[MapName, MapType] = Field(default_factory=dict)
+    sensor: SensorRecord | None = None
 
     @property
     def doubles(self) -> tuple[FieldName, ...]:
@@ -85,7 +105,7 @@ class SceneRecord(Model):
 
     @property
     def images(self) -> tuple[FileName, ...]:
-        """Image files of this scene; without the lobes where these cannot be told apart."""
+        """Files of this scene's truth; without the lobes where these cannot be told apart."""
         unknown = () if self.scene.lobes_known else ("diffuse.exr", "specular.exr")
         images = (name for name in IMAGES if name not in unknown)
         return (*images, *([EXACT] if self.doubles else []))
@@ -119,12 +139,7 @@ def read_scene(folder: Path) -> Truth:
         If a file is missing, cut, changed or not what `scene.json` says.
     """
     record, _ = read_record(folder)
-    for name in record.images:
-        stored = record.files.get(name)
-        if stored is None:
-            where = f"{folder / SCENE}, key files"
-            raise InputError(where, f"an entry for {name}", "nothing", _AGAIN)
-        check_digest(folder / name, stored.bytes, stored.sha256, _AGAIN)
+    _check_files(folder, record, record.images)
     arrays = _read_images(folder, record)
     if record.doubles:
         arrays |= _read_doubles(folder, record)
@@ -134,6 +149,69 @@ def read_scene(folder: Path) -> Truth:
         samples=record.samples,
         **arrays,
     )
+
+
+def read_maps(
+    folder: Path, record: SceneRecord, names: Iterable[MapName] | None = None
+) -> dict[MapName, AnyArray]:
+    """Maps (height, width, ...) of a scene by name, equal to the bit to those that were written.
+
+    Parameters
+    ----------
+    folder : Path
+    record : SceneRecord
+        Of that folder.
+    names : names of maps, optional
+        By default all that the scene has.
+
+    Raises
+    ------
+    InputError
+        If it has not all of these, or their file is missing, cut or changed.
+    """
+    types = record.maps
+    for name in () if names is None else names:
+        if name not in types:
+            hint = "add it to the maps of the suite, and render the dataset again"
+            known = ", ".join(types) or "none"
+            raise InputError(f"{folder / SCENE}, key maps", name, known, hint)
+    if not types:
+        return {}
+    _check_files(folder, record, [MAPS_FILE])
+    bands = record.scene.wavelengths_nm
+    planes = read_exr(folder / MAPS_FILE, record.shape, all_channels(types, bands))
+    chosen = {name: types[name] for name in (types if names is None else names)}
+    return maps_from_planes(planes, chosen, bands)
+
+
+def read_sensor(folder: Path, record: SceneRecord) -> SensorFrame:
+    """The raw frame of a polarisation camera in a scene's folder, and the Stokes image from it.
+
+    Raises
+    ------
+    InputError
+        If there is none, or a file of it is missing, cut or changed.
+    """
+    if record.sensor is None:
+        hint = "add [sensor] to the suite, and render the dataset again"
+        raise InputError(f"{folder / SCENE}, key sensor", "a frame of a sensor", "none", hint)
+    widths = {len(row) for row in record.sensor.channels.weights}
+    if widths != {len(record.scene.wavelengths_nm)}:
+        where = f"{folder / SCENE}, key sensor"
+        raise InputError(where, "a weight for each band", f"{widths.pop()}", _AGAIN)
+    files: list[FileName] = [RAW, *([DEMOSAICED] if record.sensor.demosaiced else [])]
+    _check_files(folder, record, files)
+    return read_frame(folder, record.sensor, record.shape)
+
+
+def _check_files(folder: Path, record: SceneRecord, names: Iterable[FileName]) -> None:
+    """Compare files with their sizes and hashes in the record. Raises InputError."""
+    for name in names:
+        stored = record.files.get(name)
+        if stored is None:
+            where = f"{folder / SCENE}, key files"
+            raise InputError(where, f"an entry for {name}", "nothing", _AGAIN)
+        check_digest(folder / name, stored.bytes, stored.sha256, _AGAIN)
 
 
 def read_record(folder: Path) -> tuple[SceneRecord, str]:
@@ -178,7 +256,11 @@ def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName
     exact = words_of_doubles(_planes(truth, [name for name in dtypes if is_double(dtypes[name])]))
     if exact:
         write_exr(folder / EXACT, exact)
-    record = {
+    if truth.maps:
+        write_exr(folder / MAPS_FILE, map_planes(truth.maps, bands))
+    if truth.frame is not None:
+        write_frame(folder, truth.frame)
+    record: dict[str, Any] = {
         "format": "malus scene 1",
         "scene": truth.scene.model_dump(mode="json"),
         "origin": origin,
@@ -188,6 +270,11 @@ def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName
         "samples": truth.samples,
         "files": {path.name: _stored(path) for path in sorted(folder.iterdir())},
     }
+    # Scenes without these have the record that they always had.
+    if truth.maps:
+        record["maps"] = map_types(truth.maps)
+    if truth.frame is not None:
+        record["sensor"] = SensorRecord.of(truth.frame).model_dump(mode="json")
     text = json.dumps(record, indent=1, allow_nan=False)
     (folder / SCENE).write_text(text + "\n", encoding="utf-8")
 
@@ -207,7 +294,7 @@ def _planes(truth: Truth, names: Iterable[FieldName]) -> Channels:
     }
 
 
-def _read_images(folder: Path, record: SceneRecord) -> dict[str, AnyArray]:
+def _read_images(folder: Path, record: SceneRecord) -> dict[str, Any]:
     shape, bands = record.shape, record.scene.wavelengths_nm
     arrays: dict[str, AnyArray]
     if record.scene.lobes_known:

@@ -11,10 +11,13 @@ import numpy as np
 
 from malus.renderers.datasets.planes import ERRORS, LOBES, array_from_planes, channel_names
 from malus.renderers.datasets.samples import Window
-from malus.renderers.datasets.scene_folder import MASK, FileName, SceneRecord
+from malus.renderers.datasets.scene_folder import MASK, FileName, SceneRecord, read_maps
 from malus.renderers.datasets.spectral_exr import read_exr, read_spectral
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.files import check_digest
+
+SPREAD = "normal_spread"
+"""A map that datasets of earlier versions lack."""
 
 _AGAIN = "render this scene again"
 _FILES: dict[str, FileName] = {
@@ -24,6 +27,7 @@ _FILES: dict[str, FileName] = {
     "diffuse": "diffuse.exr",
     MASK: "geometry.exr",
     "normals": "geometry.exr",
+    SPREAD: "geometry.exr",
     **dict.fromkeys(ERRORS, "error.exr"),
 }
 """File of each array; arrays in double precision come as float32."""
@@ -62,7 +66,9 @@ class SceneFolders:
     def maps(self) -> Sequence[str]:
         """Names of the arrays that every scene has."""
         unknown = () if self._first.scene.lobes_known else LOBES
-        return [name for name in _FILES if name not in unknown]
+        absent = () if SPREAD in self._first.dtypes else (SPREAD,)
+        own = [name for name in _FILES if name not in (*unknown, *absent)]
+        return [*own, *self._first.maps]
 
     def read(self, number: int, maps: Sequence[str], window: Window) -> dict[str, AnyArray]:
         """Arrays of a scene by name.
@@ -75,11 +81,14 @@ class SceneFolders:
         scene = self.ids[number]
         record, folder = self.record_of(scene), self.path / scene
         arrays: dict[str, AnyArray] = {}
-        for file in dict.fromkeys(_FILES[name] for name in maps):
+        own = {name: _FILES[name] for name in maps if name in _FILES}
+        for file in dict.fromkeys(own.values()):
             stored = record.files[file]
             check_digest(folder / file, stored.bytes, stored.sha256, _AGAIN)
-            wanted = [name for name in maps if _FILES[name] == file]
-            arrays |= _read(folder / file, record, wanted)
+            arrays |= _read(folder / file, record, [name for name in own if own[name] == file])
+        others = [name for name in record.maps if name in maps]
+        if others:
+            arrays |= read_maps(folder, record, others)
         return {name: np.ascontiguousarray(arrays[name][window]) for name in maps}
 
 

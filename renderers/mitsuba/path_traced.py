@@ -85,7 +85,7 @@ class Room:
             for placed, (bsdf, _) in zip(scene.objects, object_bsdfs, strict=True)
         ]
         parts = {f"object{i}": shape for i, shape in enumerate(self.shapes)}
-        reach = _reach(scene)
+        reach = scene_radius(scene)
         away = scene.camera.distance or 2 * reach
         # One scene, because a kernel on CUDA traces rays in one scene only. Rays of the camera and
         # shadow rays end before the lamp, which is an object too; paths of light reach it.
@@ -253,6 +253,6 @@ def _path(mi: ModuleType, max_depth: int) -> Any:
     return mi.load_dict({"type": "path", "max_depth": max_depth - 1, "hide_emitters": True})
 
 
-def _reach(scene: Scene) -> float:
+def scene_radius(scene: Scene) -> float:
     """Radius of a sphere around the origin that holds all objects."""
     return max(math.hypot(*p.position) + 2 * p.scale for p in scene.objects)

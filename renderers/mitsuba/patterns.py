@@ -63,13 +63,19 @@ def _image(mi: ModuleType, pattern: ImageTexture, count: int) -> SurfaceNumber:
         return mi.Point2f(0.5 + 0.5 * hit.p.x, 0.5 - 0.5 * hit.p.y)
 
     def spherical(hit: Any) -> Any:
-        p = hit.p
-        turn = dr.atan2(-p.x, -p.z) / (2 * math.pi)
-        polar = dr.safe_acos(p.y * dr.rcp(dr.maximum(dr.norm(p), 1e-9))) / math.pi
-        return mi.Point2f(turn - dr.floor(turn), polar)
+        return spherical_coordinates(mi, hit.p)
 
     project = {"planar": planar, "spherical": spherical, "uv": uv}[pattern.projection]
     return lambda hit: texture.eval(project(hit))[0]
+
+
+def spherical_coordinates(mi: ModuleType, point: Any) -> Any:
+    """Longitude from -z and angle from +y of points, both in 0..1."""
+    import drjit as dr
+
+    turn = dr.atan2(-point.x, -point.z) / (2 * math.pi)
+    polar = dr.safe_acos(point.y * dr.rcp(dr.maximum(dr.norm(point), 1e-9))) / math.pi
+    return mi.Point2f(turn - dr.floor(turn), polar)
 
 
 def check_coordinates(pattern: Pattern, shape: ShapeOrPlane) -> None:

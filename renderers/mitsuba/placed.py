@@ -6,6 +6,7 @@ our own, which gives the share of the next surface at a position in space.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -82,16 +83,22 @@ def pattern_on(mi: ModuleType, placed: Placed) -> SurfaceNumber:
     """Surface numbers of an object in the scene: the pattern moves, turns and grows with it."""
     assert isinstance(placed.surface, Patterned)
     number_at = surface_number(mi, placed.surface.pattern, len(placed.surface.surfaces))
-    to_own = mi.Matrix3f((placed.rotation.T / placed.scale).tolist())
+    own_of = to_own_frame(mi, placed)
     flat = isinstance(placed.shape, Plane)
 
     def number_in_scene(hit: Any) -> Any:
-        own = mi.Point3f(to_own @ mi.Vector3f(hit.p - mi.Point3f(*placed.position)))
+        own = own_of(hit.p)
         # Rounding must not decide on which side of a boundary at y = 0 a plane lies.
         point = mi.Point3f(own.x, mi.Float(0.0), own.z) if flat else own
         return number_at(SimpleNamespace(p=point, uv=hit.uv))
 
     return number_in_scene
+
+
+def to_own_frame(mi: ModuleType, placed: Placed) -> Callable[[Any], Any]:
+    """The function that takes points of the world to the frame of an object's shape."""
+    to_own = mi.Matrix3f((placed.rotation.T / placed.scale).tolist())
+    return lambda point: mi.Point3f(to_own @ mi.Vector3f(point - mi.Point3f(*placed.position)))
 
 
 def _share_of_next(mi: ModuleType, number_at: SurfaceNumber, index: int) -> Any:

@@ -14,7 +14,7 @@ from runs import one_line, run_malus, run_malus_process
 from malus.bench import read_results
 from malus.bench.cli import main
 from malus.bench.running.output_folder import FOLDERS, prepare_folder
-from malus.renderers.datasets.dataset import DatasetWriter
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.self_check import Check
 from malus.renderers.variant import choose
 from malus.scenes import InputError

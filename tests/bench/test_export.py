@@ -17,7 +17,8 @@ from malus.bench.datasets.export import export
 from malus.bench.scoring.observe import observe
 from malus.reconstruct.photos.png16 import aolp_16bit
 from malus.renderers import Truth
-from malus.renderers.datasets.dataset import Dataset, DatasetWriter, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 
 NAMES = ("450nm", "532.1234567nm", "650nm")
 

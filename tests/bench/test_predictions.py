@@ -24,7 +24,8 @@ from malus.bench.datasets.predictions import check_predictions
 from malus.bench.datasets.render import render_dataset
 from malus.bench.datasets.score import score_dataset
 from malus.reconstruct import get_method
-from malus.renderers.datasets.dataset import Dataset, DatasetWriter, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.spectral_exr import write_spectral
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, InputError, Suite, load_suite

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from malus.bench.datasets.render import WritingThread, render_dataset
-from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
+from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.mitsuba import translate, wavefront
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, choose

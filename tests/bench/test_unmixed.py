@@ -15,7 +15,7 @@ from malus.bench.scoring.observe import INPUTS, observe
 from malus.bench.scoring.unmixed_pixels import MOST_SPREAD_DEG
 from malus.reconstruct import get_method
 from malus.renderers import Truth
-from malus.renderers.datasets.dataset import DatasetWriter
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.families.family import render_family
 from malus.renderers.families.interpolated import Family
 from malus.scenes import Blob, Camera, Dielectric, MeshFile, Sampling, Scene, Shape, Uniform

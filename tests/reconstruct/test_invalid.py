@@ -15,7 +15,7 @@ from malus.bench.scoring.judge import Judge
 from malus.reconstruct import get_method
 from malus.reconstruct.photos.estimate import Knowledge, estimate
 from malus.renderers import render
-from malus.renderers.datasets.dataset import DatasetWriter
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.scenes import Camera, Dielectric, Distant, InputError, Sampling, Scene, Sphere, Torus
 
 SCENE = Scene(

@@ -9,7 +9,8 @@ import pytest
 
 from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
-from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
+from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.families.adaptive import RepeatedRenders, relative_error
 from malus.renderers.families.family import render_family
 from malus.scenes import Area, Camera, Dielectric, Sampling, Scene, Sphere, load_suite

@@ -25,8 +25,9 @@ from made_up import BANDS, made_up_truth
 from malus.bench.commands.render import render_command
 from malus.bench.datasets.render import render_dataset
 from malus.renderers import Truth, render
-from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
+from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.datasets.dataset_files import with_own_files
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.planes import FIELDS, MAPS
 from malus.renderers.datasets.scene_folder import IMAGES
 from malus.renderers.datasets.spectral_exr import read_exr, write_exr
@@ -395,7 +396,7 @@ def test_a_kill_leaves_nothing_that_lasts(tmp_path: Path) -> None:
     script = (
         "import sys; sys.path[:0] = [sys.argv[2]]\n"
         "from made_up import made_up_truth\n"
-        "from malus.renderers.datasets.dataset import DatasetWriter\n"
+        "from malus.renderers.datasets.dataset_writer import DatasetWriter\n"
         "with DatasetWriter(sys.argv[1]) as writer:\n"
         "    for seed in range(10**6): writer.add(made_up_truth(seed % 600, side=48))\n"
     )

@@ -11,7 +11,8 @@ from made_up import made_up_truth
 from rooms import needs_arrays
 
 from malus.renderers import Truth, render
-from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
+from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.families.family import render_family
 from malus.renderers.variant import SCALAR, Variant, choose
 from malus.scenes import (

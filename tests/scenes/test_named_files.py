@@ -16,8 +16,9 @@ from PIL import Image
 
 from malus.renderers.datasets import dataset as dataset_module
 from malus.renderers.datasets import dataset_files
-from malus.renderers.datasets.dataset import Dataset, DatasetWriter, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.datasets.dataset_files import with_own_files
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.mitsuba.translate import tessellated
 from malus.scenes import Distant, InputError
 from malus.scenes.core.named_file import digest_of

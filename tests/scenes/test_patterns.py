@@ -12,7 +12,8 @@ from PIL import Image
 
 from malus.bench import observe, run, score
 from malus.renderers import Truth
-from malus.renderers.datasets.dataset import DatasetWriter, open_dataset
+from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba.translate import tessellated
 from malus.renderers.variant import choose
