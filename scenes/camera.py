@@ -96,6 +96,17 @@ class Camera(Model):
         """
         return self.azimuth_deg != 0.0 or self.elevation_deg != 0.0
 
+    @property
+    def label(self) -> str:
+        """End of a scene's name in tables: where a camera stands that was moved.
+
+        Examples
+        --------
+        >>> Camera(azimuth_deg=30, elevation_deg=20).label
+        ' from 30°, 20° up'
+        """
+        return f" from {self.azimuth_deg:g}°, {self.elevation_deg:g}° up" if self.moved else ""
+
     def _upright_axes(self) -> Float64Array:
         """The axes of the same camera without its roll."""
         azimuth, elevation = math.radians(self.azimuth_deg), math.radians(self.elevation_deg)
@@ -134,8 +145,9 @@ class Camera(Model):
     def extrinsics(self) -> Float64Array:
         """Matrix [R | t] (3, 4) from the world to OpenCV's camera frame.
 
-        A point X of the world is at R X + t, with x to the right, y down and z forward. The camera of an `orthographic` image stands nowhere:
-        its z counts from the plane through the origin that is parallel to the image.
+        A point X of the world is at R X + t, with x to the right, y down and z forward. The camera
+        of an `orthographic` image stands nowhere: its z counts from the plane through the origin
+        that is parallel to the image.
 
         Examples
         --------
@@ -187,3 +199,36 @@ class Camera(Model):
         toward = np.stack([0.0 - x, 0.0 - y, np.ones_like(x)], axis=-1)
         result: Float64Array = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
         return result
+
+
+class Views(Model):
+    """Cameras in equal steps all around the object, at one elevation: an axis of a suite.
+
+    Attributes
+    ----------
+    count : number of cameras
+    elevation_deg : their elevation
+    azimuth_deg : azimuth of the first one; the next stands to its right, 360° / count farther
+
+    Examples
+    --------
+    >>> [camera.azimuth_deg for camera in Views(count=3).cameras(Camera())]
+    [0.0, 120.0, -120.0]
+    """
+
+    count: int = Field(ge=1, le=3600)
+    elevation_deg: float = Field(default=0.0, ge=-90, le=90)
+    azimuth_deg: float = Field(default=0.0, ge=-360, le=360)
+
+    def cameras(self, camera: Camera) -> tuple[Camera, ...]:
+        """The cameras, each a copy of `camera` that stands elsewhere."""
+        azimuths = (self.azimuth_deg + 360.0 * k / self.count for k in range(self.count))
+        return tuple(
+            camera.model_copy(
+                update={
+                    "azimuth_deg": math.remainder(azimuth, 360.0),
+                    "elevation_deg": self.elevation_deg,
+                }
+            )
+            for azimuth in azimuths
+        )
