@@ -48,7 +48,7 @@ class Polariser(Model):
         return f" polarised {self.angle_deg:g}°{share}"
 
 
-class Scattered(Model):
+class SkyPolarisation(Model):
     """The polarisation of a clear sky, whose light is sunlight scattered once: Rayleigh's pattern.
 
     It oscillates across the plane of sun, sky and observer; its degree is
@@ -57,7 +57,7 @@ class Scattered(Model):
 
     Examples
     --------
-    >>> Sky(polarised=Scattered(degree=0.7)).label
+    >>> Sky(polarised=SkyPolarisation(degree=0.7)).label
     'sky 45° polarised to 0.7'
     """
 
@@ -243,7 +243,7 @@ class Sky(AllAround):
     turbidity: float = Field(default=3.0, ge=1, le=10)
     sun: bool = True
     wavelength_nm: float = Field(default=550.0, ge=400, le=720)
-    polarised: Scattered | None = Field(default=None, exclude_if=lambda value: value is None)
+    polarised: SkyPolarisation | None = Field(default=None, exclude_if=lambda value: value is None)
 
     @property
     def label(self) -> str:
@@ -328,13 +328,13 @@ def transmission_axis(light: Distant | Area) -> Float64Array:
     return polariser_axis(np.array(light.direction), light.polarised.angle_deg)
 
 
-def _how(polarised: Polariser | Scattered | None) -> str:
+def _how(polarised: Polariser | SkyPolarisation | None) -> str:
     return polarised.label if polarised else ""
 
 
-def _about(axis: int, angle_deg: float) -> Float64Array:
+def _about(axis: int, turn_deg: float) -> Float64Array:
     """Rotation matrix (3, 3) about x, y or z: 0, 1 or 2."""
-    cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    cosine, sine = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
     first, second = (axis + 1) % 3, (axis + 2) % 3
     result = np.eye(3)
     result[first, first] = result[second, second] = cosine

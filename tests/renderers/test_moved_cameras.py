@@ -27,14 +27,16 @@ from malus.scenes import (
     Light,
     Placed,
     Plane,
+    Polariser,
     Sampling,
     Scene,
     Sky,
+    SkyPolarisation,
     Sphere,
     Superquadric,
     Surroundings,
 )
-from malus.scenes.lights.lights import Polariser, Scattered, rotated, turned
+from malus.scenes.lights.lights import rotated, turned
 from malus.scenes.materials.surface import Surface
 
 PAINT = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="polarised")
@@ -42,11 +44,14 @@ CHALK = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="unpolarised")
 COPPER = Conductor(eta=0.6, k=2.6, alpha=0.3)
 WIDE = {"projection": "perspective", "fov_deg": 60.0, "distance": 2.2}
 PLACES = [(0.0, 0.0), (35.0, 20.0), (-120.0, -50.0), (80.0, 90.0), (180.0, 0.0)]
+RAYLEIGH = SkyPolarisation()
 LIGHTS: list[Light] = [
     Distant(incidence_deg=60, polarised=Polariser(angle_deg=30)),
     Area(incidence_deg=50, polarised=Polariser(angle_deg=110, degree=0.7)),
-    Sky(sun_elevation_deg=20, polarised=Scattered()),
-    Sky(sun_elevation_deg=20, heading_deg=30, tilt_deg=-40, turn_deg=15, polarised=Scattered()),
+    Sky(sun_elevation_deg=20, polarised=SkyPolarisation()),
+    Sky(
+        sun_elevation_deg=20, heading_deg=30, tilt_deg=-40, turn_deg=15, polarised=SkyPolarisation()
+    ),
 ]
 
 

@@ -24,14 +24,16 @@ from malus.scenes import (
     Distant,
     InputError,
     Light,
+    Polariser,
     Sampling,
     Scene,
     Sky,
+    SkyPolarisation,
     Sphere,
     Uniform,
 )
 from malus.scenes.lights.environment import directions, radiance_map, solid_angles
-from malus.scenes.lights.lights import Polariser, Scattered, transmission_axis
+from malus.scenes.lights.lights import transmission_axis
 from malus.scenes.materials.surface import Surface
 
 PAINT = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="polarised")
@@ -213,7 +215,9 @@ def test_crossed_polarisers_leak_as_the_lamp_moves_away() -> None:
 
 def test_a_polarised_sky_is_many_polarised_lamps() -> None:
     """Each pixel of its map lights as parallel light would, polarised as the pattern says."""
-    sky = Sky(sun_elevation_deg=25, sun_azimuth_deg=100, sun=False, polarised=Scattered(degree=0.8))
+    sky = Sky(
+        sun_elevation_deg=25, sun_azimuth_deg=100, sun=False, polarised=SkyPolarisation(degree=0.8)
+    )
     camera = Camera(resolution=10, azimuth_deg=20, roll_deg=15)
     rough = Conductor(eta=0.6, k=2.6, alpha=0.5)
     truth = render(scene_of(sky, rough, camera), Sampling(samples=4096))
@@ -224,8 +228,10 @@ def test_a_polarised_sky_is_many_polarised_lamps() -> None:
         total += render(scene, Sampling(samples=64)).stokes
     pixels = lit(truth)
     difference, peak = (truth.stokes - total)[pixels], truth.image.max()
-    # 256 directions for a lobe this rough: one percent of the brightest, and so the noise.
-    assert np.sqrt(np.mean(difference**2)) < 0.01 * peak
+    # Half of it the noise of 4096 samples, half 256 directions in place of all.
+    assert (
+        np.sqrt(np.mean(difference**2, axis=(0, 1))) < np.array([0.015, 0.005, 0.0025]) * peak
+    ).all()
     plain = render(scene_of(sky.model_copy(update={"polarised": None}), rough, camera))
     change = (plain.stokes - truth.stokes)[pixels][..., 1:]
     assert np.sqrt(np.mean(change**2)) > 0.05 * peak
@@ -274,6 +280,6 @@ def test_torrance_and_sparrow_know_no_polarised_light() -> None:
 def test_plain_mitsuba_has_plates_for_whole_lamps_only() -> None:
     mi = mitsuba(choose())
     assert set(lamps(mi, Uniform())) == {"light0"}
-    for light in (LAMP, Sky(polarised=Scattered())):
+    for light in (LAMP, Sky(polarised=SkyPolarisation())):
         with pytest.raises(ValueError, match="wholly polarised area light"):
             lamps(mi, light)

@@ -23,7 +23,13 @@ from malus.scenes import (
     Uniform,
     load_suite,
 )
-from malus.scenes.lights.lights import Polariser, Scattered, rotated, transmission_axis, turned
+from malus.scenes.lights.lights import (
+    Polariser,
+    SkyPolarisation,
+    rotated,
+    transmission_axis,
+    turned,
+)
 from malus.scenes.lights.polarised import Oscillation, is_polarised, oscillation
 from malus.scenes.lights.sky import parts
 from malus.scenes.polarisation import aolp, dolp, phase, polariser_angle_deg
@@ -77,8 +83,8 @@ def field(light: Light, toward: np.ndarray) -> np.ndarray:
     [
         Distant(incidence_deg=50, azimuth_deg=20, polarised=Polariser(angle_deg=30, degree=0.7)),
         Area(incidence_deg=110, azimuth_deg=-60, polarised=Polariser(angle_deg=100)),
-        Sky(sun=False, polarised=Scattered()),
-        Sky(sun=False, turn_deg=20, tilt_deg=-50, heading_deg=130, polarised=Scattered()),
+        Sky(sun=False, polarised=SkyPolarisation()),
+        Sky(sun=False, turn_deg=20, tilt_deg=-50, heading_deg=130, polarised=SkyPolarisation()),
     ],
     ids=lambda light: light.label,
 )
@@ -102,7 +108,7 @@ def test_a_turn_about_the_viewing_axis_is_that_rotation(angle: float) -> None:
         lamp_at(35, 40, 30),
         Area(incidence_deg=60, polarised=Polariser(angle_deg=10)),
         Distant(incidence_deg=60),
-        Sky(polarised=Scattered(), tilt_deg=30),
+        Sky(polarised=SkyPolarisation(), tilt_deg=30),
         Environment(heading_deg=50),
     ):
         one, other = turned(light, angle), rotated(light, rotation)
@@ -150,7 +156,7 @@ def test_the_sky_is_rayleighs_by_the_published_formulas() -> None:
             sun_elevation_deg=sun_elevation,
             sun_azimuth_deg=sun_azimuth,
             sun=False,
-            polarised=Scattered(degree=0.75),
+            polarised=SkyPolarisation(degree=0.75),
         )
         zenith, azimuth = random.uniform(0.05, 1.5, 40), random.uniform(-np.pi, np.pi, 40)
         theta_s, away = np.radians(90 - sun_elevation), azimuth - np.radians(sun_azimuth)
@@ -205,7 +211,7 @@ def test_values_of_rayleighs_law() -> None:
 
 
 def test_the_light_of_the_sun_itself_is_unpolarised() -> None:
-    sky, sun = parts(Sky(polarised=Scattered()))
+    sky, sun = parts(Sky(polarised=SkyPolarisation()))
     assert is_polarised(sky)
     assert not is_polarised(sun)
 
@@ -230,7 +236,7 @@ def test_new_keys_at_their_defaults_are_no_new_content() -> None:
     [
         lamp_at(30, 20, 15),
         Area(incidence_deg=20, polarised=Polariser(degree=0.5)),
-        Sky(polarised=Scattered(), heading_deg=20, tilt_deg=-10),
+        Sky(polarised=SkyPolarisation(), heading_deg=20, tilt_deg=-10),
     ],
 )
 def test_polarised_lights_come_back_from_json(light: Light) -> None:
