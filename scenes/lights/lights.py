@@ -301,7 +301,7 @@ def rotated(light: Light, rotation: Float64Array) -> Light:
     if isinstance(light, Environment | Sky):
         return light.model_copy(update=_turns(rotation @ light.rotation))
     direction = rotation @ np.array(light.direction)
-    update: dict[str, object] = _angles(direction)
+    update: dict[str, object] = {**_angles(direction)}
     if light.polarised:
         axis = rotation @ transmission_axis(light)
         angle = polariser_angle_deg(np.array(light.model_copy(update=update).direction), axis)
