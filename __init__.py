@@ -115,10 +115,12 @@ if TYPE_CHECKING:
         Patterned as Patterned,
         Placed as Placed,
         Plane as Plane,
+        Polariser as Polariser,
         Sampling as Sampling,
         Scene as Scene,
         Shape as Shape,
         Sky as Sky,
+        SkyPolarisation as SkyPolarisation,
         Sphere as Sphere,
         Spots as Spots,
         Stripes as Stripes,
@@ -127,6 +129,7 @@ if TYPE_CHECKING:
         Surroundings as Surroundings,
         Torus as Torus,
         Uniform as Uniform,
+        Views as Views,
         load_suite as load_suite,
         suite_names as suite_names,
     )
@@ -172,9 +175,9 @@ _NAMES = {
     "malus.renderers.datasets.opened": "open_dataset",
     "malus.renderers.datasets.samples": "Samples",
     "malus.scenes": "Area Blob Camera Checker Conductor Crease Dielectric Distant Environment"
-    " ImageTexture InputError Light Measured MeshFile Patterned Placed Plane Sampling Scene"
-    " Shape Sky Sphere Spots Stripes Suite Superquadric Surroundings Torus Uniform load_suite"
-    " suite_names",
+    " ImageTexture InputError Light Measured MeshFile Patterned Placed Plane Polariser Sampling"
+    " Scene Shape Sky SkyPolarisation Sphere Spots Stripes Suite Superquadric Surroundings Torus"
+    " Uniform Views load_suite suite_names",
     "malus.scenes.sensor": "Sensor",
     "malus.scenes.sensor_frame": "SensorFrame expose",
 }

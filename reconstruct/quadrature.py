@@ -69,7 +69,7 @@ def quadrature(light: Light, alpha: float) -> Directions:
     if isinstance(light, Area):
         return _cone(light, alpha)
     if isinstance(light, Environment | Sky):
-        return _sphere(radiance_map(light).astype(np.float64), alpha, light.turn_deg)
+        return _sphere(radiance_map(light).astype(np.float64), alpha, light.rotation)
     return _sphere(np.full((512, 1024), light.radiance), alpha)
 
 
@@ -98,7 +98,7 @@ def _frame(axis: tuple[float, float, float]) -> Float64Array:
     return np.stack([first, np.cross(third, first), third])
 
 
-def _sphere(values: Float64Array, alpha: float, turn_deg: float = 0.0) -> Directions:
+def _sphere(values: Float64Array, alpha: float, rotation: Float64Array | None = None) -> Directions:
     """Directions of a map (height, width) of radiance, summed in blocks as fine as the lobe needs.
 
     A block shines from the centroid of its light, so that a sun in it stays where it is.
@@ -112,7 +112,7 @@ def _sphere(values: Float64Array, alpha: float, turn_deg: float = 0.0) -> Direct
     def summed(plane: Float64Array) -> Float64Array:
         return np.add.reduceat(np.add.reduceat(plane, rows, axis=0), columns, axis=1).ravel()
 
-    pixels = directions(height, width, turn_deg)
+    pixels = directions(height, width, rotation)
     power = summed(weight)
     toward = np.stack([summed(weight * pixels[..., axis]) for axis in range(3)], axis=-1)[power > 0]
     power = power[power > 0]

@@ -16,6 +16,7 @@ from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import BoolArray, Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.lights.lights import Distant
+from malus.scenes.lights.polarised import is_polarised
 from malus.scenes.polarisation import stokes_from_extremes
 from malus.scenes.scene import Scene
 from malus.scenes.shapes.shapes import Sphere
@@ -91,6 +92,8 @@ def _checked_light(scene: Scene, normals: Float64Array | None) -> Distant:
     light = scene.light_in_image
     if not isinstance(light, Distant):
         raise InputError(where, "a distant light", light.kind, hint)
+    if is_polarised(light):
+        raise InputError(where, "unpolarised light", light.label, hint)
     if scene.camera.projection != "orthographic":
         raise InputError(where, "an orthographic camera", scene.camera.projection, hint)
     if scene.surroundings is not None:

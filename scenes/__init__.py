@@ -3,9 +3,18 @@
 Imports no package beside it.
 """
 
-from malus.scenes.camera import Camera
+from malus.scenes.camera import Camera, Views
 from malus.scenes.core.errors import InputError
-from malus.scenes.lights.lights import Area, Distant, Environment, Light, Sky, Uniform
+from malus.scenes.lights.lights import (
+    Area,
+    Distant,
+    Environment,
+    Light,
+    Polariser,
+    Sky,
+    SkyPolarisation,
+    Uniform,
+)
 from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.surface import Conductor, Dielectric, Patterned
 from malus.scenes.scene import Sampling, Scene
@@ -41,10 +50,12 @@ __all__ = [
     "Patterned",
     "Placed",
     "Plane",
+    "Polariser",
     "Sampling",
     "Scene",
     "Shape",
     "Sky",
+    "SkyPolarisation",
     "Sphere",
     "Spots",
     "Stripes",
@@ -53,6 +64,7 @@ __all__ = [
     "Surroundings",
     "Torus",
     "Uniform",
+    "Views",
     "load_suite",
     "suite_names",
 ]

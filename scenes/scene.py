@@ -11,7 +11,7 @@ from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import NumberArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
-from malus.scenes.lights.lights import Distant, Light, turned
+from malus.scenes.lights.lights import Distant, Light, rotated, turned
 from malus.scenes.materials.surface import Patterned, Surface
 from malus.scenes.shapes.patterns import ImageTexture
 from malus.scenes.shapes.shapes import Shape
@@ -37,7 +37,7 @@ class Scene(Model):
     """One object under one light before a camera, with the centres of narrow bands in nm.
 
     Shape and light are given in world coordinates, whose axes are those of the image of a camera
-    that is not rolled. `surroundings` are further objects.
+    that is neither moved nor rolled. `surroundings` are further objects.
 
     Examples
     --------
@@ -77,7 +77,8 @@ class Scene(Model):
 
     @model_validator(mode="after")
     def _light_beside_camera(self) -> Self:
-        straight = isinstance(self.light, Distant) and self.light.incidence_deg < LEAST_INCIDENCE
+        light = self.light_in_image
+        straight = isinstance(light, Distant) and light.incidence_deg < LEAST_INCIDENCE
         if self.surface.kind == "measured" and straight and self.camera.fov_deg is None:
             # Mitsuba's plugin then gives NaN.
             expected = f"an incidence_deg of {LEAST_INCIDENCE} or more"
@@ -92,9 +93,10 @@ class Scene(Model):
 
     @property
     def label(self) -> str:
-        """Name of the shape and its surroundings in tables."""
+        """Name of the shape, its surroundings and where a moved camera stands, in tables."""
         shape = self.shape.label
-        return f"{shape} in {self.surroundings.name}" if self.surroundings else shape
+        whole = f"{shape} in {self.surroundings.name}" if self.surroundings else shape
+        return whole + self.camera.label
 
     @property
     def eta(self) -> NumberArray:
@@ -111,7 +113,9 @@ class Scene(Model):
 
     @property
     def light_in_image(self) -> Light:
-        """The light in the image frame, turned against the roll of the camera."""
+        """The light in the image frame, turned against where the camera stands and its roll."""
+        if self.camera.moved:
+            return rotated(self.light, self.camera.axes)
         return turned(self.light, -self.camera.roll_deg)
 
 

@@ -16,7 +16,7 @@ from typing import Any, Literal, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
-from malus.scenes.camera import Camera
+from malus.scenes.camera import Camera, Views
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import digest_of
@@ -36,8 +36,8 @@ from malus.scenes.shapes.shapes import MeshFile, Shape
 from malus.scenes.suite_surfaces import RefractiveIndex, SuiteMaterial, SuiteSurface, scene_surface
 from malus.scenes.surroundings import Placed, Surroundings
 
-_AXES = ("shapes", "materials", "surfaces", "lights", "bodies", "surroundings")
-_DEFAULTS = {"bodies": ("unpolarised",)}
+_AXES = ("shapes", "materials", "surfaces", "lights", "bodies", "surroundings", "views")
+_DEFAULTS: dict[str, Any] = {"bodies": ("unpolarised",), "views": None}
 AnyShape = TypeVar("AnyShape", bound=Model)
 Renderer = Literal["mitsuba", "torrance-sparrow"]
 Knowledge = Literal["everything", "ladder"]
@@ -98,6 +98,7 @@ class Suite(Model):
         default="everything", exclude_if=lambda knowledge: knowledge == "everything"
     )
     camera: Camera = Camera()
+    views: Views | None = Field(default=None, exclude_if=lambda value: value is None)
     sampling: Sampling = Sampling()
     scalar: ScalarSizes | None = None
     maps: MapNames = Field(default=(), exclude_if=lambda names: not names)
@@ -136,8 +137,10 @@ class Suite(Model):
                 for placed in self.draws.made(content, key).objects:
                     placed.surface.indices(self.wavelengths_nm)
             return self
+        if self.views and self.camera.moved:
+            raise ValueError("no azimuth_deg and elevation_deg of the camera beside views")
         axes = self.shapes, self.surroundings or (None,), self.lights, self.surfaces, self.bodies
-        count = math.prod(map(len, axes)) * len(self.materials)
+        count = math.prod(map(len, axes)) * len(self.materials) * len(self._cameras)
         if count > MOST_SCENES:
             raise ValueError(f"at most {MOST_SCENES:,} scenes, which are {count:,} here")
         # Every item once is enough, and stays quick where the axes multiply to very many.
@@ -146,7 +149,8 @@ class Suite(Model):
         for material, surface in itertools.chain(materials, surfaces):
             for surroundings in axes[1]:
                 made_of = scene_surface(material, surface, self.bodies[0])
-                scene = self._scene(self.shapes[0], surroundings, self.lights[0], made_of)
+                camera = self._cameras[0]
+                scene = self._scene(self.shapes[0], surroundings, camera, self.lights[0], made_of)
                 for placed in scene.objects:
                     placed.surface.indices(self.wavelengths_nm)
         return self
@@ -170,25 +174,36 @@ class Suite(Model):
             yield from map(self.draws.scene, range(self.random.count))
             return
         around = self.surroundings or (None,)
-        families = itertools.product(self.shapes, around, self.lights, self.surfaces, self.bodies)
+        families = itertools.product(
+            self.shapes, around, self._cameras, self.lights, self.surfaces, self.bodies
+        )
         yielded = set()
-        for shape, surroundings, light, surface, body in families:
+        for shape, surroundings, camera, light, surface, body in families:
             for material in self.materials:
                 made_of = scene_surface(material, surface, body)
-                scene = self._scene(shape, surroundings, light, made_of)
+                scene = self._scene(shape, surroundings, camera, light, made_of)
                 # A metal has no body: its scene is the same for every body.
                 if scene not in yielded:
                     yielded.add(scene)
                     yield scene
 
+    @property
+    def _cameras(self) -> tuple[Camera, ...]:
+        return self.views.cameras(self.camera) if self.views else (self.camera,)
+
     def _scene(
-        self, shape: Shape, surroundings: Surroundings | None, light: Light, surface: Surface
+        self,
+        shape: Shape,
+        surroundings: Surroundings | None,
+        camera: Camera,
+        light: Light,
+        surface: Surface,
     ) -> Scene:
         content = {
             "shape": shape,
             "surface": surface,
             "light": light,
-            "camera": self.camera,
+            "camera": camera,
             "wavelengths_nm": self.wavelengths_nm,
             "surroundings": surroundings,
         }

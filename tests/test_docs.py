@@ -412,6 +412,8 @@ def test_the_picture_of_the_conventions_can_be_drawn() -> None:
     )
     figure = script["picture"](script["mirror_ball"](resolution=16, samples=4))
     assert len(figure.axes) >= 8
+    cameras = script["camera_picture"](script["lit_ball"](resolution=16, samples=4))
+    assert len(cameras.axes) == 2
 
 
 def test_the_help_of_every_command_is_short_of_nothing() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import click
 
 from malus.bench.commands.options import command
 
 if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
     from rich.table import Table
 
     from malus.scenes.core.model import Model
@@ -193,17 +194,21 @@ def _kinds(title: str, kinds: dict[str, type[Model]]) -> Table:
     for kind, model in kinds.items():
         fields = {name: field for name, field in model.model_fields.items() if name != "kind"}
         keys = ", ".join(
-            name if field.is_required() else escape(f"{name} [{_shown(field.default)}]")
+            name if field.is_required() else escape(f"{name} [{_shown(field)}]")
             for name, field in fields.items()
         )
         table.add_row(kind, keys, (model.__doc__ or "").strip().splitlines()[0])
     return table
 
 
-def _shown(value: object) -> str:
-    """A default as a suite writes it."""
+def _shown(field: FieldInfo) -> str:
+    """A default as a suite writes it; of a table that is left out, its keys."""
     from malus.scenes.core.model import Model
 
+    value = field.default
+    for model in get_args(field.annotation) if value is None else ():
+        if issubclass(model, Model):
+            return f"left out; {{ {', '.join(model.model_fields)} }}"
     if not isinstance(value, Model):
         return str(value)
     keys = value.model_dump(exclude_none=True)

@@ -1,4 +1,4 @@
-"""Draws conventions.png, the picture of conventions.md, from renders: run it in this folder."""
+"""Draws the pictures of conventions.md from renders: run it in this folder."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from malus.renderers import Truth, render
-from malus.scenes import Camera, Dielectric, Sampling, Scene, Sphere, Uniform
+from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere, Uniform
 from malus.scenes.core.arrays import FloatArray
 from malus.scenes.polarisation import dolp, polarised
 
-PICTURE = Path(__file__).parents[2] / "reports" / "docs" / "conventions.png"
+DOCUMENTS = Path(__file__).parents[2] / "reports" / "docs"
+STANDS = {"azimuth_deg": 40.0, "elevation_deg": 25.0}
+"""Where the camera of the second picture stands."""
 DIAGONAL = 0.5**0.5
 
 
@@ -83,5 +85,79 @@ def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], colou
     ax.annotate("", xy=end, xytext=start, arrowprops=style)
 
 
+def lit_ball(resolution: int = 256, samples: int = 64) -> Truth:
+    """A ball lit from the world's top, seen by a camera that was moved around it."""
+    surface = Dielectric(eta=1.5, alpha=0.3, albedo=0.7)
+    lens = {"projection": "perspective", "fov_deg": 45.0, "distance": 4.0}
+    camera = Camera.model_validate(lens | STANDS | {"resolution": resolution})
+    light = Distant(incidence_deg=50, azimuth_deg=100)
+    scene = Scene(shape=Sphere(), surface=surface, light=light, camera=camera)
+    return render(scene, Sampling(samples=samples))
+
+
+def camera_picture(truth: Truth) -> Figure:
+    """A camera in the world, and its image with the world's axes where K [R | t] has them."""
+    figure = Figure(figsize=(9.2, 4.2), layout="constrained")
+    world = figure.add_subplot(1, 2, 1, projection="3d")
+    _world(world, truth.scene.camera)
+    image = figure.add_subplot(1, 2, 2)
+    image.set_title("its image: axes drawn at K (R X + t)", fontsize=9)
+    grey = truth.image[..., 0] / truth.image.max()
+    image.imshow(np.sqrt(np.where(truth.mask, grey, 0.15)), cmap="gray", vmin=0, vmax=1)
+    for axis, name in zip(1.5 * np.eye(3), "xyz", strict=True):
+        (u, v), (u0, v0) = (_pixel(truth.scene.camera, point) for point in (axis, axis / 1.5))
+        _arrow(image, (u0, v0), (u, v), "tab:orange")
+        image.annotate(name, (u, v), color="tab:orange", fontsize=11)
+    image.set(xlabel="u: columns from the left", ylabel="v: rows from the top")
+    return figure
+
+
+def _pixel(camera: Camera, point: FloatArray) -> tuple[float, float]:
+    """Column and row of a point of the world, by the matrices of a perspective camera."""
+    x, y, z = camera.extrinsics() @ [*point, 1.0]
+    u, v, _ = camera.intrinsics() @ [x / z, y / z, 1.0]
+    return float(u), float(v)
+
+
+def _world(ax: Any, camera: Camera) -> None:
+    """World axes, the camera's place with its angles, and the axes of OpenCV's camera frame.
+
+    Matplotlib's vertical is its z: (x, y, z) of the world are drawn at (x, −z, y).
+    """
+
+    def line(*points: Any, **style: Any) -> None:
+        x, y, z = np.array(points, dtype=float).T
+        ax.plot(x, -z, y, **style)
+
+    def text(point: Any, words: str, **style: Any) -> None:
+        ax.text(point[0], -point[2], point[1], words, fontsize=8, **style)
+
+    for axis, name in zip(1.8 * np.eye(3), ("x", "y (up)", "z: unmoved camera"), strict=True):
+        line(np.zeros(3), axis, color="tab:orange")
+        text(1.08 * axis, name, color="tab:orange")
+    stand = 3.0 * camera.axes[2]
+    for rotated, name in zip(camera.extrinsics()[:, :3], ("x", "y", "z: forward"), strict=True):
+        line(stand, stand + 0.8 * rotated, color="tab:blue")
+        text(stand + 0.9 * rotated, name, color="tab:blue")
+    below = stand * [1, 0, 1]
+    line(np.zeros(3), stand, color="0.6", lw=0.8)
+    line(np.zeros(3), below, stand, color="0.6", lw=0.8, ls=":")
+    azimuth = np.radians(np.linspace(0, camera.azimuth_deg, 20))
+    turn = 1.2 * np.stack([np.sin(azimuth), 0 * azimuth, np.cos(azimuth)], axis=-1)
+    line(*turn, color="0.3")
+    text(turn[14] * 1.1, "azimuth_deg", va="top")
+    elevation = np.radians(np.linspace(0, camera.elevation_deg, 20))
+    level = below / np.linalg.norm(below)
+    rise = np.cos(elevation)[:, None] * level + np.sin(elevation)[:, None] * [0, 1, 0]
+    line(*(2.0 * rise), color="0.3")
+    text(2.1 * rise[6], "elevation_deg")
+    ax.set_title("the world, and a camera by OpenCV's axes", fontsize=9)
+    ax.set_box_aspect((1, 1, 1), zoom=1.7)
+    ax.set(xlim=(-0.6, 2.8), ylim=(-2.9, 0.5), zlim=(-0.6, 2.8))
+    ax.set_axis_off()
+    ax.view_init(elev=18, azim=-105)
+
+
 if __name__ == "__main__":
-    picture(mirror_ball()).savefig(PICTURE, dpi=110)
+    picture(mirror_ball()).savefig(DOCUMENTS / "conventions.png", dpi=110)
+    camera_picture(lit_ball()).savefig(DOCUMENTS / "cameras.png", dpi=110)

@@ -3,17 +3,29 @@
 `plate_image` follows Mitsuba's documentation: a polariser before the camera, one render for every
 angle, the scene loaded anew. `StokesByHand` is the fastest way with what Mitsuba brings: one Stokes
 render for every material, roughness and band, with the parameters updated in place.
+
+A lamp behind a polariser is a lamp behind a plate here: `lamps`.
 """
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from malus.renderers.mitsuba.translate import emitter, sensor, shape_object, specular_bsdf
+from malus.renderers.mitsuba.translate import (
+    LAMP_DISTANCE,
+    emitter,
+    emitters,
+    sensor,
+    shape_object,
+    specular_bsdf,
+)
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.core.arrays import Float32Array
+from malus.scenes.lights.lights import Area, Light
+from malus.scenes.lights.polarised import is_polarised
 from malus.scenes.polarisation import polarised
 from malus.scenes.scene import Sampling, Scene
 
@@ -23,10 +35,66 @@ PLATE_DISTANCE = 100.0
 
 def _bsdf(scene: Scene, band: int) -> dict[str, Any]:
     """A BSDF with both the specular and the diffuse lobe."""
-    surface = scene.surface
+    surface, eta = scene.surface, scene.eta[band].item()
     assert surface.alpha is not None
+    if isinstance(eta, complex):
+        return specular_bsdf(eta, surface.alpha)
     albedo = {"type": "uniform", "value": float(surface.albedos(scene.wavelengths_nm)[band])}
-    return specular_bsdf(float(scene.eta[band]), surface.alpha) | {"diffuse_reflectance": albedo}
+    return specular_bsdf(eta, surface.alpha) | {"diffuse_reflectance": albedo}
+
+
+def lamps(mi: ModuleType, light: Light) -> dict[str, Any]:
+    """The lights of a scene by name; a polarised lamp is one behind Mitsuba's polariser plate.
+
+    Mitsuba finds the lamp through the plate by chance only, along directions drawn from a BSDF.
+
+    Raises
+    ------
+    ValueError
+        A light that no plate makes: of a point, of a sky, or polarised in part.
+    """
+    if not is_polarised(light):
+        return emitters(mi, light)
+    if not isinstance(light, Area) or light.polarised is None or light.polarised.degree != 1.0:
+        raise ValueError(f"light: expected a wholly polarised area light, found {light.label}")
+    # The plate passes half.
+    behind = light.model_copy(update={"polarised": None, "radiance": 2.0 * light.radiance})
+    at = [0.9 * LAMP_DISTANCE * c for c in light.direction]
+    to_world = mi.ScalarTransform4f().look_at(origin=at, target=[0, 0, 0], up=[0, 1, 0])
+    plate = {
+        "type": "rectangle",
+        "to_world": to_world @ mi.ScalarTransform4f().scale(20 * LAMP_DISTANCE),
+        "bsdf": _polariser(light.polarised.angle_deg),
+    }
+    return {"light": emitter(mi, behind), "plate": plate}
+
+
+def _polariser(angle_deg: float) -> dict[str, Any]:
+    """A plate whose front faces the object: its theta counts from its own x axis, horizontal."""
+    return {"type": "polarizer", "theta": {"type": "uniform", "value": angle_deg + 90.0}}
+
+
+def stokes_image(variant: Variant, scene: Scene, band: int, sampling: Sampling) -> Float32Array:
+    """s0, s1, s2 (height, width, 3) of one band of one object by Mitsuba's `stokes` integrator.
+
+    Nothing of malus goes into it but the places of object, camera and lamp. Of bodies it has the
+    polarised one only.
+    """
+    mi = mitsuba(variant)
+    depth = 3 if is_polarised(scene.light) else 2  # the plate counts
+    path = {"type": "path", "max_depth": depth, "hide_emitters": True}
+    loaded = mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": sensor(mi, scene.camera),
+            "shape": shape_object(mi, scene.shape, mi.load_dict(_bsdf(scene, band))),
+            "integrator": {"type": "stokes", "path": path},
+        }
+        | lamps(mi, scene.light)
+    )
+    raw = mi.render(loaded, spp=sampling.samples, seed=sampling.seed)
+    stokes: Float32Array = np.asarray(raw)[..., [-12, -9, -6]]
+    return stokes
 
 
 def plate_image(
@@ -34,23 +102,25 @@ def plate_image(
 ) -> Float32Array:
     """Render one image (height, width) of one band through a polariser plate."""
     mi = mitsuba(variant)
-    turned = mi.ScalarTransform4f().translate([0, 0, PLATE_DISTANCE])
-    turned = turned @ mi.ScalarTransform4f().rotate([0, 1, 0], 180)
+    _, up, towards_camera = scene.camera.axes
+    turned = mi.ScalarTransform4f().look_at(
+        origin=(PLATE_DISTANCE * towards_camera).tolist(), target=[0, 0, 0], up=up.tolist()
+    )
     plate = {
         "type": "rectangle",
         "to_world": turned @ mi.ScalarTransform4f().scale(1.1),
-        # ϑ counts from the vertical, the plate's theta from its own x axis, the horizontal.
-        "bsdf": {"type": "polarizer", "theta": {"type": "uniform", "value": angle_deg + 90.0}},
+        "bsdf": _polariser(angle_deg),
     }
+    depth = 4 if is_polarised(scene.light) else 3
     loaded = mi.load_dict(
         {
             "type": "scene",
             "sensor": sensor(mi, scene.camera, PLATE_DISTANCE + 1.0),
             "shape": shape_object(mi, scene.shape, mi.load_dict(_bsdf(scene, band))),
-            "light": emitter(mi, scene.light),
-            "plate": plate,
-            "integrator": {"type": "path", "max_depth": 3, "hide_emitters": True},
+            "camera plate": plate,
+            "integrator": {"type": "path", "max_depth": depth, "hide_emitters": True},
         }
+        | lamps(mi, scene.light)
     )
     image = np.asarray(mi.render(loaded, spp=sampling.samples, seed=sampling.seed))
     return image[..., 0]

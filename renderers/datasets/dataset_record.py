@@ -17,8 +17,12 @@ MAX_DATASET_BYTES = 1 << 28
 
 CONVENTIONS = {
     "image": "rows from the top; x to the right, y up, z towards the viewer",
-    "camera": "the image frame turns with a rolled camera; under a perspective one the reference"
-    " axis of a pixel is the horizontal across its ray",
+    "camera": "the image frame turns with a camera that is rolled or moved around the object;"
+    " under a perspective one the reference axis of a pixel is the horizontal across its ray",
+    "camera matrices": "intrinsics K and extrinsics [R | t] of every scene.json as OpenCV's: camera"
+    " axes x right, y down, z forward, R X + t of a point X of the world (x right, y up, z towards"
+    " an unmoved camera), pixel (0, 0) at the centre of the upper left one; of an orthographic"
+    " camera (u, v, 1) = K (x, y, 1)",
     "stokes": "linear, reference axis +x (horizontal), s2 > 0 at +45 degrees anticlockwise as"
     " displayed; S3 is not rendered and stored as zero",
     "polariser angle": "transmission axis, anticlockwise from the vertical (+y) as displayed:"

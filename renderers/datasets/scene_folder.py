@@ -84,8 +84,18 @@ class StoredFile(Model):
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 
 
+class CameraMatrices(Model):
+    """Where a scene's camera stands and how it images, as OpenCV counts: see `Camera`."""
+
+    intrinsics: tuple[tuple[float, float, float], ...] = Field(min_length=3, max_length=3)
+    extrinsics: tuple[tuple[float, float, float, float], ...] = Field(min_length=3, max_length=3)
+
+
 class SceneRecord(Model):
-    """Content of `scene.json`; `origin` names the renders that the truth comes from."""
+    """Content of `scene.json`; `origin` names the renders that the truth comes from.
+
+    Records from before cameras were moved have no `camera`.
+    """
 
     format: Literal["malus scene 1"] = "malus scene 1"
     scene: Scene
@@ -94,6 +104,7 @@ class SceneRecord(Model):
     dtypes: dict[FieldName, DType]
     interpolation_error: dict[str, float] = Field(default_factory=dict)
     samples: int | None = Field(default=None, ge=2)
+    camera: CameraMatrices | None = None
     files: dict[FileName, StoredFile]
     maps: dict[MapName, MapType] = Field(default_factory=dict)
     sensor: SensorRecord | None = None
@@ -268,6 +279,10 @@ def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName
         "dtypes": dtypes,
         "interpolation_error": truth.interpolation_error,
         "samples": truth.samples,
+        "camera": {
+            "intrinsics": truth.scene.camera.intrinsics().tolist(),
+            "extrinsics": truth.scene.camera.extrinsics().tolist(),
+        },
         "files": {path.name: _stored(path) for path in sorted(folder.iterdir())},
     }
     # Scenes without these have the record that they always had.

@@ -29,6 +29,7 @@ from malus.renderers.mitsuba.shading import Shading
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
+from malus.scenes.lights.polarised import is_polarised
 from malus.scenes.scene import Sampling, Scene
 
 __all__ = ["Family", "FamilyKey", "render_family"]
@@ -154,6 +155,10 @@ def _render(
 ) -> Lobes:
     """Stokes samples of both lobes at every node."""
     if not variant.vectorised:
+        if is_polarised(key.light):
+            hint = "install LLVM 17 or later (`malus doctor` says how), or leave `polarised` out"
+            where, expected = f"light {key.light.label}", "LLVM or CUDA for polarised light"
+            raise InputError(where, expected, variant.name, hint)
         return stokes_integrator.render_lobes(variant, key, nodes, sampling)
     specular, diffuse = bsdfs(variant, nodes, key.alpha, key.body, key.measured)
     replay = options.where is None and key.measured is None

@@ -1,7 +1,8 @@
 """Importance sampling of the light at a hit: random directions towards it, and their weights.
 
-A sampler is called with a hit and returns pairs of a local direction towards the light and a
-weight, the radiance divided by the probability density of that direction. Where directions are
+A sampler is called with a hit and returns a local direction towards the light, a weight, the
+radiance divided by the probability density of that direction, and the Stokes vector of the light
+over its radiance, in Mitsuba's frame of that direction. Where directions are
 drawn both from the light and from the BSDF, the balance heuristic of Veach and Guibas (SIGGRAPH
 1995) divides by the sum of both densities. The densities of Mitsuba's BSDFs used here do not depend
 on η, so that the same directions serve every node.
@@ -18,10 +19,13 @@ import numpy as np
 
 from malus.scenes.lights.environment import radiance_map
 from malus.scenes.lights.lights import Area, Distant, Environment, Light, Sky, Uniform
+from malus.scenes.lights.polarised import Oscillation, oscillation
 from malus.scenes.lights.sky import parts
 
-Draws = list[tuple[Any, Any]]
+Pairs = list[tuple[Any, Any]]
 """Pairs of (local direction, weight)."""
+Draws = list[tuple[Any, Any, list[Any]]]
+"""Triples of (local direction, weight, Stokes vector over s0: of one component if unpolarised)."""
 
 
 @dataclass
@@ -32,10 +36,15 @@ class Sampler:
     """
 
     parts: list[Any]
+    polarised: list[Any]
 
     def __call__(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
-        """Directions and weights for a hit, some of them drawn from the BSDF."""
-        return [pair for part in self.parts for pair in part.draws(hit, bsdf, random, valid)]
+        """Directions, weights and Stokes vectors for a hit, some of them drawn from the BSDF."""
+        return [
+            (direction, weight, polarised.stokes(hit.to_world(direction)))
+            for part, polarised in zip(self.parts, self.polarised, strict=True)
+            for direction, weight in part.draws(hit, bsdf, random, valid)
+        ]
 
 
 def sampler(mi: ModuleType, light: Light, scene: Any) -> Sampler:
@@ -44,7 +53,9 @@ def sampler(mi: ModuleType, light: Light, scene: Any) -> Sampler:
     A radiance map is taken from `scene`, which also holds the objects: on CUDA a kernel can trace
     rays in one scene only.
     """
-    return Sampler([_part(mi, part, scene) for part in parts(light)])
+    several = parts(light)
+    polarised = [_polarised(mi, oscillation(part)) for part in several]
+    return Sampler([_part(mi, part, scene) for part in several], polarised)
 
 
 def radiance_map_of(light: Light) -> Environment | Sky | None:
@@ -62,6 +73,62 @@ def _part(mi: ModuleType, light: Light, scene: Any) -> Any:
         span = _constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
         return _Area(_vector(mi, light.direction), span, _constant(mi, light.radiance))
     return _Environment(scene.environment())
+
+
+def _polarised(mi: ModuleType, how: Oscillation | None) -> Any:
+    if how is None:
+        return _Unpolarised()
+    kind = _Scattered if how.scattered else _Filtered
+    return kind(_vector(mi, how.axis), _constant(mi, how.degree))
+
+
+@dataclass
+class _Unpolarised:
+    def stokes(self, _toward: Any) -> list[Any]:
+        import mitsuba as mi
+
+        return [mi.Float(1.0)]
+
+
+@dataclass
+class _Filtered:
+    """`Oscillation` of the light behind a polariser."""
+
+    axis: Any
+    degree: Any
+
+    def stokes(self, toward: Any) -> list[Any]:
+        x, y = _across(toward, self.axis)
+        return _stokes(x, y, self.degree / (x * x + y * y))
+
+
+@dataclass
+class _Scattered:
+    """`Oscillation` of the light of a sky."""
+
+    axis: Any
+    degree: Any
+
+    def stokes(self, toward: Any) -> list[Any]:
+        x, y = _across(toward, self.axis)
+        return _stokes(x, y, self.degree / (2.0 - x * x - y * y))
+
+
+def _across(toward: Any, axis: Any) -> tuple[Any, Any]:
+    """Components of toward × axis in Mitsuba's frame of light that travels along −toward."""
+    import drjit as dr
+    import mitsuba as mi
+
+    horizontal = mi.mueller.stokes_basis(-toward)
+    along = dr.cross(toward, axis)
+    # The frame's y axis is its z axis, the way the light goes, times its x axis.
+    return dr.dot(along, horizontal), dr.dot(along, dr.cross(-toward, horizontal))
+
+
+def _stokes(x: Any, y: Any, scale: Any) -> list[Any]:
+    import mitsuba as mi
+
+    return [mi.Float(1.0), (x * x - y * y) * scale, 2.0 * x * y * scale]
 
 
 def _constant(mi: ModuleType, value: float) -> Any:
@@ -90,7 +157,7 @@ class _Distant:
     direction: Any
     irradiance: Any
 
-    def draws(self, hit: Any, _bsdf: Any, _random: Any, valid: Any) -> Draws:
+    def draws(self, hit: Any, _bsdf: Any, _random: Any, valid: Any) -> Pairs:
         import drjit as dr
 
         return [(hit.to_local(self.direction), dr.select(valid, self.irradiance, 0.0))]
@@ -100,7 +167,7 @@ class _Distant:
 class _Uniform:
     radiance: Any
 
-    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Pairs:
         import drjit as dr
 
         direction, density = _from_bsdf(hit, bsdf, random, valid)
@@ -113,7 +180,7 @@ class _Area:
     span: Any
     radiance: Any
 
-    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Pairs:
         import drjit as dr
         import mitsuba as mi
 
@@ -139,7 +206,7 @@ class _Area:
 class _Environment:
     emitter: Any
 
-    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
+    def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Pairs:
         import drjit as dr
         import mitsuba as mi
 
@@ -171,8 +238,11 @@ class _Environment:
 
 
 def environment_emitter(mi: ModuleType, light: Environment | Sky) -> dict[str, Any]:
-    """Mitsuba's `envmap` of a radiance map, turned about z by the light's `turn_deg`."""
+    """Mitsuba's `envmap` of a radiance map, turned as the light is."""
     values = radiance_map(light)
     bitmap = mi.Bitmap(np.ascontiguousarray(np.repeat(values[..., None], 3, axis=-1)))
-    turn = mi.ScalarTransform4f().rotate([0, 0, 1], light.turn_deg)
-    return {"type": "envmap", "bitmap": bitmap, "to_world": turn}
+    to_world = mi.ScalarTransform4f().rotate([0, 0, 1], light.turn_deg)
+    if light.tilt_deg or light.heading_deg:
+        tilt = mi.ScalarTransform4f().rotate([1, 0, 0], light.tilt_deg)
+        to_world = to_world @ tilt @ mi.ScalarTransform4f().rotate([0, 1, 0], light.heading_deg)
+    return {"type": "envmap", "bitmap": bitmap, "to_world": to_world}

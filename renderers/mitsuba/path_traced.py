@@ -229,12 +229,12 @@ class Room:
 
         mi, valid, bsdf = self.mi, hit.is_valid(), hit.bsdf()
         arriving = []
-        for direction, weight in light(hit, bsdf, draws, valid):
+        for direction, weight, stokes in light(hit, bsdf, draws, valid):
             ray = hit.spawn_ray(hit.to_world(direction))
             ray.maxt = mi.Float(self.ray_length)
             matters = valid & (weight > 0) & (direction.z > 0)  # as `CameraView.incoming`
             shadow = self.scene.ray_test(ray, matters)
-            arriving.append((direction, dr.select(shadow, 0.0, weight), [mi.Float(1.0)]))
+            arriving.append((direction, dr.select(shadow, 0.0, weight), stokes))
         if self.path is None:
             return arriving
         u, uv = draws.next_float32(), mi.Point2f(draws.next_float32(), draws.next_float32())
@@ -242,6 +242,7 @@ class Room:
         usable = valid & (drawn.pdf > 0)
         ray = mi.RayDifferential3f(hit.spawn_ray(hit.to_world(drawn.wo)))
         radiance, _, _ = self.path.sample(self.scene, path_sampler, ray, None, usable)
+        # The light of lamps that other objects reflect is Mitsuba's, whose lamps are unpolarised.
         stokes = [radiance[row, 0][0] for row in range(4)]
         return [*arriving, (drawn.wo, dr.select(usable, 1.0 / drawn.pdf, 0.0), stokes)]
 

@@ -52,12 +52,14 @@ class Shading:
 
         context = mi.BSDFContext()
         values = [mi.Float(0.0) for _ in range(3 * len(bsdfs))]
-        for direction, weight in incoming:
+        for direction, weight, arriving in incoming:
             for k, bsdf in enumerate(bsdfs):
                 mueller = bsdf.eval(context, hit, direction, valid)
                 mueller = hit.to_world_mueller(mueller, -direction, hit.wi)
                 # Unpolarised light becomes the first column of the Mueller matrix.
-                stokes = [mueller[row, 0] for row in range(3)]
+                stokes = [
+                    sum(mueller[row, j] * s for j, s in enumerate(arriving)) for row in range(3)
+                ]
                 # Turning this vector is cheaper to trace than turning the whole matrix.
                 for row in (1, 2):
                     turned = to_camera[row, 1] * stokes[1] + to_camera[row, 2] * stokes[2]
@@ -75,18 +77,18 @@ class CameraView:
     convex: bool
 
     def incoming(self, hit: Any, light: Sampler, bsdf: Any, random: Any, valid: Any) -> Draws:
-        """Directions and weights of the light that reaches a hit."""
+        """Directions, weights and Stokes vectors of the light that reaches a hit."""
         import drjit as dr
 
         draws = light(hit, bsdf, random, valid)
         if self.convex:
             return draws
         unshadowed = []
-        for direction, weight in draws:
+        for direction, weight, stokes in draws:
             # Below the horizon a BSDF is zero, and what was drawn past the lamp has no weight.
             matters = valid & (weight > 0) & (direction.z > 0)
             shadow = self.scene.ray_test(hit.spawn_ray(hit.to_world(direction)), matters)
-            unshadowed.append((direction, dr.select(shadow, 0.0, weight)))
+            unshadowed.append((direction, dr.select(shadow, 0.0, weight), stokes))
         return unshadowed
 
 

@@ -41,7 +41,7 @@ def sensor(
     else:
         lens = {"type": "orthographic"}
     to_world = mi.ScalarTransform4f().look_at(
-        origin=[0, 0, distance], target=[0, 0, 0], up=camera.axes[1].tolist()
+        origin=(distance * camera.axes[2]).tolist(), target=[0, 0, 0], up=camera.axes[1].tolist()
     )
     if camera.projection == "orthographic":
         to_world = to_world @ mi.ScalarTransform4f().scale(

@@ -69,10 +69,10 @@ def radiance_map(light: Environment | Sky) -> Float32Array:
     return _valid_radiance(readers[suffix](path), path)
 
 
-def directions(height: int, width: int, turn_deg: float = 0.0) -> Float64Array:
+def directions(height: int, width: int, rotation: Float64Array | None = None) -> Float64Array:
     """Unit vectors towards the pixels' centres of a map, shape (height, width, 3).
 
-    `turn_deg` is the light's: the map turned about z, anticlockwise as an unrolled camera sees it.
+    `rotation` (3, 3) is the light's, from the map's axes to the world.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def directions(height: int, width: int, turn_deg: float = 0.0) -> Float64Array:
     sine = np.sin(polar)[:, None]
     x, z = sine * np.sin(turn), -sine * np.cos(turn)
     toward = np.stack([x, np.broadcast_to(np.cos(polar)[:, None], x.shape), z], axis=-1)
-    return toward @ _about_z(turn_deg).T if turn_deg else toward
+    return toward if rotation is None else toward @ rotation.T
 
 
 def solid_angles(height: int, width: int) -> Float64Array:
@@ -97,11 +97,6 @@ def solid_angles(height: int, width: int) -> Float64Array:
     """
     edges = np.cos(np.linspace(0.0, math.pi, height + 1))
     return (edges[:-1] - edges[1:])[:, None] * (2 * math.pi / width)
-
-
-def _about_z(turn_deg: float) -> Float64Array:
-    cosine, sine = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _studio() -> Float32Array:

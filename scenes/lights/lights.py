@@ -1,4 +1,4 @@
-"""Lights: unpolarised, with a flat spectrum, and far away."""
+"""Lights: with a flat spectrum, far away, and unpolarised unless they say otherwise."""
 
 from __future__ import annotations
 
@@ -7,13 +7,66 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field
 
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
+from malus.scenes.polarisation import polariser_angle_deg, polariser_axis
 
 Strength = Annotated[float, Field(ge=1e-9, le=1e9)]
 """Radiance or irradiance of a light; its square and its inverse must fit into float32."""
+
+
+Turn = Annotated[float, Field(ge=-360, le=360, exclude_if=lambda turn: turn == 0.0)]
+"""An angle of a light in degrees; at 0 it is left out, so that scenes keep their id."""
+
+
+class Polariser(Model):
+    """A linear polariser before a lamp.
+
+    `angle_deg` is that of its transmission axis, as a camera beside the lamp that looks at the
+    object displays it: anticlockwise from the vertical, which is the world's y axis (for a lamp
+    straight above −z, straight below +z). Before a lamp at the camera it therefore counts as a
+    polariser before the camera does: both pass light at equal angles, and are crossed 90° apart.
+    `degree` is the degree of polarisation of the light that leaves it: 1 behind an ideal one.
+
+    Examples
+    --------
+    >>> Distant(incidence_deg=0, polarised=Polariser(angle_deg=30)).label
+    'distant 0° polarised 30°'
+    """
+
+    angle_deg: float = Field(default=0.0, ge=-360, le=360)
+    degree: float = Field(default=1.0, gt=0, le=1)
+
+    @property
+    def label(self) -> str:
+        """End of a light's name in tables."""
+        share = "" if self.degree == 1.0 else f" to {self.degree:g}"
+        return f" polarised {self.angle_deg:g}°{share}"
+
+
+class SkyPolarisation(Model):
+    """The polarisation of a clear sky, whose light is sunlight scattered once: Rayleigh's pattern.
+
+    It oscillates across the plane of sun, sky and observer; its degree is
+    `degree` · sin²γ / (1 + cos²γ) at the angle γ from the sun, largest 90° away: see
+    `malus.scenes.lights.polarised`.
+
+    Examples
+    --------
+    >>> Sky(polarised=SkyPolarisation(degree=0.7)).label
+    'sky 45° polarised to 0.7'
+    """
+
+    degree: float = Field(default=0.8, gt=0, le=1)
+
+    @property
+    def label(self) -> str:
+        """End of a light's name in tables."""
+        return f" polarised to {self.degree:g}"
 
 
 class Uniform(Model):
@@ -35,11 +88,13 @@ class Uniform(Model):
 
 
 class Distant(Model):
-    """Unpolarised parallel light.
+    """Parallel light, unpolarised or `polarised` by a polariser before it.
 
-    `incidence_deg` is the angle between the direction to the light and the viewer, `azimuth_deg`
-    that of its projection on the image, anticlockwise from +x. An irradiance of π makes a white
-    Lambertian surface that faces the light as bright as under the uniform light of radiance 1.
+    `incidence_deg` is the angle between the direction to the light and the world's z axis, where
+    an unmoved camera stands, `azimuth_deg` that of its projection on the image of such a camera,
+    anticlockwise from +x. An irradiance of π makes a white Lambertian surface that faces the light
+    as bright as under the uniform light of radiance 1; it is that of the light which leaves the
+    polariser.
 
     Examples
     --------
@@ -51,15 +106,16 @@ class Distant(Model):
     incidence_deg: float = Field(ge=0, lt=180)
     azimuth_deg: float = Field(default=35.0, ge=-360, le=360)
     irradiance: Strength = math.pi
+    polarised: Polariser | None = Field(default=None, exclude_if=lambda value: value is None)
 
     @property
     def label(self) -> str:
         """Name in tables."""
-        return f"distant {self.incidence_deg:g}°"
+        return f"distant {self.incidence_deg:g}°" + _how(self.polarised)
 
     @property
     def direction(self) -> tuple[float, float, float]:
-        """Unit vector towards the light in the image frame.
+        """Unit vector towards the light in the world.
 
         Examples
         --------
@@ -79,20 +135,15 @@ class Distant(Model):
         >>> Distant.towards((0, 2, 2)).incidence_deg
         45.0
         """
-        x, y, z = map(float, direction)
-        incidence = math.degrees(math.atan2(math.hypot(x, y), z))
-        return cls(
-            incidence_deg=min(incidence, 180.0 - 1e-9),
-            azimuth_deg=math.degrees(math.atan2(y, x)),
-            irradiance=irradiance,
-        )
+        return cls.model_validate(_angles(direction) | {"irradiance": irradiance})
 
 
 class Area(Model):
     """A round lamp far away, equally bright all over, that subtends a cone of directions.
 
     `half_angle_deg` is the cone's half angle, the other angles are those of its axis as for
-    `Distant`.
+    `Distant`. A flat polariser before it faces the object; what crosses it obliquely oscillates
+    across its absorbing axis, as behind a sheet polariser.
 
     Examples
     --------
@@ -105,23 +156,49 @@ class Area(Model):
     azimuth_deg: float = Field(default=35.0, ge=-360, le=360)
     half_angle_deg: float = Field(default=20.0, gt=0, le=80)
     radiance: Strength = 8.0
+    polarised: Polariser | None = Field(default=None, exclude_if=lambda value: value is None)
 
     @property
     def label(self) -> str:
         """Name in tables."""
-        return f"area {self.incidence_deg:g}°"
+        return f"area {self.incidence_deg:g}°" + _how(self.polarised)
 
     @property
     def direction(self) -> tuple[float, float, float]:
-        """Unit vector towards the middle of the lamp in the image frame."""
+        """Unit vector towards the middle of the lamp in the world."""
         return _direction(self.incidence_deg, self.azimuth_deg)
 
 
-class Environment(NamedFile):
+class AllAround(Model):
+    """How a light from all around is turned in the world: about y, then about x, then about z.
+
+    Attributes
+    ----------
+    heading_deg : turn about the vertical; its front, in which the camera stands, goes to the right
+    tilt_deg : turn about +x; its top comes towards the viewer
+    turn_deg : turn about the viewing axis, anticlockwise in the image of an unmoved camera
+
+    Examples
+    --------
+    >>> (AllAround(tilt_deg=90).rotation @ [0, 1, 0]).round(9).tolist()
+    [0.0, 0.0, 1.0]
+    """
+
+    turn_deg: Turn = 0.0
+    tilt_deg: Turn = 0.0
+    heading_deg: Turn = 0.0
+
+    @property
+    def rotation(self) -> Float64Array:
+        """Rotation matrix (3, 3) from the light's own axes to the world."""
+        return _about(2, self.turn_deg) @ _about(0, self.tilt_deg) @ _about(1, self.heading_deg)
+
+
+class Environment(NamedFile, AllAround):
     """Light from all around: a radiance map that malus brings, or an EXR or HDR file.
 
-    Maps are equirectangular with y up: see `malus.scenes.lights.environment`. `turn_deg` turns the
-    map about the viewing axis, anticlockwise in the image of an unrolled camera.
+    Maps are equirectangular with y up: see `malus.scenes.lights.environment`, and turned as
+    `AllAround` says.
 
     Examples
     --------
@@ -131,7 +208,6 @@ class Environment(NamedFile):
 
     kind: Literal["environment"] = "environment"
     name: str = Field(default="studio", min_length=1)
-    turn_deg: float = Field(default=0.0, ge=-360, le=360, exclude_if=lambda turn: turn == 0.0)
     file_kind: ClassVar[str] = "radiance map"
 
     @property
@@ -145,14 +221,15 @@ class Environment(NamedFile):
         return f"environment {Path(self.name).stem}"
 
 
-class Sky(Model):
+class Sky(AllAround):
     """A clear sky by day, with its sun or without, above a dark ground; y is up.
 
     The model of Hosek and Wilkie, as Mitsuba's: see `malus.scenes.lights.sky`. `sun_azimuth_deg`
     counts from straight behind the viewer, over the right, to straight ahead at 180. `turbidity` is
-    2 for clear air, 10 for haze. Like every light the sky is unpolarised and has one radiance for
-    all bands, that of its light at `wavelength_nm`: its colours take a scene for every wavelength.
-    `turn_deg` turns it about the viewing axis as it does an `Environment`.
+    2 for clear air, 10 for haze. Like every light the sky has one radiance for all bands, that of
+    its light at `wavelength_nm`: its colours take a scene for every wavelength. It is unpolarised
+    unless it is `polarised`; the light of the sun itself always is. `AllAround` says how it is
+    turned.
 
     Examples
     --------
@@ -166,12 +243,13 @@ class Sky(Model):
     turbidity: float = Field(default=3.0, ge=1, le=10)
     sun: bool = True
     wavelength_nm: float = Field(default=550.0, ge=400, le=720)
-    turn_deg: float = Field(default=0.0, ge=-360, le=360, exclude_if=lambda turn: turn == 0.0)
+    polarised: SkyPolarisation | None = Field(default=None, exclude_if=lambda value: value is None)
 
     @property
     def label(self) -> str:
         """Name in tables."""
-        return f"sky {self.sun_elevation_deg:g}°" + ("" if self.sun else " without sun")
+        sun = "" if self.sun else " without sun"
+        return f"sky {self.sun_elevation_deg:g}°{sun}" + _how(self.polarised)
 
     @property
     def to_sun(self) -> tuple[float, float, float]:
@@ -192,7 +270,7 @@ Light = Annotated[Uniform | Distant | Area | Environment | Sky, Field(discrimina
 
 
 def turned(light: Light, angle_deg: float) -> Light:
-    """Turn a light about the viewing axis, anticlockwise in the image of an unrolled camera.
+    """Turn a light about the viewing axis, anticlockwise in the image of an unmoved camera.
 
     Examples
     --------
@@ -201,10 +279,88 @@ def turned(light: Light, angle_deg: float) -> Light:
     """
     if angle_deg == 0.0 or isinstance(light, Uniform):
         return light
+    if isinstance(light, Distant | Area) and light.polarised:
+        return rotated(light, _about(2, angle_deg))
     key = "turn_deg" if isinstance(light, Environment | Sky) else "azimuth_deg"
     # Back into the keys' range, whatever the sum.
     angle = math.remainder(getattr(light, key) + angle_deg, 360.0)
     return light.model_copy(update={key: angle})
+
+
+def rotated(light: Light, rotation: Float64Array) -> Light:
+    """A light turned by a rotation matrix (3, 3) about the origin, with its polariser.
+
+    Examples
+    --------
+    >>> quarter = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    >>> round(rotated(Distant(incidence_deg=60, azimuth_deg=90), quarter).incidence_deg, 9)
+    30.0
+    """
+    if isinstance(light, Uniform):
+        return light
+    if isinstance(light, Environment | Sky):
+        return light.model_copy(update=_turns(rotation @ light.rotation))
+    direction = rotation @ np.array(light.direction)
+    update: dict[str, object] = {**_angles(direction)}
+    if light.polarised:
+        axis = rotation @ transmission_axis(light)
+        angle = polariser_angle_deg(np.array(light.model_copy(update=update).direction), axis)
+        update["polarised"] = light.polarised.model_copy(update={"angle_deg": angle})
+    return light.model_copy(update=update)
+
+
+def transmission_axis(light: Distant | Area) -> Float64Array:
+    """Transmission axis (3,), a unit vector in the world, of the polariser before a lamp.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+
+    Examples
+    --------
+    >>> above = Distant(incidence_deg=90, azimuth_deg=90, polarised=Polariser(angle_deg=90))
+    >>> transmission_axis(above).tolist()
+    [-1.0, 0.0, 0.0]
+    """
+    if light.polarised is None:
+        raise ValueError("light: expected a polarised one, found an unpolarised")
+    return polariser_axis(np.array(light.direction), light.polarised.angle_deg)
+
+
+def _how(polarised: Polariser | SkyPolarisation | None) -> str:
+    return polarised.label if polarised else ""
+
+
+def _about(axis: int, turn_deg: float) -> Float64Array:
+    """Rotation matrix (3, 3) about x, y or z: 0, 1 or 2."""
+    cosine, sine = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    result = np.eye(3)
+    result[first, first] = result[second, second] = cosine
+    result[first, second], result[second, first] = -sine, sine
+    return result
+
+
+def _turns(rotation: Float64Array) -> dict[str, float]:
+    """The keys of `AllAround` whose rotation it is."""
+    toward_x, up, toward_z = (float(value) for value in rotation[2])
+    level = math.hypot(toward_x, toward_z)
+    tilt = math.atan2(up, level)
+    if level < 1e-12:  # straight up: turn and heading are about the same axis
+        heading, turn = 0.0, math.atan2(rotation[1, 0], rotation[0, 0])
+    else:
+        heading, turn = math.atan2(-toward_x, toward_z), math.atan2(-rotation[0, 1], rotation[1, 1])
+    angles = {"turn_deg": turn, "tilt_deg": tilt, "heading_deg": heading}
+    return {key: math.degrees(angle) for key, angle in angles.items()}
+
+
+def _angles(direction: Iterable[float]) -> dict[str, float]:
+    """Incidence and azimuth of a vector (x, y, z); straight behind is a billionth beside it."""
+    x, y, z = map(float, direction)
+    incidence = math.degrees(math.atan2(math.hypot(x, y), z))
+    azimuth = math.degrees(math.atan2(y, x))
+    return {"incidence_deg": min(incidence, 180.0 - 1e-9), "azimuth_deg": azimuth}
 
 
 def _direction(incidence_deg: float, azimuth_deg: float) -> tuple[float, float, float]:

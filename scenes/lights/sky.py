@@ -4,8 +4,8 @@ Source: Hosek and Wilkie, "An analytic model for full spectral sky-dome radiance
 (2012), and "Adding a solar-radiance function to the Hosek-Wilkie skylight model", IEEE CG&A 33
 (2013), as in Mitsuba's `sunsky`. `data/sky.npz` holds the authors' coefficients from
 Mitsuba's data files, for a ground of reflectance 0.3 (copyright 2012-2013 Lukas Hosek and
-Alexander Wilkie, `data/sky_licence.txt`). The light of a real sky is polarised; the model says
-nothing about that, and here the sky is unpolarised like every light. Below the horizon it is dark.
+Alexander Wilkie, `data/sky_licence.txt`). Below the horizon it is dark. The model says nothing of
+polarisation: that of a `polarised` sky is in `malus.scenes.lights.polarised`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from importlib import resources
 import numpy as np
 
 from malus.scenes.core.arrays import Float64Array
-from malus.scenes.lights.lights import Distant, Light, Sky, turned
+from malus.scenes.lights.lights import Distant, Light, Sky, rotated, turned
 
 STEP_NM, FIRST_NM = 40.0, 400.0
 """Step and first wavelength of the tables."""
@@ -41,9 +41,10 @@ def parts(light: Light) -> tuple[Light, ...]:
 
 
 def radiance(sky: Sky, toward: Float64Array) -> Float64Array:
-    """Radiance (...) of the sky without its sun at unit vectors (..., 3) of the image frame.
+    """Radiance (...) of the sky without its sun at unit vectors (..., 3).
 
-    In W m⁻² sr⁻¹ nm⁻¹; zero below the horizon. The sky's `turn_deg` is not applied.
+    In W m⁻² sr⁻¹ nm⁻¹; zero below the horizon. The vectors are in the sky's own axes, before it is
+    turned.
 
     Examples
     --------
@@ -80,7 +81,11 @@ def sun(sky: Sky) -> Distant:
         weight * np.interp(sky.sun_elevation_deg, elevations, table[:, band])
         for band, weight in _bands(sky.wavelength_nm)
     )
-    light = turned(Distant.towards(sky.to_sun, float(irradiance)), sky.turn_deg)
+    light: Light = Distant.towards(sky.to_sun, float(irradiance))
+    if sky.tilt_deg or sky.heading_deg:
+        light = rotated(light, sky.rotation)
+    else:
+        light = turned(light, sky.turn_deg)
     assert isinstance(light, Distant)
     return light
 

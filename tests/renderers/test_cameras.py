@@ -192,7 +192,7 @@ def test_lights_turn_with_the_image_of_a_rolled_camera(light: Light) -> None:
 
 
 def test_directions_of_a_map_turn_with_it() -> None:
-    plain, turn = directions(8, 16), directions(8, 16, turn_deg=90.0)
+    plain, turn = directions(8, 16), directions(8, 16, Environment(turn_deg=90.0).rotation)
     assert turn[..., 0] == pytest.approx(-plain[..., 1], abs=1e-12)
     assert turn[..., 1] == pytest.approx(plain[..., 0], abs=1e-12)
 
