@@ -14,7 +14,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from malus.scenes.camera import Camera
 from malus.scenes.core.errors import InputError, reading
@@ -26,10 +26,10 @@ from malus.scenes.lights.lights import Environment, Light
 from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.materials.measured import Measured, open_pbrdf
 from malus.scenes.materials.surface import Body, Surface
-from malus.scenes.scene import Sampling, Scene, Wavelengths
+from malus.scenes.scene import DEPTH_AMONG_OBJECTS, Sampling, Scene, Wavelengths
 from malus.scenes.shapes.patterns import ImageTexture
 from malus.scenes.shapes.shapes import MeshFile, Shape
-from malus.scenes.suite_surfaces import RefractiveIndex, SuiteMaterial, SuiteSurface, scene_surface
+from malus.scenes.suite_surfaces import SuiteMaterial, SuiteSurface, scene_surface, stand_in
 from malus.scenes.surroundings import Placed, Surroundings
 
 AnyShape = TypeVar("AnyShape", bound=Model)
@@ -97,6 +97,13 @@ class Suite(Model):
     def _all_surfaces(cls, value: Any) -> Any:
         return tuple(surfaces()) if value == "all" else value
 
+    @field_validator("sampling")
+    @classmethod
+    def _usual_depth(cls, sampling: Sampling, info: ValidationInfo) -> Sampling:
+        # Named or left out, the usual depth among objects is the same, and so is the suite's id.
+        usual = sampling.max_depth == DEPTH_AMONG_OBJECTS and info.data.get("surroundings")
+        return sampling.model_copy(update={"max_depth": None}) if usual else sampling
+
     @model_validator(mode="after")
     def _scenes_fit(self) -> Self:
         axes = self.shapes, self.surroundings or (None,), self.lights, self.surfaces, self.bodies
@@ -105,7 +112,7 @@ class Suite(Model):
             raise ValueError(f"at most {MOST_SCENES:,} scenes, which are {count:,} here")
         # Every item once is enough, and stays quick where the axes multiply to very many.
         materials = ((material, self.surfaces[0]) for material in self.materials)
-        surfaces = ((RefractiveIndex(eta=1.5), surface) for surface in self.surfaces)
+        surfaces = ((stand_in(self.materials), surface) for surface in self.surfaces)
         for material, surface in itertools.chain(materials, surfaces):
             for surroundings in axes[1]:
                 made_of = scene_surface(material, surface, self.bodies[0])

@@ -14,6 +14,7 @@ import numpy as np
 from malus.renderers.mitsuba.translate import emitter, sensor, shape_object, specular_bsdf
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.core.arrays import Float32Array
+from malus.scenes.materials.surface import Conductor, Dielectric
 from malus.scenes.polarisation import polarised
 from malus.scenes.scene import Sampling, Scene
 
@@ -22,11 +23,14 @@ PLATE_DISTANCE = 100.0
 
 
 def _bsdf(scene: Scene, band: int) -> dict[str, Any]:
-    """A BSDF with both the specular and the diffuse lobe."""
+    """A BSDF with both the specular and the diffuse lobe; a metal has the first alone."""
     surface = scene.surface
-    assert surface.alpha is not None
+    assert isinstance(surface, Dielectric | Conductor)
+    specular = specular_bsdf(scene.eta[band].item(), surface.facets)
+    if isinstance(surface, Conductor):
+        return specular
     albedo = {"type": "uniform", "value": float(surface.albedos(scene.wavelengths_nm)[band])}
-    return specular_bsdf(float(scene.eta[band]), surface.alpha) | {"diffuse_reflectance": albedo}
+    return specular | {"diffuse_reflectance": albedo}
 
 
 def plate_image(
@@ -78,7 +82,7 @@ class StokesByHand:
     ) -> list[Float32Array]:
         """Polariser images (height, width) of one band at every angle from one Stokes render."""
         self.parameters["shape.bsdf.eta.value"] = float(scene.eta[band])
-        self.parameters["shape.bsdf.alpha.value"] = scene.surface.alpha
+        self.parameters["shape.bsdf.alpha.value"] = scene.surface.isotropic_alpha
         self.parameters.update()
         raw = self.mi.render(self.scene, spp=sampling.samples, seed=sampling.seed)
         stokes = np.asarray(raw)[..., [-12, -9, -6]]
