@@ -12,7 +12,13 @@ from malus.scenes.core.arrays import NumberArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.lights.lights import Distant, Light, turned
-from malus.scenes.materials.surface import Patterned, Surface, anisotropic, has_metal
+from malus.scenes.materials.surface import (
+    Distribution,
+    Patterned,
+    Surface,
+    anisotropic,
+    has_metal,
+)
 from malus.scenes.shapes.patterns import ImageTexture
 from malus.scenes.shapes.shapes import CONVEX, Shape
 from malus.scenes.surroundings import Placed, Surroundings
@@ -124,6 +130,12 @@ class Scene(Model):
     def lobes_known(self) -> bool:
         """Whether specular and diffuse light can be told apart: not for a measured material."""
         return self.surface.kind != "measured"
+
+    @property
+    def distribution(self) -> Distribution | None:
+        """Distribution of the facets of all objects; None where they differ or nobody knows."""
+        names = {placed.surface.distribution for placed in self.objects}
+        return names.pop() if len(names) == 1 else None
 
     @property
     def light_in_image(self) -> Light:

@@ -27,6 +27,7 @@ from malus.renderers.mitsuba.patterns import (
     surface_shares,
 )
 from malus.renderers.mitsuba.shading import Shading
+from malus.renderers.mitsuba.translate import check_tangents
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
@@ -70,6 +71,7 @@ def render_family(
         raise ValueError(f"scenes: expected scenes of one family, found {len(keys)} families")
     key, chosen_variant, options = keys.pop(), variant or choose(), RenderOptions(errors, nodes)
 
+    check_tangents(scenes[0])
     mitsuba(
         chosen_variant
     )  # loaded first: what it prints of missing libraries is no warning of a render

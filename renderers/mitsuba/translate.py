@@ -14,9 +14,11 @@ import numpy as np
 
 from malus.renderers.mitsuba.lighting import environment_emitter
 from malus.scenes.camera import Camera
+from malus.scenes.core.errors import InputError
 from malus.scenes.lights.lights import Area, Distant, Light, Uniform
 from malus.scenes.lights.sky import parts
-from malus.scenes.materials.surface import AnyBody, Facets
+from malus.scenes.materials.surface import AnyBody, Facets, anisotropic
+from malus.scenes.scene import Scene
 from malus.scenes.shapes import geometry
 from malus.scenes.shapes.geometry import TriangleMesh
 from malus.scenes.shapes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
@@ -80,6 +82,23 @@ def tessellated(shape: Shape) -> TriangleMesh:
 
             return load_mesh(shape.checked(), shading=shape.shading)[0]
     raise TypeError(f"no mesh for {shape!r}")
+
+
+def check_tangents(scene: Scene) -> None:
+    """Check that meshes with anisotropic facets have coordinates, whose tangent these refer to.
+
+    Raises
+    ------
+    InputError
+        If a mesh file has none: Mitsuba would take any tangent, another one for each face.
+    """
+    for placed in scene.objects:
+        shape = placed.shape
+        on_a_mesh = isinstance(shape, MeshFile) and anisotropic(placed.surface)
+        if on_a_mesh and tessellated(shape).uv is None:
+            hint = "export them with the mesh, or give one number as alpha"
+            expected = "texture coordinates, as two alphas need them"
+            raise InputError(shape.path, expected, "a mesh without", hint)
 
 
 @contextlib.contextmanager
