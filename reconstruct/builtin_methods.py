@@ -31,7 +31,7 @@ _SPECULAR: dict[str, tuple[LobeModel, frozenset[str], str]] = {
     ),
     "shadowed": (
         lobes.microfacets("shadowed"),
-        _FACETS,
+        _FACETS | {"distribution"},
         "visible facets under uniform light, shadowed by their neighbours",
     ),
     "smooth": (lobes.smooth, _GEOMETRY, "Wolff's smooth surface: Fresnel at the zenith angle"),
@@ -42,7 +42,7 @@ _SPECULAR: dict[str, tuple[LobeModel, frozenset[str], str]] = {
     ),
     "lights": (
         known_lights,
-        _FACETS | {"light"},
+        _FACETS | {"distribution", "light"},
         "facets weighted by the radiance that each mirrors from known lights",
     ),
 }

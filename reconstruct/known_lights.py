@@ -9,13 +9,14 @@ a sum over directions,
 
 one matrix product for all pixels and bands. Where pixels have a direction to the camera or a
 surface of their own, nothing is shared, and `_pixelwise_stokes` sums pixel by pixel. D is
-Beckmann's distribution, G1 Smith's shadowing; the viewer's masking and the factor 1/(4 N·V) are
-common to all directions and cancel in s/s0.
+Beckmann's distribution, or GGX where the observation says so, G1 Smith's shadowing; the viewer's
+masking and the factor 1/(4 N·V) are common to all directions and cancel in s/s0.
 """
 
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,6 +47,7 @@ def known_lights(observation: Observation) -> StokesRatios:
     observation.require("normals")
     eta, alpha = uniform_eta(observation), uniform_alpha(observation)
     lamp = quadrature(light, _smallest_alpha(observation) if alpha is None else alpha)
+    ggx = observation.distribution == "ggx"
     shared = None
     if eta is not None and alpha is not None and observation.view_direction is None:
         shared = _facet_stokes(lamp, eta)
@@ -54,9 +56,10 @@ def known_lights(observation: Observation) -> StokesRatios:
         inside = block.mask & block.valid
         stokes: Image
         if shared is None:
-            stokes = _pixelwise_stokes(block, inside, lamp)
+            stokes = _pixelwise_stokes(block, inside, lamp, ggx)
         else:
-            stokes = _shared_stokes(block.normals[inside], lamp, block.alpha[0], shared)
+            facets = FacetsOfAll(float(block.alpha[0]), ggx)
+            stokes = _shared_stokes(block.normals[inside], lamp, facets, shared)
             stokes = stokes.reshape(len(stokes), shared.shape[1] // 3, 3)
         dark = stokes[..., 0] < DARK
         # Rounding must not lift a degree of polarisation above one.
@@ -89,17 +92,24 @@ def _facet_stokes(lamp: Directions, eta: EtaArray) -> Float32Array:
     return scaled.reshape(len(x), -1).astype(np.float32)
 
 
+class FacetsOfAll(NamedTuple):
+    """Roughness of all pixels, and whether facets are GGX, not Beckmann's."""
+
+    alpha: float
+    ggx: bool
+
+
 def _shared_stokes(
-    normals: Image, lamp: Directions, alpha: float, facet_stokes: Float32Array
+    normals: Image, lamp: Directions, facets: FacetsOfAll, facet_stokes: Float32Array
 ) -> Float32Array:
     """Stokes vectors (pixels, bands · 3) of pixels with one roughness, up to one factor."""
     block = max(1, BLOCK // len(lamp.power))
     if len(normals) <= block:
-        weights = _cached_weights(_ArrayKey(normals), lamp, alpha)
+        weights = _cached_weights(_ArrayKey(normals), lamp, facets)
         result: Float32Array = weights @ facet_stokes
         return result
     parts = [
-        _weights(normals[i : i + block], lamp, alpha) @ facet_stokes
+        _weights(normals[i : i + block], lamp, facets) @ facet_stokes
         for i in range(0, len(normals), block)
     ]
     return np.concatenate(parts)
@@ -120,21 +130,21 @@ class _ArrayKey:
 
 
 @functools.lru_cache(maxsize=1)
-def _cached_weights(normals: _ArrayKey, lamp: Directions, alpha: float) -> Float32Array:
+def _cached_weights(normals: _ArrayKey, lamp: Directions, facets: FacetsOfAll) -> Float32Array:
     """As `_weights`, kept for the next image of the same geometry."""
-    return _weights(normals.array, lamp, alpha)
+    return _weights(normals.array, lamp, facets)
 
 
-def _weights(normals: Image, lamp: Directions, alpha: float) -> Float32Array:
+def _weights(normals: Image, lamp: Directions, facets: FacetsOfAll) -> Float32Array:
     """Density of facets at each half vector times shadowing of the light: (pixels, K)."""
     from malus.reconstruct.known_light_kernels import weigh_facets
 
     weights = np.empty((len(normals), len(lamp.power)), np.float32)
-    weigh_facets(normals.astype(np.float64), lamp.half, lamp.toward, alpha, weights)
+    weigh_facets(normals.astype(np.float64), lamp.half, lamp.toward, *facets, weights)
     return weights
 
 
-def _pixelwise_stokes(block: Block, chosen: BoolArray, lamp: Directions) -> Float64Array:
+def _pixelwise_stokes(block: Block, chosen: BoolArray, lamp: Directions, ggx: bool) -> Float64Array:
     """Specular Stokes vectors (chosen pixels, bands, 3), up to one factor for the whole image."""
     from malus.reconstruct.known_light_kernels import sum_stokes
 
@@ -146,5 +156,6 @@ def _pixelwise_stokes(block: Block, chosen: BoolArray, lamp: Directions) -> Floa
     delta = excess(eta).astype(np.complex128)
     stokes = np.zeros((len(index), eta.shape[1], 3))
     normals = block.normals[index].astype(np.float64)
-    sum_stokes(normals, basis, alpha, delta, lamp.toward, lamp.power / lamp.power.max(), stokes)
+    power = lamp.power / lamp.power.max()
+    sum_stokes(normals, basis, alpha, delta, lamp.toward, power, ggx, stokes)
     return stokes

@@ -51,10 +51,15 @@ Lobe = ZenithTables | StokesRatios
 LobeModel = Callable[[Observation], Lobe]
 
 
-def microfacets(measure: Measure) -> LobeModel:
-    """The paper's model: ρ(θ, σ, η) of Equation 8 about the mean normal, for one measure."""
+def microfacets(asked: Measure) -> LobeModel:
+    """The paper's model: ρ(θ, σ, η) of Equation 8 about the mean normal, for one measure.
+
+    Facets have Gaussian slopes, unless `shadowed` is told of GGX facets.
+    """
 
     def prepare(observation: Observation) -> Lobe:
+        told_ggx = asked == "shadowed" and observation.distribution == "ggx"
+        measure: Measure = "shadowed_ggx" if told_ggx else asked
         observation.require("normals")
         eta, alpha = uniform_eta(observation), uniform_alpha(observation)
         if eta is None or alpha is None:

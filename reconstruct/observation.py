@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 import numpy as np
 
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray, FloatArray, NumberArray
 from malus.scenes.lights.lights import Light
+from malus.scenes.materials.surface import Distribution
 
 Image = FloatArray
 """An image (height, width, bands) or its pixels (pixels, bands), float32 or float64."""
@@ -49,7 +50,10 @@ class Observation:
     eta : (bands,) or (height, width, bands) or None
         Relative refractive index, complex for metals.
     alpha : float or (height, width) or None
-        Beckmann roughness; σ = 1/alpha².
+        Roughness of the facets; σ = 1/alpha². Of anisotropic ones the geometric mean of both.
+    distribution : 'beckmann' or 'ggx' or None
+        How the facets' normals are distributed. Methods take them for Beckmann's where they are
+        not told, and where surfaces of the image differ; `shadowed` and `lights` know GGX.
     light : Light or None
         A light of `malus.scenes`, in the image frame.
 
@@ -75,6 +79,7 @@ class Observation:
     eta: NumberArray | None = None
     alpha: float | Image | None = None
     light: Light | None = None
+    distribution: Distribution | None = None
 
     def __post_init__(self) -> None:
         """Check that the arrays belong together.
@@ -82,8 +87,11 @@ class Observation:
         Raises
         ------
         ValueError
-            Naming the array, the shape expected and the shape found.
+            Naming the array, the shape expected and the shape found; for another distribution.
         """
+        if self.distribution not in (None, *get_args(Distribution)):
+            names = " or ".join(get_args(Distribution))
+            raise ValueError(f"distribution: expected {names}, found {self.distribution!r}")
         if np.ndim(self.image) != 3:
             raise ValueError(f"image: expected (height, width, bands), found {self.image.shape}")
         height, width, bands = self.image.shape

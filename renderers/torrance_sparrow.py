@@ -43,7 +43,7 @@ def render_torrance_sparrow(
     Raises
     ------
     InputError
-        Another shape, light or body than these, or a perspective camera.
+        Another shape, light, body or distribution of facets than these, or a perspective camera.
 
     Examples
     --------
@@ -64,8 +64,8 @@ def render_torrance_sparrow(
     n_h = np.clip(normals @ half, 0.0, 1.0)[..., None]
     lit = (n_l > 0) & (n_v > 0) & mask[..., None]
     perpendicular, parallel = fresnel(float(VIEWER @ half), scene.eta.real)
-    assert scene.surface.alpha is not None
-    distribution = _beckmann(n_h, scene.surface.alpha)
+    assert scene.surface.isotropic_alpha is not None
+    distribution = _beckmann(n_h, scene.surface.isotropic_alpha)
     shape = distribution * masking(n_h, n_v, n_l, float(VIEWER @ half))
     # radiance = BRDF · E cos θ_L; the cosine cancels that of the BRDF's denominator
     lobe = np.where(lit, shape / (4.0 * np.where(lit, n_v, 1.0)), 0.0) * light.irradiance
@@ -102,6 +102,8 @@ def _checked_light(scene: Scene, normals: Float64Array | None) -> Distant:
         raise InputError(where, "the same surface all over", "a pattern", hint)
     if scene.surface.body != "unpolarised":
         raise InputError(where, "an unpolarised body", scene.surface.body, hint)
+    if scene.surface.distribution != "beckmann":
+        raise InputError(where, "Beckmann's facets", str(scene.surface.distribution), hint)
     return light
 
 

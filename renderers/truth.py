@@ -45,7 +45,7 @@ class Truth:
         Relative refractive index where it varies over the image, complex if any is. None where it
         is that of the scene's surface everywhere. `eta` returns the one that applies.
     alpha_map : (height, width) or None
-        Beckmann roughness where it varies over the image, likewise; `alpha` returns it.
+        Roughness where it varies over the image, likewise; `alpha` returns it.
     normal_spread : (height, width) or None
         How far the normals within a pixel differ, degrees: the angle whose cosine is the length of
         the mean of all unit normals in it. None where nobody measured it.
@@ -53,6 +53,10 @@ class Truth:
         Further maps that a dataset stores, see `malus.scenes.maps`; a dataset reads them apart.
     frame : SensorFrame or None
         What a polarisation camera makes of the Stokes image, likewise.
+    s3, s3_noise, s3_standard_error : (height, width, bands) or None
+        Fourth Stokes component of the image, all of it in the specular lobe, one draw of its error,
+        and its standard error. None where it is zero by the laws of reflection
+        (`malus.scenes.scene.may_be_circular`).
 
     Examples
     --------
@@ -80,6 +84,9 @@ class Truth:
     normal_spread: FloatArray | None = None
     maps: Mapping[MapName, AnyArray] = field(default_factory=dict)
     frame: SensorFrame | None = None
+    s3: FloatArray | None = None
+    s3_noise: FloatArray | None = None
+    s3_standard_error: FloatArray | None = None
 
     @property
     def eta(self) -> NumberArray:
@@ -91,8 +98,11 @@ class Truth:
 
     @property
     def alpha(self) -> float | FloatArray:
-        """Beckmann roughness, one number or (height, width); NaN where it is unknown."""
-        alpha = self.scene.surface.alpha if self.alpha_map is None else self.alpha_map
+        """Roughness, one number or (height, width); NaN where it is unknown.
+
+        Of anisotropic facets the geometric mean of both.
+        """
+        alpha = self.scene.surface.isotropic_alpha if self.alpha_map is None else self.alpha_map
         return math.nan if alpha is None else alpha
 
     @property
@@ -132,4 +142,15 @@ class Truth:
             standard_error=self.standard_error * np.sqrt(2.0, dtype=self.standard_error.dtype),
             specular_noise=np.zeros_like(self.specular_noise),
             diffuse_noise=np.zeros_like(self.diffuse_noise),
+            **self._shifted_s3(sign),
         )
+
+    def _shifted_s3(self, sign: float) -> dict[str, FloatArray]:
+        if self.s3 is None or self.s3_noise is None or self.s3_standard_error is None:
+            return {}
+        root = np.sqrt(2.0, dtype=self.s3_standard_error.dtype)
+        return {
+            "s3": self.s3 + sign * self.s3_noise,
+            "s3_noise": np.zeros_like(self.s3_noise),
+            "s3_standard_error": self.s3_standard_error * root,
+        }

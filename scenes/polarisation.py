@@ -2,7 +2,8 @@
 
 Image frame: x to the right, y up, z towards the viewer. A linear Stokes vector (s0, s1, s2) has
 its reference axis along +x (horizontal) and s2 > 0 at +45 degrees anticlockwise as displayed.
-A polariser angle ϑ counts anticlockwise from the *vertical*, so that
+A fourth component s3, which no polariser shows, is positive where the field turns clockwise as
+displayed: right-handed. A polariser angle ϑ counts anticlockwise from the *vertical*, so that
 
     I(ϑ) = ½ (s0 − s1 cos 2ϑ − s2 sin 2ϑ).
 

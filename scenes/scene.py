@@ -12,13 +12,27 @@ from malus.scenes.core.arrays import NumberArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.lights.lights import Distant, Light, rotated, turned
-from malus.scenes.materials.surface import Patterned, Surface
+from malus.scenes.lights.polarised import is_polarised
+from malus.scenes.materials.surface import (
+    Distribution,
+    Patterned,
+    Surface,
+    anisotropic,
+    has_metal,
+)
 from malus.scenes.shapes.patterns import ImageTexture
-from malus.scenes.shapes.shapes import Shape
+from malus.scenes.shapes.shapes import CONVEX, Shape
 from malus.scenes.surroundings import Placed, Surroundings
 
 LEAST_INCIDENCE = 0.01
 """Least angle in degrees between viewer and distant light for a measured material."""
+
+
+DEPTH_AMONG_OBJECTS = 5
+"""Depth of light paths in scenes with surroundings, unless a sampling names another."""
+
+WITH_TANGENTS = ("sphere", "plane", "mesh")
+"""Kinds of shapes with coordinates, whose tangent dp/du anisotropic facets refer to."""
 
 
 def _increasing(wavelengths_nm: tuple[float, ...]) -> tuple[float, ...]:
@@ -76,6 +90,15 @@ class Scene(Model):
         return self
 
     @model_validator(mode="after")
+    def _tangents_of_the_shape(self) -> Self:
+        for placed in self.objects:
+            if anisotropic(placed.surface) and placed.shape.kind not in WITH_TANGENTS:
+                expected = f"two alphas on one of {', '.join(WITH_TANGENTS)}"
+                hint = "only these have a tangent; choose one alpha"
+                raise InputError("surface", expected, placed.shape.kind, hint)
+        return self
+
+    @model_validator(mode="after")
     def _light_beside_camera(self) -> Self:
         light = self.light_in_image
         straight = isinstance(light, Distant) and light.incidence_deg < LEAST_INCIDENCE
@@ -112,6 +135,12 @@ class Scene(Model):
         return self.surface.kind != "measured"
 
     @property
+    def distribution(self) -> Distribution | None:
+        """Distribution of the facets of all objects; None where they differ or nobody knows."""
+        names = {placed.surface.distribution for placed in self.objects}
+        return names.pop() if len(names) == 1 else None
+
+    @property
     def light_in_image(self) -> Light:
         """The light in the image frame, turned against where the camera stands and its roll."""
         if self.camera.moved:
@@ -119,12 +148,40 @@ class Scene(Model):
         return turned(self.light, -self.camera.roll_deg)
 
 
+def may_be_circular(scene: Scene, depth: int) -> bool:
+    """Whether the fourth Stokes component, s3, can be non-zero in the image of a scene.
+
+    That takes light that arrives polarised, from the lamp or by an earlier reflection, at a surface
+    that shifts the phases of its two directions against each other: a metal. A dielectric shifts
+    none without total reflection, which its index above 1 excludes, and diffuse light is
+    depolarised.
+
+    Parameters
+    ----------
+    scene : Scene
+    depth : int
+        Most straight pieces of a light path, `Sampling.depth`.
+
+    Examples
+    --------
+    >>> from malus.scenes import Conductor, Dielectric, Torus, Uniform
+    >>> gold = Conductor(material="gold", alpha=0.3)
+    >>> may_be_circular(Scene(shape=Torus(), surface=gold, light=Uniform()), depth=3)
+    True
+    >>> paint = Dielectric(eta=1.5, alpha=0.3)
+    >>> may_be_circular(Scene(shape=Torus(), surface=paint, light=Uniform()), depth=3)
+    False
+    """
+    arrives_polarised = depth > 2 or is_polarised(scene.light)
+    return arrives_polarised and any(has_metal(placed.surface) for placed in scene.objects)
+
+
 class Sampling(Model):
     """Effort of a Monte Carlo render: samples a pixel (even, for two independent halves), seed.
 
-    `max_depth` counts the straight pieces of a light path, as Mitsuba does, where a scene has
-    surroundings: 2 is light from one reflection, 3 from two. Scenes of one object are rendered at
-    depth 2.
+    `max_depth` counts the straight pieces of a light path, as Mitsuba does: 2 is light from one
+    reflection, 3 from two. Left out, it is 5 where a scene has surroundings, and 2 for one object,
+    which may light itself too: in its hollows, where `max_depth` is larger. `depth` tells.
 
     With a `target`, samples are added only until the noise is that small: the standard error of s1
     and s2, rms over the object's pixels and the bands, over the brightest pixel, in the noisiest
@@ -139,5 +196,25 @@ class Sampling(Model):
     samples: int = Field(default=64, ge=2, le=1 << 20, multiple_of=2)
     # The scalar variant makes 16 seeds of 32 bits of one.
     seed: int = Field(default=1, ge=0, lt=1 << 28)
-    max_depth: int = Field(default=5, ge=2, le=64, exclude_if=lambda depth: depth == 5)
+    max_depth: int | None = Field(default=None, ge=2, le=64, exclude_if=lambda depth: depth is None)
     target: float | None = Field(default=None, gt=0, lt=1, exclude_if=lambda error: error is None)
+
+    def depth(self, scene: Scene) -> int:
+        """Most straight pieces of a light path in a scene.
+
+        A sphere alone lights no point of itself, so that more than 2 would change nothing.
+
+        Examples
+        --------
+        >>> from malus.scenes import Dielectric, Sphere, Torus, Uniform
+        >>> paint = Dielectric(eta=1.5, alpha=0.3)
+        >>> ring = Scene(shape=Torus(), surface=paint, light=Uniform())
+        >>> ball = Scene(shape=Sphere(), surface=paint, light=Uniform())
+        >>> Sampling(max_depth=4).depth(ring), Sampling(max_depth=4).depth(ball)
+        (4, 2)
+        >>> Sampling().depth(ring)
+        2
+        """
+        if scene.surroundings is not None:
+            return self.max_depth or DEPTH_AMONG_OBJECTS
+        return 2 if scene.shape.kind in CONVEX else self.max_depth or 2

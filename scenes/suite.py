@@ -14,7 +14,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from malus.scenes.camera import Camera, Views
 from malus.scenes.core.errors import InputError, reading
@@ -29,11 +29,11 @@ from malus.scenes.materials.measured import Measured, open_pbrdf
 from malus.scenes.materials.surface import Body, Surface
 from malus.scenes.random_suite.random_scenes import RandomScenes, SceneDraws
 from malus.scenes.random_suite.splits import Splits
-from malus.scenes.scene import Sampling, Scene, Wavelengths
+from malus.scenes.scene import DEPTH_AMONG_OBJECTS, Sampling, Scene, Wavelengths
 from malus.scenes.sensor import Sensor, located
 from malus.scenes.shapes.patterns import ImageTexture
 from malus.scenes.shapes.shapes import MeshFile, Shape
-from malus.scenes.suite_surfaces import RefractiveIndex, SuiteMaterial, SuiteSurface, scene_surface
+from malus.scenes.suite_surfaces import SuiteMaterial, SuiteSurface, scene_surface, stand_in
 from malus.scenes.surroundings import Placed, Surroundings
 
 _AXES = ("shapes", "materials", "surfaces", "lights", "bodies", "surroundings", "views")
@@ -114,6 +114,13 @@ class Suite(Model):
     def _all_surfaces(cls, value: Any) -> Any:
         return tuple(surfaces()) if value == "all" else value
 
+    @field_validator("sampling")
+    @classmethod
+    def _usual_depth(cls, sampling: Sampling, info: ValidationInfo) -> Sampling:
+        # Named or left out, the usual depth among objects is the same, and so is the suite's id.
+        usual = sampling.max_depth == DEPTH_AMONG_OBJECTS and info.data.get("surroundings")
+        return sampling.model_copy(update={"max_depth": None}) if usual else sampling
+
     @model_validator(mode="after")
     def _axes_or_random(self) -> Self:
         given = [axis for axis in _AXES if getattr(self, axis) != _DEFAULTS.get(axis, ())]
@@ -145,7 +152,7 @@ class Suite(Model):
             raise ValueError(f"at most {MOST_SCENES:,} scenes, which are {count:,} here")
         # Every item once is enough, and stays quick where the axes multiply to very many.
         materials = ((material, self.surfaces[0]) for material in self.materials)
-        surfaces = ((RefractiveIndex(eta=1.5), surface) for surface in self.surfaces)
+        surfaces = ((stand_in(self.materials), surface) for surface in self.surfaces)
         for material, surface in itertools.chain(materials, surfaces):
             for surroundings in axes[1]:
                 made_of = scene_surface(material, surface, self.bodies[0])

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
+from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.core.registry import lookup
 from malus.scenes.materials.albedo import Albedo
 from malus.scenes.materials.materials import materials, surface, surfaces
 from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.metals import metals
-from malus.scenes.materials.surface import Body, Conductor, Dielectric, Patterned, Surface
+from malus.scenes.materials.surface import (
+    AnyAlpha,
+    Body,
+    Conductor,
+    Dielectric,
+    Distribution,
+    Patterned,
+    Surface,
+)
 from malus.scenes.shapes.patterns import Pattern
 
 
@@ -71,10 +81,16 @@ SuiteMaterial = Annotated[
 
 
 class Roughness(Model):
-    """A surface given by its roughness and the albedo of the body below it."""
+    """A surface given by its roughness and the albedo of the body below it.
 
-    alpha: float = Field(gt=0, le=1)
+    Two numbers as `alpha`, along dp/du and across, fit metals only.
+    """
+
+    alpha: AnyAlpha
     albedo: Albedo = 0.5
+    distribution: Distribution = Field(
+        default="beckmann", exclude_if=lambda name: name == "beckmann"
+    )
 
 
 def _surface_kind(value: Any) -> str | None:
@@ -156,6 +172,30 @@ def _uniform_surface(
     made_of = {"material": material} if isinstance(material, str) else material.model_dump()
     name = suite_surface if isinstance(suite_surface, str) else None
     coat = made_of | {"roughness": name, "alpha": rough.alpha}
-    if isinstance(material, ComplexIndex) or material in metals():
+    if isinstance(rough, Roughness):
+        coat["distribution"] = rough.distribution
+    if is_metal(material):
         return Conductor(**coat)
+    if isinstance(rough.alpha, tuple):
+        hint = "choose metals, or one number as alpha"
+        raise InputError(f"alpha {list(rough.alpha)}", "metals only", "a dielectric", hint)
     return Dielectric(**coat, albedo=rough.albedo, body=body)
+
+
+def is_metal(material: SuiteMaterial) -> bool:
+    """Whether a suite's material is a metal that is given by its index.
+
+    Examples
+    --------
+    >>> is_metal("gold"), is_metal("water")
+    (True, False)
+    """
+    return isinstance(material, ComplexIndex) or material in metals()
+
+
+def stand_in(materials: Iterable[SuiteMaterial]) -> ModelledMaterial:
+    """A material of any wavelength that surfaces have to fit: a metal where no other is meant."""
+    others = [item for item in materials if not isinstance(item, Measured)]
+    if others and all(map(is_metal, others)):
+        return ComplexIndex(eta=1.5, k=1.0)
+    return RefractiveIndex(eta=1.5)

@@ -60,7 +60,8 @@ NUMPY_WORDS = CONVENTIONS | {
     " standard_error, specular_noise, diffuse_noise"
     " (height, width, bands, 3); image (height, width, bands); normals (height, width, 3); mask"
     " and normal_spread (degrees; missing in older datasets) (height, width); wavelengths_nm, eta"
-    " (bands,); alpha; read with allow_pickle=False",
+    " (bands,); alpha; s3 (height, width, bands) where it can be non-zero; read with"
+    " allow_pickle=False",
 }
 PNG_WORDS = {
     "aolp_<band>nm.png": "angle of linear polarisation, from +x (horizontal), anticlockwise as"
@@ -186,6 +187,7 @@ def write_numpy(folder: Path, truth: Truth) -> None:
         wavelengths_nm=np.array(truth.scene.wavelengths_nm),
         eta=truth.eta,
         alpha=np.array(truth.alpha),
+        **({} if truth.s3 is None else {"s3": truth.s3}),
     )
 
 

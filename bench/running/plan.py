@@ -9,11 +9,11 @@ from typing import Any
 from malus.renderers.families.family import FamilyKey
 from malus.renderers.families.nodes import family_nodes
 from malus.renderers.families.patterned import with_part
-from malus.renderers.mitsuba.translate import CONVEX
 from malus.scenes.core.model import content_id
 from malus.scenes.lights.lights import Distant, Uniform
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 from malus.scenes.scene import Sampling, Scene
+from malus.scenes.shapes.shapes import CONVEX
 from malus.scenes.suite import Suite
 
 
@@ -67,7 +67,7 @@ def plan(suite: Suite) -> list[FamilyPlan]:
     groups: dict[FamilyKey, list[Scene]] = {}
     for scene in suite.scenes():
         groups.setdefault(FamilyKey.of(scene), []).append(scene)
-    ordered = sorted(groups.items(), key=lambda group: (group[0].alpha, _measured_file(group[0])))
+    ordered = sorted(groups.items(), key=lambda group: (group[0].facets, _measured_file(group[0])))
     return [_family(key, scenes, suite.sampling) for key, scenes in ordered]
 
 

@@ -132,7 +132,7 @@ def describe(scene: Scene) -> dict[str, Any]:
         "material": surface.material_label,
         "eta": float(scene.eta.real.mean()),
         "surface": surface.label,
-        "alpha": surface.alpha,
+        "alpha": surface.isotropic_alpha,
         "body": surface.body,
         "light": light.label,
         "incidence_deg": getattr(light, "incidence_deg", None),

@@ -75,12 +75,13 @@ def _colour_difference(truth: Truth, name: str, method: str) -> StokesMetric:
 
 
 def polarisation_error(truth: Truth) -> StokesMetric:
-    """Errors of DoLP, AoLP, s1, s2, I_max and I_min.
+    """Errors of DoLP, AoLP, s1, s2, I_max and I_min, and s3 where the truth has it.
 
     Mean absolute errors of DoLP and AoLP (degrees), RMSE of s1 and s2 over the peak, NMSE of I_max
-    and I_min.
+    and I_min. Methods estimate linear polarisation: their error of s3 is all of it.
     """
     relative = _RelativeStokes(truth)
+    circular = list(_circular(truth))
     noise = PolarisationError.of(relative.noisy, relative.true)
 
     def measure(stokes: FloatArray) -> Iterator[MetricValue]:
@@ -90,10 +91,22 @@ def polarisation_error(truth: Truth) -> StokesMetric:
         yield MetricValue("aolp_mae_deg", math.degrees(error.aolp.mean), aolp_noise_deg)
         yield MetricValue("s1_rmse", error.s1.rms, noise.s1.rms)
         yield MetricValue("s2_rmse", error.s2.rms, noise.s2.rms)
+        yield from circular
         yield MetricValue("nmse_i_max", error.i_max.mean_square, noise.i_max.mean_square)
         yield MetricValue("nmse_i_min", error.i_min.mean_square, noise.i_min.mean_square)
 
     return measure
+
+
+def _circular(truth: Truth) -> Iterator[MetricValue]:
+    """Rms of the true s3 over the peak, where the truth has one, and that of its noise."""
+    if truth.s3 is None or truth.s3_noise is None:
+        return
+    own, noise = (
+        PixelSums.of(s3[truth.mask].astype(np.float64) / peak(truth))
+        for s3 in (truth.s3, truth.s3_noise)
+    )
+    yield MetricValue("s3_rmse", own.rms, noise.rms)
 
 
 def psnr_values(truth: Truth) -> StokesMetric:

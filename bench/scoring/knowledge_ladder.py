@@ -21,7 +21,7 @@ EVERYTHING = "everything"
 RUNGS: dict[str, frozenset[str]] = {
     "lobes estimated": frozenset({"specular", "diffuse"}),
     "normals estimated": frozenset({"normals"}),
-    "index and roughness estimated": frozenset({"eta", "alpha"}),
+    "index and roughness estimated": frozenset({"eta", "alpha", "distribution"}),
     "light estimated": frozenset({"light"}),
 }
 """Inputs that become estimates at each rung, besides those of the rungs before."""
@@ -69,5 +69,5 @@ def _with_estimates(pixels: MaskedPixels, names: frozenset[str]) -> Observation:
     if "normals" in names:
         normals = estimates.require("normals")[truth.mask].astype(observation.image.dtype)
         observation = replace(observation, normals=np.stack([normals, normals]))
-    others = names & {"eta", "alpha", "light"}
+    others = names & {"eta", "alpha", "distribution", "light"}
     return replace(observation, **{name: getattr(estimates, name) for name in others})

@@ -22,6 +22,7 @@ _INPUTS: dict[str, Callable[[Truth], Any]] = {
     "normals": lambda truth: truth.normals,
     "eta": lambda truth: _unless_nan(truth.eta),
     "alpha": lambda truth: _unless_nan(truth.alpha),
+    "distribution": lambda truth: truth.scene.distribution,
     "light": lambda truth: truth.scene.light_in_image,
 }
 
@@ -38,8 +39,8 @@ def observe(truth: Truth, needs: frozenset[str]) -> Observation:
     ----------
     truth : Truth
     needs : set of str
-        Attributes of Observation: specular, diffuse, normals, eta, alpha, light. With normals or
-        light comes the direction to the camera, which gives them their meaning.
+        Attributes of Observation: specular, diffuse, normals, eta, alpha, distribution, light. With
+        normals or light comes the direction to the camera, which gives them their meaning.
 
     Returns
     -------

@@ -8,7 +8,8 @@ Gauss rule, which converges for whatever algebraic, logarithmic or layer-like en
 is shared with `malus.reconstruct`.
 
 With m = M·N = cos α and dω the solid angle of M, slopes obey r dr dφ = dω/m³, so
-eq8: dr dφ = dω/(m² sin α); visible: (cos γ/m) dω/m³; both times exp(−σ tan²α).
+eq8: dr dφ = dω/(m² sin α); visible: (cos γ/m) dω/m³; both times exp(−σ tan²α), for GGX facets
+(1 + σ tan²α)⁻².
 """
 
 from __future__ import annotations
@@ -66,8 +67,9 @@ def _elevations(theta: float, eta: complex, sigma: float, measure: str) -> list[
     n2 = (eta * eta).real
     if 0.0 < n2 < 1.0 and eta.imag == 0.0:
         breakpoints.append(math.asin(math.sqrt((1.0 - eta.real) * (1.0 + eta.real))))
-    if measure == "shadowed":
-        for edge in (quarter, math.atan(math.sqrt(sigma) / G1_END)):
+    if measure.startswith("shadowed"):
+        fit_ends = [] if measure == "shadowed_ggx" else [math.atan(math.sqrt(sigma) / G1_END)]
+        for edge in (quarter, *fit_ends):
             breakpoints += [quarter - abs(edge - theta) / 2.0, quarter - (edge + theta) / 2.0]
     inside = sorted((e for e in breakpoints if 0.0 <= e <= quarter), reverse=True)
     # Rounding of π/2 makes equal breakpoints differ by 1e-16.
@@ -115,6 +117,14 @@ def _shadowing(cos_light: Float64Array, sigma: float) -> Float64Array:
     return np.asarray(np.where(cos_light <= 0.0, 0.0, np.where(a >= G1_END, 1.0, fit)))
 
 
+def _shadowing_ggx(cos_light: Float64Array, sigma: float) -> Float64Array:
+    """Smith's G1 for GGX: 2 / (1 + √(1 + tan²θ/σ))."""
+    light = np.clip(cos_light, 1e-300, 1.0)
+    tangent = np.sqrt((1.0 - light) * (1.0 + light)) / light
+    g1 = 2.0 / (1.0 + np.hypot(1.0, np.minimum(tangent / np.sqrt(sigma), 1e150)))
+    return np.asarray(np.where(cos_light <= 0.0, 0.0, g1))
+
+
 def _azimuths(rings: _Rings, theta: float, sigma: float, measure: str) -> Float64Array:
     """Ascending breakpoints of β on every ring, (rings, k): horizon or edges of shadow."""
     ct, st = math.cos(theta), math.sin(theta)
@@ -123,6 +133,8 @@ def _azimuths(rings: _Rings, theta: float, sigma: float, measure: str) -> Float6
     if measure == "shadowed":
         far = 1.0 / math.sqrt(1.0 + sigma / G1_END**2)
         levels = [ct / (2.0 * c), (ct + far) / (2.0 * c)]  # L·N = 2 c m − cos θ
+    elif measure == "shadowed_ggx":
+        levels = [ct / (2.0 * c)]
     lever = np.maximum(st * s, 1e-300)
     inside = [np.arccos(np.clip((level - ct * c) / lever, -1.0, 1.0)) for level in levels]
     edges = [np.zeros_like(c), *inside, np.full_like(c, np.pi)]
@@ -145,13 +157,17 @@ def _around(
     hav = np.sin(offset / 2.0) ** 2 + st * s * turned
     m = np.maximum(1.0 - 2.0 * hav, 1e-12)
     sine2 = 4.0 * hav * (1.0 - hav)
-    density = np.where(m > 1e-12, weight * np.exp(-np.minimum(sigma * sine2 / m**2, 700.0)), 0.0)
+    steep = sigma * sine2 / m**2
+    slopes = (1.0 + steep) ** -2.0 if measure == "shadowed_ggx" else np.exp(-np.minimum(steep, 700))
+    density = np.where(m > 1e-12, weight * slopes, 0.0)
     if measure == "eq8":
         density = density / (m**2 * np.sqrt(np.maximum(sine2, 1e-300)))
     else:
         density = density * c / m**4
     if measure == "shadowed":
         density = density * _shadowing(2.0 * c * m - ct, sigma)
+    elif measure == "shadowed_ggx":
+        density = density * _shadowing_ggx(2.0 * c * m - ct, sigma)
     cos2 = 2.0 * np.square(1.0 - 2.0 * turned) - 1.0
     return np.sum(density * cos2, axis=(1, 2)), np.sum(density, axis=(1, 2))
 
@@ -159,9 +175,10 @@ def _around(
 def _dolp(theta: float, eta: complex, sigma: float, measure: str, order: int) -> float:
     """ρ with Gauss rules of one order."""
     rings = _rings(theta, eta, sigma, measure, order)
-    # A ring whose facets all have exp(−σ tan²α) below e^−150 adds nothing: F varies by < e^130.
     relevant = (rings.cosine > 0.0) & (rings.sine > 0.0)
-    relevant &= sigma * np.tan(np.clip(rings.offset, -1.5, 1.5)) ** 2 <= 150.0
+    if measure != "shadowed_ggx":
+        # A ring whose facets all have exp(−σ tan²α) below e^−150 adds nothing: F varies by < e^130.
+        relevant &= sigma * np.tan(np.clip(rings.offset, -1.5, 1.5)) ** 2 <= 150.0
     rings = _Rings(*(field[relevant] for field in rings))
     step = max(1, _CHUNK // (6 * _graded(order, 1e-17)[0].size))
     with_cosine, without_cosine = [], []

@@ -24,13 +24,18 @@ from numpy.typing import NDArray
 
 from malus.scenes.core.arrays import AnyArray, Float64Array
 
-Measure = Literal["eq8", "visible", "shadowed"]
-"""Weight of a facet: Equation 8 as printed; by projected area; shadowed by its neighbours too."""
+Measure = Literal["eq8", "visible", "shadowed", "shadowed_ggx"]
+"""Weight of a facet: Equation 8 as printed; by projected area; shadowed by its neighbours too; the
+same for facets whose slopes are distributed as (1 + σr²)⁻², GGX, instead of exp(−σr²)."""
+
+SHADOWED: tuple[Measure, ...] = ("shadowed", "shadowed_ggx")
 
 G1_END = 1.6  # Mitsuba's microfacet.h: G1 = 1 where a = 1/(alpha tan θ_L) >= 1.6
 _FAR = 1e300  # a slope that no integral reaches
 # √σ r that separates the bulk of the weight from a horizon much closer to r = 0.
 _BULK = 1.0
+# √σ r at which the weight of GGX facets begins to fall like a power: no cut is far enough.
+_TAIL = (1.0, 8.0)
 
 
 class Surfaces(NamedTuple):
@@ -63,16 +68,17 @@ def _touching(zenith: Float64Array, half_angle: Float64Array) -> list[Float64Arr
     ]
 
 
-def _shadow_slopes(surfaces: Surfaces) -> list[Float64Array]:
+def _shadow_slopes(surfaces: Surfaces, measure: Measure) -> list[Float64Array]:
     """Slopes at which the curves L·N = const touch a ring or cross the critical curve."""
     theta = surfaces.zenith
-    end = np.arctan(np.sqrt(surfaces.sigma) / G1_END)
-    slopes = [
-        np.tan(np.pi / 4 - theta / 2),
-        np.abs(np.tan((theta - end) / 2)),
-        np.tan((theta + end) / 2),
-    ]
-    for level in (np.zeros_like(theta), g1_end_cosine(surfaces.sigma)):
+    slopes, levels = [np.tan(np.pi / 4 - theta / 2)], [np.zeros_like(theta)]
+    if measure == "shadowed_ggx":
+        slopes += [bulk / np.sqrt(surfaces.sigma) for bulk in _TAIL]
+    else:
+        end = np.arctan(np.sqrt(surfaces.sigma) / G1_END)
+        slopes += [np.abs(np.tan((theta - end) / 2)), np.tan((theta + end) / 2)]
+        levels.append(g1_end_cosine(surfaces.sigma))
+    for level in levels:
         # L·N = 2 cos γ cos α − cos θ with cos γ at the critical angle
         double = np.maximum(2.0 * surfaces.critical, 1e-150)
         cos_alpha = np.clip((level + surfaces.cosine) / double, 1e-150, 1.0)
@@ -87,8 +93,8 @@ def slope_breaks(surfaces: Surfaces, measure: Measure, reach: Float64Array) -> F
     """
     last = reach / np.sqrt(surfaces.sigma)
     breaks = [np.zeros_like(last)]
-    if measure == "shadowed":
-        breaks += _shadow_slopes(surfaces)
+    if measure in SHADOWED:
+        breaks += _shadow_slopes(surfaces, measure)
         last = np.minimum(last, np.tan(np.pi / 4 + surfaces.zenith / 2))
     else:
         horizon = surfaces.cosine / surfaces.sine  # r = cot θ
@@ -109,11 +115,12 @@ def azimuth_breaks(r: Float64Array, surfaces: Surfaces, measure: Measure) -> Flo
     lever = np.maximum(r * surfaces.sine, 1e-300)
     per_cosine = np.hypot(1.0, r)  # 1 / cos α
     cosines = []
-    if measure == "shadowed":
+    if measure in SHADOWED:
         end = surfaces.cosine * (0.5 * per_cosine**2 - 1.0) / lever
+    if measure == "shadowed":
         jump = 0.5 * (g1_end_cosine(surfaces.sigma) + surfaces.cosine) * per_cosine**2
         cosines.append((jump - surfaces.cosine) / lever)
-    else:
+    elif measure != "shadowed_ggx":
         end = -surfaces.cosine / lever
     if np.any(surfaces.critical):
         crossing = (surfaces.critical * per_cosine - surfaces.cosine) / lever

@@ -63,6 +63,20 @@ def shadowing(cosine: float, root_sigma: float) -> float:
 
 
 @compiled
+def shadowing_ggx(cosine: float, root_sigma: float) -> float:
+    """Smith's G1 of a direction among GGX facets; 0 below the horizon.
+
+    `cosine` is that of the angle to N, `root_sigma` is √σ = 1/alpha. Source: Walter et al.,
+    "Microfacet models for refraction through rough surfaces", EGSR 2007, Equation 34.
+    """
+    if cosine <= 0.0:
+        return 0.0
+    sine2 = max((1.0 - cosine) * (1.0 + cosine), 0.0)
+    stretched = cosine * root_sigma
+    return 2.0 * stretched / (stretched + math.sqrt(stretched * stretched + sine2))
+
+
+@compiled
 def sum_over_azimuths(
     cosines: Any, weights: Any, ring: Any, r: Any, surfaces: Any, measure: int, sums: Any
 ) -> None:
@@ -70,7 +84,7 @@ def sum_over_azimuths(
 
     Factors that depend on r alone are left out. cosines (intervals, nodes): cos φ; weights
     (nodes,); ring (intervals,): index of each interval's slope and surface in `r` and in the fields
-    of `surfaces`; measure: 0 for eq8, 1 for visible, 2 for shadowed.
+    of `surfaces`; measure: 0 for eq8, 1 for visible, 2 for shadowed, 3 for shadowed_ggx.
     """
     for j in range(ring.size):
         i = ring[j]
@@ -92,7 +106,9 @@ def sum_over_azimuths(
             weight = weights[k]
             if measure > 0:
                 weight *= facing  # projected area (cos θ + r sin θ cos φ)₊
-            if measure > 1:
+            if measure == 2:
                 weight *= shadowing(2.0 * facing * inverse - cosine, root_sigma)
+            elif measure == 3:
+                weight *= shadowing_ggx(2.0 * facing * inverse - cosine, root_sigma)
             sums[j, 0] += weight * contrast * (y2 - x2) * inverse
             sums[j, 1] += weight * total

@@ -18,7 +18,13 @@ from typing import get_args
 
 import numpy as np
 
-from malus.reconstruct.facets.breakpoints import Measure, Surfaces, azimuth_breaks, slope_breaks
+from malus.reconstruct.facets.breakpoints import (
+    SHADOWED,
+    Measure,
+    Surfaces,
+    azimuth_breaks,
+    slope_breaks,
+)
 from malus.reconstruct.facets.rules import (
     Ladder,
     Rule,
@@ -36,6 +42,8 @@ _WORTH_THREADS = 8  # blocks from which on threads save time
 # exp(−32) = 1e-14 of the weight may be cut off, after facets at grazing incidence, which reflect
 # up to 1/F(0) times more, have been allowed for.
 _CUT = 32.0
+# √σ r at which GGX facets are cut off: the rest of the integral is a share of about its inverse.
+_FAR_TAIL = 1e10
 # |δ| below which grazing facets outshine all others within a layer of cos γ about √|δ| wide: so
 # tall and narrow that cheap rules could agree although none of their nodes lies in it.
 _THIN_LAYER = 0.1
@@ -63,8 +71,10 @@ def surfaces_at(zenith: Float64Array, eta: EtaArray, sigma: Float64Array) -> Sur
     )
 
 
-def _reach(surfaces: Surfaces) -> Float64Array:
-    """√σ r beyond which exp(−σr²) F is negligible for every facet."""
+def _reach(surfaces: Surfaces, measure: Measure) -> Float64Array:
+    """√σ r beyond which the weight of a facet times F is negligible for every facet."""
+    if measure == "shadowed_ggx":
+        return np.full(surfaces.sigma.shape, _FAR_TAIL)
     reflected = np.abs(surfaces.delta) / (np.abs(surfaces.delta) + 4.0)  # about √F(0)
     return np.asarray(np.sqrt(_CUT - 2.0 * np.log(reflected)))
 
@@ -93,11 +103,14 @@ def _ring_integrals(
 
 def _integrate(surfaces: Surfaces, measure: Measure, rung: Rung) -> Float64Array:
     """ρ (points,) of surfaces by the rules of one rung."""
-    low, width, row = _intervals(slope_breaks(surfaces, measure, _reach(surfaces)))
+    low, width, row = _intervals(slope_breaks(surfaces, measure, _reach(surfaces, measure)))
     nodes, weights = stretched(low, width, rung)
     r, point = nodes.ravel(), np.tile(row, len(nodes))
     ring_surfaces = surfaces.take(point)
-    weight = weights.ravel() * np.exp(-ring_surfaces.sigma * r * r)  # Equation 2
+    squared = ring_surfaces.sigma * r * r
+    # Equation 2, or GGX
+    slopes = (1.0 + squared) ** -2.0 if measure == "shadowed_ggx" else np.exp(-squared)
+    weight = weights.ravel() * slopes
     if measure != "eq8":
         weight *= r  # the Jacobian that Equation 8 leaves out
     polarised, total = _ring_integrals(r, ring_surfaces, measure, rung.inner)
@@ -155,9 +168,10 @@ def _stiff(surfaces: Surfaces, measure: Measure) -> BoolArray:
     size = np.abs(surfaces.delta)
     stiff = (size < _THIN_LAYER) | (size > _MIRROR)
     nearest = np.abs(np.tan(surfaces.zenith - np.arccos(surfaces.critical)))
-    kinked = (surfaces.critical > 0.0) & (nearest * np.sqrt(surfaces.sigma) < _reach(surfaces))
+    within = nearest * np.sqrt(surfaces.sigma) < _reach(surfaces, measure)
+    kinked = (surfaces.critical > 0.0) & within
     stiff |= kinked  # F leaves 1 like a square root at the critical angle
-    return np.asarray(stiff | (surfaces.sigma < _SPIKED) if measure == "shadowed" else stiff)
+    return np.asarray(stiff | (surfaces.sigma < _SPIKED) if measure in SHADOWED else stiff)
 
 
 def integrate_dolp(

@@ -88,9 +88,10 @@ def specular_dolp(
         reflected, the limit.
     sigma : array, > 0
         Exponent of the slope distribution exp(−σ tan²α), Equation 2; σ = 1/m².
-    measure : {"eq8", "visible", "shadowed"}
+    measure : {"eq8", "visible", "shadowed", "shadowed_ggx"}
         Weight of a facet: Equation 8 as printed; times slope Jacobian and projected area; times
-        Smith's shadowing of the mirrored direction as well.
+        Smith's shadowing of the mirrored direction as well. The last is that of GGX facets, whose
+        slopes are distributed as (1 + σr²)⁻² instead of exp(−σr²).
     tolerance : float
         Largest error of ρ. Thousands of points are interpolated to this error from few integrals.
 

@@ -213,7 +213,7 @@ class DolpTable(Table):
         Relative index, > 0; metals n + ik.
     sigma : float, > 0
         Exponent of the slope distribution.
-    measure : {"eq8", "visible", "shadowed"}
+    measure : {"eq8", "visible", "shadowed", "shadowed_ggx"}
 
     Raises
     ------

@@ -26,6 +26,7 @@ from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.core.arrays import Float32Array
 from malus.scenes.lights.lights import Area, Light
 from malus.scenes.lights.polarised import is_polarised
+from malus.scenes.materials.surface import Conductor, Dielectric
 from malus.scenes.polarisation import polarised
 from malus.scenes.scene import Sampling, Scene
 
@@ -34,13 +35,14 @@ PLATE_DISTANCE = 100.0
 
 
 def _bsdf(scene: Scene, band: int) -> dict[str, Any]:
-    """A BSDF with both the specular and the diffuse lobe."""
-    surface, eta = scene.surface, scene.eta[band].item()
-    assert surface.alpha is not None
-    if isinstance(eta, complex):
-        return specular_bsdf(eta, surface.alpha)
+    """A BSDF with both the specular and the diffuse lobe; a metal has the first alone."""
+    surface = scene.surface
+    assert isinstance(surface, Dielectric | Conductor)
+    specular = specular_bsdf(scene.eta[band].item(), surface.facets)
+    if isinstance(surface, Conductor):
+        return specular
     albedo = {"type": "uniform", "value": float(surface.albedos(scene.wavelengths_nm)[band])}
-    return specular_bsdf(eta, surface.alpha) | {"diffuse_reflectance": albedo}
+    return specular | {"diffuse_reflectance": albedo}
 
 
 def lamps(mi: ModuleType, light: Light) -> dict[str, Any]:
@@ -148,7 +150,7 @@ class StokesByHand:
     ) -> list[Float32Array]:
         """Polariser images (height, width) of one band at every angle from one Stokes render."""
         self.parameters["shape.bsdf.eta.value"] = float(scene.eta[band])
-        self.parameters["shape.bsdf.alpha.value"] = scene.surface.alpha
+        self.parameters["shape.bsdf.alpha.value"] = scene.surface.isotropic_alpha
         self.parameters.update()
         raw = self.mi.render(self.scene, spp=sampling.samples, seed=sampling.seed)
         stokes = np.asarray(raw)[..., [-12, -9, -6]]

@@ -24,7 +24,8 @@ CONVENTIONS = {
     " an unmoved camera), pixel (0, 0) at the centre of the upper left one; of an orthographic"
     " camera (u, v, 1) = K (x, y, 1)",
     "stokes": "linear, reference axis +x (horizontal), s2 > 0 at +45 degrees anticlockwise as"
-    " displayed; S3 is not rendered and stored as zero",
+    " displayed; S3 > 0 where the field turns clockwise as displayed (right-handed), kept where a"
+    " metal mirrors light that is polarised already, and zero elsewhere",
     "polariser angle": "transmission axis, anticlockwise from the vertical (+y) as displayed:"
     " I(angle) = (s0 - s1 cos 2 angle - s2 sin 2 angle) / 2",
     "radiance": "W m^-2 sr^-1 nm^-1 at the centre of each band, under lights of the scene's"

@@ -24,7 +24,7 @@ from malus.scenes.core.arrays import AnyArray
 Bands = tuple[float, ...]
 FieldName = Literal[
     "specular", "diffuse", "standard_error", "specular_noise", "diffuse_noise",
-    "normals", "eta_map", "alpha_map", "normal_spread",
+    "normals", "eta_map", "alpha_map", "normal_spread", "s3", "s3_noise", "s3_standard_error",
 ]  # fmt: skip
 DType = Literal["float32", "float64", "complex64", "complex128"]
 
@@ -35,6 +35,9 @@ MAPS: tuple[FieldName, ...] = ("eta_map", "alpha_map", "normal_spread")
 normals in a pixel differ, which older datasets do not tell."""
 _SINGLE: dict[FieldName, str] = {"alpha_map": "alpha", "normal_spread": "normal_spread"}
 """Channel of an array (height, width)."""
+S3: FieldName = "s3"
+S3_ERRORS: tuple[FieldName, ...] = ("s3_noise", "s3_standard_error")
+"""The fourth Stokes component and its errors, which a truth has where it can be non-zero."""
 FIELDS: tuple[FieldName, ...] = (*LOBES, *ERRORS, "normals")
 """Arrays that every truth has."""
 
@@ -48,7 +51,8 @@ def dtypes_of(truth: Truth) -> dict[FieldName, DType]:
         If an array has a shape or type that no truth has.
     """
     dtypes: dict[FieldName, DType] = {}
-    for name in (*FIELDS, *(name for name in MAPS if getattr(truth, name) is not None)):
+    optional = (name for name in (*MAPS, S3, *S3_ERRORS) if getattr(truth, name) is not None)
+    for name in (*FIELDS, *optional):
         array = getattr(truth, name)
         expected = (*truth.mask.shape, *_trailing(name, len(truth.scene.wavelengths_nm)))
         allowed = get_args(DType) if name == "eta_map" else get_args(DType)[:2]
@@ -66,6 +70,7 @@ def _trailing(name: FieldName, bands: int) -> tuple[int, ...]:
         "eta_map": (bands,),
         "alpha_map": (),
         "normal_spread": (),
+        **dict.fromkeys((S3, *S3_ERRORS), (bands,)),
     }
     return special.get(name, (bands, 3))
 
@@ -89,6 +94,9 @@ def planes(name: FieldName, array: AnyArray, bands: Bands) -> Channels:
             for part, values in parts.items()
             for index, band in enumerate(bands)
         }
+    if name in (S3, *S3_ERRORS):
+        named = enumerate(map(band_name, bands))
+        return {f"{name}.{band}": array[..., index] for index, band in named}
     return dict(stokes_channels(array, bands, prefix=f"{name}."))
 
 
@@ -108,6 +116,8 @@ def array_from_planes(
         index.real = n
         index.imag = np.stack([channels[f"eta.k.{band_name(band)}"] for band in bands], axis=-1)
         return index
+    if name in (S3, *S3_ERRORS):
+        return np.stack([channels[f"{name}.{band_name(band)}"] for band in bands], axis=-1)
     return stokes_from_channels(channels, bands, prefix=f"{name}.")
 
 

@@ -27,6 +27,8 @@ from malus.renderers.datasets.planes import (
     FIELDS,
     LOBES,
     MAPS,
+    S3,
+    S3_ERRORS,
     Bands,
     DType,
     FieldName,
@@ -120,6 +122,11 @@ class SceneRecord(Model):
         unknown = () if self.scene.lobes_known else ("diffuse.exr", "specular.exr")
         images = (name for name in IMAGES if name not in unknown)
         return (*images, *([EXACT] if self.doubles else []))
+
+    @property
+    def errors(self) -> tuple[FieldName, ...]:
+        """Names of the arrays in `error.exr`; those of s3 where the truth has it."""
+        return (*ERRORS, *(name for name in S3_ERRORS if name in self.dtypes))
 
     @property
     def geometry(self) -> tuple[FieldName, ...]:
@@ -257,11 +264,13 @@ def is_whole(folder: Path, record: SceneRecord) -> bool:
 
 def _write_files(folder: Path, truth: Truth, origin: str, dtypes: dict[FieldName, DType]) -> None:
     bands = truth.scene.wavelengths_nm
-    write_spectral(folder / "stokes.exr", truth.stokes, bands)
+    write_spectral(folder / "stokes.exr", truth.stokes, bands, truth.s3)
     lobes = LOBES if truth.scene.lobes_known else ()
     for name in lobes:
-        write_spectral(folder / f"{name}.exr", getattr(truth, name), bands)
-    write_exr(folder / "error.exr", _planes(truth, ERRORS))
+        s3 = truth.s3 if name == "specular" else None  # diffuse light has none
+        write_spectral(folder / f"{name}.exr", getattr(truth, name), bands, s3)
+    errors = [name for name in dtypes if name in (*ERRORS, *S3_ERRORS)]
+    write_exr(folder / "error.exr", _planes(truth, errors))
     geometry = _planes(truth, [name for name in dtypes if name in ("normals", *MAPS)])
     write_exr(folder / "geometry.exr", geometry | {MASK: truth.mask.astype(np.float32)})
     exact = words_of_doubles(_planes(truth, [name for name in dtypes if is_double(dtypes[name])]))
@@ -317,8 +326,11 @@ def _read_images(folder: Path, record: SceneRecord) -> dict[str, Any]:
     else:
         whole = read_spectral(folder / "stokes.exr", shape, bands)
         arrays = {"specular": whole, "diffuse": np.zeros_like(whole)}
-    errors = read_exr(folder / "error.exr", shape, _channels(record, ERRORS, bands))
-    arrays |= _arrays_from_channels(errors, record, ERRORS, bands)
+    if S3 in record.dtypes:
+        name = "specular.exr" if record.scene.lobes_known else "stokes.exr"
+        arrays[S3] = read_spectral(folder / name, shape, bands, components=4)[..., 3]
+    errors = read_exr(folder / "error.exr", shape, _channels(record, record.errors, bands))
+    arrays |= _arrays_from_channels(errors, record, record.errors, bands)
     names = [*_channels(record, record.geometry, bands), MASK]
     geometry = read_exr(folder / "geometry.exr", shape, names)
     return (

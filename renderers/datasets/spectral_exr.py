@@ -2,8 +2,8 @@
 
 Source: Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
 Channels are 32-bit floats `S0.550,000000nm`: the Stokes component, then the band's centre as the
-authors' library prints it. That library requires all four components, so S3 is written as zero:
-malus renders linear Stokes vectors only. R, G and B are a preview.
+authors' library prints it. That library requires all four components, so S3 is written as zero
+where a truth has none. R, G and B are a preview.
 
 Files of other programs print wavelengths with other numbers of decimals, hold half floats, compress
 otherwise, have further channels (opacity, more bands) or count s2 and s3 left-handedly; all that is
@@ -67,38 +67,45 @@ Condition = tuple[bool, str, str]
 """Whether it holds, what is expected and what was found."""
 
 
-def write_spectral(path: Path, stokes: FloatArray, wavelengths_nm: tuple[float, ...]) -> None:
-    """Write a Stokes image (height, width, bands, 3) in the spectral layout, with a preview."""
-    dark = np.zeros(stokes.shape[:2], dtype=np.float32)
+def write_spectral(
+    path: Path, stokes: FloatArray, wavelengths_nm: tuple[float, ...], s3: FloatArray | None = None
+) -> None:
+    """Write a Stokes image (height, width, bands, 3) in the spectral layout, with a preview.
+
+    `s3` (height, width, bands) is its fourth component; zero where None.
+    """
+    fourth = np.zeros(stokes.shape[:3], dtype=np.float32) if s3 is None else s3
     channels: Channels = dict(stokes_channels(stokes, wavelengths_nm))
-    channels |= {channel_name(3, wavelength): dark for wavelength in wavelengths_nm}
+    for band, wavelength in enumerate(wavelengths_nm):
+        channels[channel_name(3, wavelength)] = fourth[:, :, band]
     colours = preview(stokes[..., 0], wavelengths_nm)
     channels |= {name: colours[..., index] for index, name in enumerate(_PREVIEW)}
     write_exr(path, channels, ATTRIBUTES)
 
 
 def read_spectral(
-    path: Path, shape: tuple[int, int], wavelengths_nm: Sequence[float]
+    path: Path, shape: tuple[int, int], wavelengths_nm: Sequence[float], components: int = 3
 ) -> FloatArray:
-    """Read a Stokes image (height, width, bands, 3) in float32 from any file of the layout.
+    """Read a Stokes image (height, width, bands, components) in float32 from a file of the layout.
 
-    Bands are found by the value of their wavelength. S3, other bands and other channels may be
-    there or not. s2 is turned to the right-handed convention where the file says that it is
-    left-handed; one that says nothing is taken as right-handed.
+    Bands are found by the value of their wavelength. Further components (S3, unless 4 are asked
+    for), other bands and other channels may be there or not. s2 and s3 are turned to the
+    right-handed convention where the file says that they are left-handed; one that says nothing is
+    taken as right-handed.
 
     Raises
     ------
     InputError
         Not such a file, no such bands, another size, a lossy compression, colours instead of bands.
     """
-    _check_memory(path, shape, 3 * len(wavelengths_nm))
+    _check_memory(path, shape, components * len(wavelengths_nm))
     _check_regular(path)
     with readable(path) as file:
         opened = _opened(file, header_only=True)
         header = _decoding(path, opened.header)
         # Names and attributes are decoded on access, so that access may fail too.
-        names = _decoding(path, lambda: _band_names(path, header, wavelengths_nm))
-        used = [name for triple in names for name in triple]
+        names = _decoding(path, lambda: _band_names(path, header, wavelengths_nm, components))
+        used = [name for of_band in names for name in of_band]
         _check_conditions(path, lambda: _spectral_conditions(opened, shape, set(used)))
         sign = _decoding(path, lambda: _sign_of_s2(path, header))
         _check_memory(path, shape, len(header["channels"]))
@@ -107,11 +114,11 @@ def read_spectral(
     half_alone = header["compression"].name == _LOSSLESS_FOR_HALF
     dtypes = ("float16",) if half_alone else ("float16", "float32")
     planes = _checked_planes(path, decoded, used, shape, dtypes)
-    stokes = np.empty((*shape, len(names), 3), np.float32)
-    for band, triple in enumerate(names):
-        for component, name in enumerate(triple):
+    stokes = np.empty((*shape, len(names), components), np.float32)
+    for band, of_band in enumerate(names):
+        for component, name in enumerate(of_band):
             stokes[:, :, band, component] = planes[name]
-    stokes[..., 2] *= np.float32(sign)
+    stokes[..., 2:] *= np.float32(sign)
     return stokes
 
 
@@ -181,16 +188,16 @@ def _checked_planes(
 
 
 def _band_names(
-    path: Path, header: Mapping[str, Any], wavelengths_nm: Sequence[float]
+    path: Path, header: Mapping[str, Any], wavelengths_nm: Sequence[float], count: int
 ) -> list[tuple[str, ...]]:
-    """Names of the channels s0, s1, s2 of each band; raises InputError where one is missing."""
+    """Names of the first channels s0, s1, … of each band; InputError where one is missing."""
     names = [channel.name for channel in header["channels"]]
     if colours := sorted(name for name in names if _MITSUBA_COLOUR.fullmatch(name)):
         found = f"colours instead of bands: channel {colours[0]}, as Mitsuba's integrator writes"
         hint = "render one band at a time in a mono variant"
         raise InputError(str(path), f"channel {channel_name(0, wavelengths_nm[0])}", found, hint)
     components = []
-    for component in range(3):
+    for component in range(count):
         matches = matching_channels(names, wavelengths_nm, component)
         for nm, candidates in zip(wavelengths_nm, matches, strict=True):
             expected = f"channel {channel_name(component, nm)}"

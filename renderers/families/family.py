@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from malus.renderers.families.adaptive import RepeatedRenders, render_until
+from malus.renderers.families.bounced import OneByOne, needs_paths, render_bounced
 from malus.renderers.families.interpolated import Family, interpolate
 from malus.renderers.families.nodes import Nodes, family_nodes
 from malus.renderers.families.patterned import PatternedFamily, with_part
@@ -26,6 +27,7 @@ from malus.renderers.mitsuba.patterns import (
     surface_shares,
 )
 from malus.renderers.mitsuba.shading import Shading
+from malus.renderers.mitsuba.translate import check_tangents
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
@@ -34,6 +36,8 @@ from malus.scenes.scene import Sampling, Scene
 
 __all__ = ["Family", "FamilyKey", "render_family"]
 
+Rendered = Family | RenderedScene | PatternedFamily | OneByOne
+
 
 def render_family(
     scenes: Iterable[Scene],
@@ -41,7 +45,7 @@ def render_family(
     variant: Variant | None = None,
     errors: bool = True,
     nodes: int | None = None,
-) -> Family | RenderedScene | PatternedFamily | RepeatedRenders:
+) -> Rendered | RepeatedRenders:
     """Render all that the truths of `scenes` need; they must share a FamilyKey.
 
     Parameters
@@ -68,17 +72,20 @@ def render_family(
         raise ValueError(f"scenes: expected scenes of one family, found {len(keys)} families")
     key, chosen_variant, options = keys.pop(), variant or choose(), RenderOptions(errors, nodes)
 
+    check_tangents(scenes[0])
     mitsuba(
         chosen_variant
     )  # loaded first: what it prints of missing libraries is no warning of a render
 
-    def render_once(sampling: Sampling) -> Family | RenderedScene | PatternedFamily:
+    def render_once(sampling: Sampling) -> Rendered:
         with refused_warnings(f"scene {scenes[0].id}"):
             return render_watched(sampling)
 
-    def render_watched(sampling: Sampling) -> Family | RenderedScene | PatternedFamily:
+    def render_watched(sampling: Sampling) -> Rendered:
         if key.room:
             return RenderedScene(render_room(key.room, sampling, chosen_variant))
+        if needs_paths(scenes[0], sampling):
+            return render_bounced(key, scenes, sampling, chosen_variant, nodes)
         if key.pattern:
             return _patterned(key, scenes, sampling, chosen_variant, options)
         return _plain(key, scenes, sampling, chosen_variant, options)
@@ -160,9 +167,10 @@ def _render(
             where, expected = f"light {key.light.label}", "LLVM or CUDA for polarised light"
             raise InputError(where, expected, variant.name, hint)
         return stokes_integrator.render_lobes(variant, key, nodes, sampling)
-    specular, diffuse = bsdfs(variant, nodes, key.alpha, key.body, key.measured)
+    specular, diffuse = bsdfs(variant, nodes, key.facets, key.body, key.measured)
     replay = options.where is None and key.measured is None
-    shading = Shading(specular, diffuse, options.errors, options.where, replay)
+    distribution = key.facets.distribution
+    shading = Shading(specular, diffuse, options.errors, options.where, replay, distribution)
     return wavefront.stage(variant, key.shape, key.camera, key.light).render(
         key.light, shading, sampling
     )

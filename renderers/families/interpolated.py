@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.renderers.families.nodes import Nodes, node_coordinates
+from malus.renderers.families.nodes import Nodes, NodesByAlbedo
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.lobe_samples import Lobes
 from malus.renderers.truth import Truth
@@ -26,7 +26,7 @@ class Family:
 
     Attributes
     ----------
-    nodes : Nodes
+    nodes : Nodes or NodesByAlbedo
         Refractive indices of the renders.
     lobes : Lobes
         Stokes samples of both lobes at the nodes.
@@ -37,7 +37,7 @@ class Family:
     """
 
     key: FamilyKey
-    nodes: Nodes
+    nodes: Nodes | NodesByAlbedo
     lobes: Lobes
     variant: str
     seconds: float
@@ -75,8 +75,8 @@ class Family:
             If the scene belongs to another family or its index lies outside the nodes.
         """
         self._check(scene)
-        weights = self.nodes.weights(node_coordinates(scene)).astype(np.float32)
-        albedo = scene.surface.albedos(scene.wavelengths_nm).astype(np.float32)[:, None]
+        of_nodes, factors = self.nodes.of_scene(scene)
+        weights, albedo = of_nodes.astype(np.float32), factors.astype(np.float32)[:, None]
         specular, specular_noise = self._mean_and_noise(self.lobes.specular, weights)
         diffuse, diffuse_noise = self._mean_and_noise(self.lobes.diffuse, weights)
         side, bands = self.key.camera.resolution, len(weights)
@@ -94,7 +94,21 @@ class Family:
             specular_noise=self._image(specular_noise),
             diffuse_noise=self._image(diffuse_noise * albedo),
             interpolation_error=self.interpolation_error,
+            **self._s3(weights, standard_error),
         )
+
+    def _s3(self, weights: Float32Array, standard_error: bool) -> dict[str, Float32Array]:
+        """The fourth Stokes component of a truth, where the renders have one."""
+        lobes = self.lobes
+        if lobes.s3 is None or lobes.s3_variance is None:
+            return {}
+        first, second = (self._image((weights @ half).T) for half in lobes.s3)
+        variance = np.maximum((weights @ lobes.s3_variance).T, 0) * np.float32(standard_error)
+        return {
+            "s3": np.float32(0.5) * (first + second),
+            "s3_noise": np.float32(0.5) * (first - second),
+            "s3_standard_error": self._image(np.sqrt(variance)),
+        }
 
     def weights_of(
         self, scenes: Sequence[Scene]
@@ -113,16 +127,17 @@ class Family:
         """
         for scene in scenes:
             self._check(scene)
-        eta = np.concatenate([node_coordinates(scene) for scene in scenes])
-        albedo = [scene.surface.albedos(scene.wavelengths_nm) for scene in scenes]
-        weights = np.ascontiguousarray(self.nodes.weights(eta).T, dtype=np.float32)
+        of_scenes = [self.nodes.of_scene(scene) for scene in scenes]
+        of_nodes = np.concatenate([weights for weights, _ in of_scenes])
+        albedo = np.concatenate([factors for _, factors in of_scenes])
+        weights = np.ascontiguousarray(of_nodes.T, dtype=np.float32)
 
         def of_lobe(halves: Float32Array) -> Float32Array:
             alike = halves.shape[1] == 1  # the same in every band
-            return np.ones((1, len(eta)), np.float32) if alike else weights
+            return np.ones((1, len(albedo)), np.float32) if alike else weights
 
         both = of_lobe(self.lobes.specular), of_lobe(self.lobes.diffuse)
-        return both, np.concatenate(albedo).astype(np.float32)
+        return both, albedo.astype(np.float32)
 
     def _check(self, scene: Scene) -> None:
         if FamilyKey.of(scene) != self.key:

@@ -6,7 +6,7 @@ that a polynomial through a few Chebyshev nodes gives the image at any η betwee
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Self
 
@@ -117,6 +117,16 @@ class Nodes:
         assert self.held_out is not None
         return float(self.values[0] - self.held_out) * (1 + 1e-9) + 1e-12
 
+    def of_scene(self, scene: Scene) -> tuple[Float64Array, Float64Array]:
+        """Weights (bands, K) for the bands of a scene, and factors (bands,) of its diffuse lobe.
+
+        Raises
+        ------
+        ValueError
+            As `weights`.
+        """
+        return self.weights(node_coordinates(scene)), scene.surface.albedos(scene.wavelengths_nm)
+
 
 def node_coordinates(scene: Scene) -> NumberArray:
     """The coordinate (bands,) of each band on the axis of the nodes: its refractive index.
@@ -135,6 +145,86 @@ def family_nodes(scenes: Iterable[Scene], count: int | None = None) -> Nodes:
     if isinstance(scenes[0].surface, Measured):
         return Nodes(np.unique(wanted))
     return Nodes.of(wanted, count)
+
+
+@dataclass(frozen=True)
+class NodesByAlbedo:
+    """Nodes in the refractive index for every albedo of a family, one albedo after the other.
+
+    Attributes
+    ----------
+    albedos : (albedos,)
+    nodes : Nodes, one an albedo
+    """
+
+    albedos: tuple[float, ...]
+    nodes: tuple[Nodes, ...]
+
+    @property
+    def rendered(self) -> list[tuple[float | complex, float]]:
+        """All rendered pairs of index and albedo; those of an albedo end with the held-out one."""
+        pairs = zip(self.albedos, self.nodes, strict=True)
+        return [(eta, albedo) for albedo, nodes in pairs for eta in nodes.rendered]
+
+    @property
+    def kept(self) -> list[int]:
+        """Numbers of the renders that are nodes, not held out."""
+        return [number for own, _ in self._blocks for number in range(own.start, own.stop)]
+
+    @property
+    def _blocks(self) -> list[tuple[slice, Nodes]]:
+        """For every albedo the numbers of the renders that are its nodes, and these nodes."""
+        ends = np.cumsum([len(nodes.rendered) for nodes in self.nodes]).tolist()
+        starts = [0, *ends[:-1]]
+        return [
+            (slice(start, start + len(nodes.values)), nodes)
+            for start, nodes in zip(starts, self.nodes, strict=True)
+        ]
+
+    def checks(self) -> Iterator[tuple[slice, Float64Array, int]]:
+        """Nodes of an albedo, weights (1, K) to its held-out index, and that render's number."""
+        for own, nodes in self._blocks:
+            if nodes.held_out is not None:
+                yield own, nodes.weights(np.array([nodes.held_out])), own.stop
+
+    def of_scene(self, scene: Scene) -> tuple[Float64Array, Float64Array]:
+        """As `Nodes.of_scene`; factors are 1, because the renders have the albedo already.
+
+        Raises
+        ------
+        ValueError
+            For an index or albedo that the nodes were not chosen for.
+        """
+        albedos = scene.surface.albedos(scene.wavelengths_nm)
+        columns = []
+        for albedo, nodes in zip(self.albedos, self.nodes, strict=True):
+            block = np.zeros((len(albedos), len(nodes.values)))
+            here = albedos == albedo
+            if here.any():
+                block[here] = nodes.weights(scene.eta[here])
+            columns.append(block)
+        if not np.isin(albedos, self.albedos).all():
+            raise ValueError(f"albedo: expected one of this family's, found {albedos}")
+        return np.concatenate(columns, axis=1), np.ones(len(albedos))
+
+
+def nodes_by_albedo(scenes: Iterable[Scene], count: int | None = None) -> NodesByAlbedo:
+    """The nodes at which scenes of one family are rendered along paths; `count` as for `Nodes.of`.
+
+    Examples
+    --------
+    >>> from malus.scenes import Dielectric, Torus, Uniform
+    >>> paint = Dielectric(eta=1.5, alpha=0.3, albedo="red")
+    >>> ring = Scene(shape=Torus(), surface=paint, light=Uniform(), wavelengths_nm=(450.0, 650.0))
+    >>> nodes_by_albedo([ring]).rendered
+    [(1.5, 0.047), (1.5, 0.675)]
+    """
+    scenes = list(scenes)
+    eta = np.concatenate([scene.eta for scene in scenes])
+    albedo = np.concatenate([scene.surface.albedos(scene.wavelengths_nm) for scene in scenes])
+    values = np.unique(albedo)
+    nodes = tuple(Nodes.of(eta[albedo == value], count) for value in values)
+    return NodesByAlbedo(tuple(values.tolist()), nodes)
 
 
 def interpolation_weights(nodes: Float64Array, eta: Float64Array) -> Float64Array:

@@ -11,7 +11,7 @@ from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
 from malus.renderers.mitsuba.translate import diffuse_bsdf, specular_bsdf
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.materials.measured import Measured
-from malus.scenes.materials.surface import AnyBody
+from malus.scenes.materials.surface import AnyBody, Distribution, Facets
 
 Index = float | complex
 
@@ -19,7 +19,7 @@ Index = float | complex
 def bsdfs(
     variant: Variant,
     etas: Sequence[Index],
-    alpha: float,
+    facets: Facets,
     body: AnyBody,
     measured: Measured | None = None,
 ) -> tuple[list[Any], list[Any]]:
@@ -31,17 +31,24 @@ def bsdfs(
     mi = mitsuba(variant)
     if measured is not None:
         return measured_bsdfs(variant, measured, tuple(etas)), [_pool(variant, 1, body)[0][0]]
-    specular = _pool(variant, len(etas), None, body == "none")
+    along, across = facets.alphas
+    kind = facets.distribution, along == across
+    specular = _pool(variant, len(etas), None, body == "none", *kind)
     diffuse = _pool(variant, len(etas) if body == "polarised" else 1, body)
-    _update(mi, specular, etas, alpha)
+    _update(mi, specular, etas, facets.alphas)
     if body == "polarised":
-        _update(mi, diffuse, etas, alpha)
+        _update(mi, diffuse, etas, facets.alphas)
     return [bsdf for bsdf, _ in specular], [bsdf for bsdf, _ in diffuse]
 
 
 @functools.lru_cache(maxsize=32)
 def _pool(
-    variant: Variant, count: int, body: AnyBody | None, metal: bool = False
+    variant: Variant,
+    count: int,
+    body: AnyBody | None,
+    metal: bool = False,
+    distribution: Distribution = "beckmann",
+    isotropic: bool = True,
 ) -> list[tuple[Any, Any]]:
     """BSDFs of a lobe, specular where `body` is None, each with its parameters.
 
@@ -49,24 +56,31 @@ def _pool(
     """
     mi = mitsuba(variant)
     any_index: Index = 1.5 + 1j if metal else 1.5
+    facets = Facets((0.3, 0.3 if isotropic else 0.4), distribution)
     description = (
-        specular_bsdf(any_index, 0.3) if body is None else diffuse_bsdf(any_index, 0.3, body)
+        specular_bsdf(any_index, facets) if body is None else diffuse_bsdf(any_index, facets, body)
     )
     loaded = [mi.load_dict(description) for _ in range(count)]
     return [(bsdf, mi.traverse(bsdf)) for bsdf in loaded]
 
 
 def _update(
-    mi: ModuleType, pool: Sequence[tuple[Any, Any]], etas: Sequence[Index], alpha: float
+    mi: ModuleType,
+    pool: Sequence[tuple[Any, Any]],
+    etas: Sequence[Index],
+    alphas: tuple[float, float],
 ) -> None:
     """Set index and roughness of every BSDF of a pool."""
     import drjit as dr
 
     # The same variable in every BSDF: Dr.Jit then computes the facet distribution only once.
-    shared_alpha = dr.opaque(mi.Float, alpha)
+    along, across = (dr.opaque(mi.Float, alpha) for alpha in alphas)
     for (_, parameters), eta in zip(pool, etas, strict=True):
         parameters["eta.value"] = dr.opaque(mi.Float, eta.real)
         if isinstance(eta, complex):
             parameters["k.value"] = dr.opaque(mi.Float, eta.imag)
-        parameters["alpha.value"] = shared_alpha
+        if "alpha.value" in parameters:
+            parameters["alpha.value"] = along
+        else:
+            parameters["alpha_u.value"], parameters["alpha_v.value"] = along, across
         parameters.update()

@@ -37,6 +37,8 @@ class Lobes:
         Whether every sample of the pixel hit the object.
     specular_variance, diffuse_variance, covariance : (K, P, 3), (B, P, 3), (K, P, 3) or None
         Variances of the mean of all samples, and the covariance of both lobes, where asked for.
+    s3, s3_variance : (2, K, P), (K, P), or None
+        The fourth Stokes component, all of it specular, where it can be non-zero.
     copy_seconds : float
         Time that passed between the last kernel and these arrays: copies from the device, and
         means of the sums.
@@ -51,6 +53,8 @@ class Lobes:
     specular_variance: Float32Array | None = None
     diffuse_variance: Float32Array | None = None
     covariance: Float32Array | None = None
+    s3: Float32Array | None = None
+    s3_variance: Float32Array | None = None
     copy_seconds: float = 0.0
 
 

@@ -1,19 +1,23 @@
-"""Render scenes of several objects, which light each other, by tracing paths of light.
+"""Render scenes whose objects light each other, or themselves, by tracing paths of light.
 
 Mitsuba's own BSDFs and its `path` integrator do the work. Where a ray of the camera first meets an
 object, the BSDF is evaluated for the specular and the diffuse lobe apart. That point is lit by the
-light itself, sampled as in `lighting` and shadowed by all objects, and by the other objects: along
+light itself, sampled as in `lighting` and shadowed by all objects, and by these objects: along
 a direction drawn from the BSDF, by the Stokes vector that the integrator returns there with the
 light hidden from it. All bands use the same random numbers, so that their noise is alike and
 colours are not speckled.
+
+The fourth component of the Stokes vector is kept where it can be non-zero (`may_be_circular`). It
+belongs to the specular lobe: diffuse light was depolarised inside the body.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import ModuleType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -27,17 +31,28 @@ from malus.renderers.mitsuba.rays import Film, stream_number, streams, to_camera
 from malus.renderers.mitsuba.translate import LAMP_DISTANCE, emitters, sensor
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, mitsuba
-from malus.scenes.core.arrays import Float32Array, Float64Array, NumberArray, UInt32Array
+from malus.scenes.core.arrays import (
+    BoolArray,
+    Float32Array,
+    Float64Array,
+    Int32Array,
+    NumberArray,
+    UInt32Array,
+)
 from malus.scenes.core.errors import InputError
 from malus.scenes.materials.surface import Patterned
-from malus.scenes.scene import Sampling, Scene
+from malus.scenes.scene import Sampling, Scene, may_be_circular
 
 PIXELS_A_LAUNCH = 1 << 16
 
 _NORMAL, _SPECULAR, _DIFFUSE, _SQUARES = (slice(i, i + 3) for i in (0, 3, 6, 9))
-_HITS = 12
+_HITS, _S3, _S3_SQUARE = 12, slice(13, 14), slice(14, 15)
 _CHANNELS = 13
-"""Channels of the sums over samples: normal, both lobes, squares of their sum, and hits."""
+"""Channels of the sums over samples: normal, both lobes, squares of their sum, and hits. Where it
+is kept, s3 and its square follow."""
+
+Setting = tuple[float | complex, float]
+"""Index and albedo of a surface in one render."""
 
 
 def render_room(scene: Scene, sampling: Sampling, variant: Variant) -> Truth:
@@ -48,11 +63,91 @@ def render_room(scene: Scene, sampling: Sampling, variant: Variant) -> Truth:
     InputError
         In the scalar variant, which cannot keep the lobes apart along a path.
     """
-    if not variant.vectorised:
-        hint = "install LLVM 17 or later (`malus doctor` says how), or leave the surroundings out"
-        where, expected = f"scene {scene.id}", "LLVM or CUDA for a scene of several objects"
-        raise InputError(where, expected, variant.name, hint)
+    check_variant(scene, variant)
     return Room(mitsuba(variant), scene, sampling).truth()
+
+
+def check_variant(scene: Scene, variant: Variant) -> None:
+    """Check that paths of light can be traced, with the lobes of the first hit apart.
+
+    Raises
+    ------
+    InputError
+        In the scalar variant.
+    """
+    if variant.vectorised:
+        return
+    hint = "install LLVM 17 or later (`malus doctor` says how), or"
+    where, expected = f"scene {scene.id}", "LLVM or CUDA for"
+    if scene.surroundings is None:
+        expected, hint = f"{expected} light that bounces", f"{hint} leave max_depth out"
+    else:
+        expected = f"{expected} a scene of several objects"
+        hint = f"{hint} leave the surroundings out"
+    raise InputError(where, expected, variant.name, hint)
+
+
+@dataclass(frozen=True)
+class RoomImages:
+    """Images of a room in several settings of its surfaces, side by side like bands.
+
+    Attributes
+    ----------
+    specular, diffuse : (2, height, width, settings, 3)
+        Means of each half of the samples, for either lobe.
+    variance : (height, width, settings, 3)
+        Variance of the mean of all samples, of both lobes together.
+    normals : (pixels, 3)
+        Sums of the shading normals in the world.
+    owner : (height, width)
+        Number of the object that covers a pixel, or -1.
+    touched : (pixels,) bool
+        Whether any sample hit an object.
+    s3 : (2, height, width, settings) or None
+        Fourth component, as `specular`; `s3_variance` (height, width, settings) is its variance.
+    """
+
+    specular: Float32Array
+    diffuse: Float32Array
+    variance: Float32Array
+    normals: Float32Array
+    owner: Int32Array
+    touched: BoolArray
+    s3: Float32Array | None = None
+    s3_variance: Float32Array | None = None
+
+    @classmethod
+    def of_sums(cls, sums: Float32Array, owner: Int32Array, samples: int) -> Self:
+        """From sums over samples (channels, halves, pixels, settings), and owners of pixels."""
+        side = math.isqrt(len(owner))
+
+        def mean(part: slice) -> Float32Array:
+            # (channels, halves, pixels, settings) -> (halves, height, width, settings, channels)
+            channels = np.moveaxis(sums[part], 0, -1)
+            return channels.reshape(HALVES, side, side, *channels.shape[2:]) / (samples // HALVES)
+
+        specular, diffuse, squares = (mean(part) for part in (_SPECULAR, _DIFFUSE, _SQUARES))
+        hits = sums[_HITS, :, :, 0].sum(axis=0)
+        owner = np.where((owner >= 0) & (hits == samples), owner, -1).reshape(side, side)
+        normals = sums[_NORMAL, :, :, 0].sum(axis=1).T
+
+        def variance(squares: Float32Array, means: Float32Array) -> Float32Array:
+            # Rounding can leave a tiny negative variance where all samples are equal.
+            of_one = np.maximum(squares.mean(axis=0) - means.mean(axis=0) ** 2, 0)
+            return pooled(of_one, owner) / np.float32(samples - 1)
+
+        images = cls(
+            specular=specular,
+            diffuse=diffuse,
+            variance=variance(squares, specular + diffuse),
+            normals=normals,
+            owner=owner,
+            touched=normals.any(axis=-1),
+        )
+        if len(sums) == _CHANNELS:
+            return images
+        s3, s3_squares = mean(_S3), mean(_S3_SQUARE)
+        return replace(images, s3=s3[..., 0], s3_variance=variance(s3_squares, s3)[..., 0])
 
 
 @dataclass(frozen=True)
@@ -97,7 +192,12 @@ class Room:
         )
         self.film = Film.of(self.scene.sensors()[0], scene.camera.resolution, self.ray_length)
         self.owner = covering(mi, self.film, self.scene, self.shapes)
-        self.path = _path(mi, sampling.max_depth)
+        depth = sampling.depth(scene)
+        # Among objects, paths of more than five pieces end at random: most of them carry little.
+        # How they end depends on the surfaces, whose images would be no smooth functions of these.
+        self.path = _path(mi, depth, roulette=scene.surroundings is not None)
+        self.circular = may_be_circular(scene, depth)
+        self.channels = _CHANNELS + 2 * self.circular
         everything, flags = mi.TransportMode.Radiance, mi.BSDFFlags
         self.all_lobes = mi.BSDFContext()
         self.lobes = [
@@ -107,35 +207,52 @@ class Room:
 
     def truth(self) -> Truth:
         """Render all bands, and put them together as a truth."""
-        scene, side = self.described, self.described.camera.resolution
-        sums = np.stack([self._band(band) for band in range(len(scene.wavelengths_nm))], axis=-1)
-        samples = self.sampling.samples
-        # (channels, halves, pixels, bands) -> (halves, height, width, bands, 3), means of a half
-        specular, diffuse, squares = (
-            np.moveaxis(sums[part], 0, -1).reshape(HALVES, side, side, -1, 3) / (samples // HALVES)
-            for part in (_SPECULAR, _DIFFUSE, _SQUARES)
-        )
-        # Rounding can leave a tiny negative variance where all samples are equal.
-        variance = np.maximum(squares.mean(axis=0) - (specular + diffuse).mean(axis=0) ** 2, 0)
-        axes = scene.camera.axes.astype(np.float32)
-        normals = (sums[_NORMAL, :, :, 0].sum(axis=1).T @ axes.T).reshape(side, side, 3)
-        covered = (self.owner >= 0) & (sums[_HITS, :, :, 0].sum(axis=0) == samples)
-        owner = np.where(covered, self.owner, -1).reshape(side, side)
+        scene = self.described
+        images = self.images([self._of_band(band) for band in range(len(scene.wavelengths_nm))])
+        specular, diffuse = images.specular, images.diffuse
+        normals = images.normals @ scene.camera.axes.astype(np.float32).T
         eta, alpha = self._maps()
-        return Truth(
+        truth = Truth(
             scene=scene,
             specular=specular.mean(axis=0),
             diffuse=diffuse.mean(axis=0),
-            normals=unit(normals),
-            normal_spread=spread_of(normals / np.float32(samples)),
-            mask=owner >= 0,
-            standard_error=np.sqrt(pooled(variance, owner) / np.float32(samples - 1)),
+            normals=unit(normals).reshape(*images.owner.shape, 3),
+            normal_spread=spread_of(normals / np.float32(self.sampling.samples)).reshape(
+                images.owner.shape
+            ),
+            mask=images.owner >= 0,
+            standard_error=np.sqrt(images.variance),
             specular_noise=0.5 * (specular[0] - specular[1]),
             diffuse_noise=0.5 * (diffuse[0] - diffuse[1]),
             interpolation_error={"rms": 0.0, "worst": 0.0},
             eta_map=eta,
             alpha_map=alpha,
         )
+        if images.s3 is None or images.s3_variance is None:
+            return truth
+        return replace(
+            truth,
+            s3=images.s3.mean(axis=0),
+            s3_noise=0.5 * (images.s3[0] - images.s3[1]),
+            s3_standard_error=np.sqrt(images.s3_variance),
+        )
+
+    def images(self, settings: Sequence[Sequence[Setting]]) -> RoomImages:
+        """Render the room with each of several settings of all its surfaces.
+
+        All settings share their random numbers, so that images are smooth functions of them.
+        """
+        sums = np.stack([self._sums(of_surfaces) for of_surfaces in settings], axis=-1)
+        return RoomImages.of_sums(sums, self.owner, self.sampling.samples)
+
+    def _of_band(self, band: int) -> list[Setting]:
+        """Index and albedo of every surface in a band."""
+        bands = self.described.wavelengths_nm
+        surfaces = [bsdf.surface for bsdf in self.bsdfs]
+        return [
+            (surface.indices((bands[band],))[0].item(), float(surface.albedos(bands)[band]))
+            for surface in surfaces
+        ]
 
     def _maps(self) -> tuple[NumberArray, Float64Array]:
         """Maps of η (height, width, bands) and α (height, width); the first object's off all."""
@@ -151,18 +268,16 @@ class Room:
                 pattern, count = pattern_on(self.mi, placed), len(parts[number])
                 shares = surface_shares(self.mi, self.film, self.scene, pattern, count)
             eta[here] = shares[here] @ indices[number]
-            alpha[here] = shares[here] @ [part.alpha for part in parts[number]]
+            alpha[here] = shares[here] @ [part.isotropic_alpha for part in parts[number]]
         return eta.reshape(side, side, -1), alpha.reshape(side, side)
 
-    def _band(self, band: int) -> Float32Array:
+    def _sums(self, settings: Sequence[Setting]) -> Float32Array:
         """Sums over the samples of every half and pixel, (channels, halves, pixels)."""
-        nm = (self.described.wavelengths_nm[band],)
-        for bsdf in self.bsdfs:
-            albedo = bsdf.surface.albedos(self.described.wavelengths_nm)[band]
-            bsdf.set_band(bsdf.surface.indices(nm)[0].item(), float(albedo))
+        for bsdf, (eta, albedo) in zip(self.bsdfs, settings, strict=True):
+            bsdf.set_band(eta, albedo)
         light = sampler(self.mi, self.described.light, self.scene)
         total = self.described.camera.resolution**2
-        sums = np.empty((_CHANNELS, HALVES, total), dtype=np.float32)
+        sums = np.empty((self.channels, HALVES, total), dtype=np.float32)
         for start in range(0, total, PIXELS_A_LAUNCH):
             pixels = np.arange(start, min(start + PIXELS_A_LAUNCH, total), dtype=np.uint32)
             self._launch(pixels, light, sums[:, :, pixels[0] : pixels[-1] + 1])
@@ -191,7 +306,7 @@ class Room:
             return i + 1, sums, rays, draws, path_sampler
 
         samples = dr.opaque(mi.UInt32, self.sampling.samples // HALVES)
-        zeros = [dr.zeros(mi.Float, count) for _ in range(_CHANNELS)]
+        zeros = [dr.zeros(mi.Float, count) for _ in range(self.channels)]
         state = (dr.zeros(mi.UInt32, count), zeros, rays, draws, path_sampler)
         _, sums, *_ = dr.while_loop(state, lambda i, *_: i < samples, step)
         dr.eval(sums)
@@ -208,6 +323,7 @@ class Room:
         hit = self.scene.ray_intersect(ray)
         valid = hit.is_valid()
         shaded = [mi.Float(0.0) for _ in range(3 * len(self.lobes))]
+        s3 = mi.Float(0.0)
         to_camera = to_camera_frame(mi, self.film.sensor, ray)
         for direction, weight, stokes in self._incoming(hit, light, draws, path_sampler):
             for k, lobe in enumerate(self.lobes):
@@ -216,12 +332,16 @@ class Room:
                 for row in range(3):
                     outgoing = sum(mueller[row, j][0] * s for j, s in enumerate(stokes))
                     shaded[3 * k + row] += dr.select(weight > 0, outgoing * weight, 0.0)
+                if self.circular and k == 0:
+                    outgoing = sum(mueller[3, j][0] * s for j, s in enumerate(stokes))
+                    s3 += dr.select(weight > 0, outgoing * weight, 0.0)
         normal = [dr.select(valid, c, 0.0) for c in hit.sh_frame.n]
         whole = [a + b for a, b in zip(shaded[:3], shaded[3:], strict=True)]
         on_owner = mi.Bool(False)
         for index, shape in enumerate(self.shapes):
             on_owner |= (hit.shape == mi.ShapePtr(shape)) & (owner == index)
-        return [*normal, *shaded, *(w * w for w in whole), dr.select(on_owner, mi.Float(1), 0.0)]
+        values = [*normal, *shaded, *(w * w for w in whole), dr.select(on_owner, mi.Float(1), 0.0)]
+        return [*values, s3, s3 * s3] if self.circular else values
 
     def _incoming(self, hit: Any, light: Sampler, draws: Any, path_sampler: Any) -> list[Any]:
         """Directions (local), weights and Stokes vectors of the light that arrives at a hit."""
@@ -247,11 +367,12 @@ class Room:
         return [*arriving, (drawn.wo, dr.select(usable, 1.0 / drawn.pdf, 0.0), stokes)]
 
 
-def _path(mi: ModuleType, max_depth: int) -> Any:
-    """Integrator of the light from other objects; None where paths end at the first object."""
+def _path(mi: ModuleType, max_depth: int, roulette: bool) -> Any:
+    """Integrator of the light from objects; None where paths end at the first object."""
     if max_depth == 2:
         return None
-    return mi.load_dict({"type": "path", "max_depth": max_depth - 1, "hide_emitters": True})
+    path = {"type": "path", "max_depth": max_depth - 1, "hide_emitters": True}
+    return mi.load_dict(path if roulette else path | {"rr_depth": max_depth})
 
 
 def scene_radius(scene: Scene) -> float:

@@ -33,17 +33,17 @@ class SurfaceBSDF:
     def __init__(self, mi: ModuleType, surface: Dielectric | Conductor) -> None:
         self.mi, self.surface = mi, surface
         if isinstance(surface, Conductor):
-            self.bsdf = mi.load_dict(specular_bsdf(1.5 + 1j, surface.alpha))
+            self.bsdf = mi.load_dict(specular_bsdf(1.5 + 1j, surface.facets))
             self.parts = [(self.bsdf, _ETA), (self.bsdf, _K)]
         elif surface.body == "polarised":
             # The factor of the specular lobe stays at its default: Mitsuba makes one object of two
             # equal textures, and a change of the albedo would change both.
-            self.bsdf = mi.load_dict(specular_bsdf(1.5, surface.alpha))
+            self.bsdf = mi.load_dict(specular_bsdf(1.5, surface.facets))
             self.parts = [(self.bsdf, _ETA), (self.bsdf, _BODY)]
         else:
             twice = {"specular_reflectance": {"type": "uniform", "value": 2.0}}
-            specular = mi.load_dict(specular_bsdf(1.5, surface.alpha) | twice)
-            diffuse = mi.load_dict(diffuse_bsdf(1.5, surface.alpha, "unpolarised"))
+            specular = mi.load_dict(specular_bsdf(1.5, surface.facets) | twice)
+            diffuse = mi.load_dict(diffuse_bsdf(1.5, surface.facets, "unpolarised"))
             blend = {"type": "blendbsdf", "weight": 0.5, "specular": specular, "diffuse": diffuse}
             self.bsdf = mi.load_dict(blend)
             self.parts = [(specular, _ETA), (diffuse, _LAMBERT)]

@@ -24,7 +24,8 @@ class Shading:
 
     `where` maps a hit and random numbers to whether the hit is shaded; by default all are. `replay`
     is False where a recording would miss a change: `where` is a function, and Mitsuba's measured
-    BSDFs do not show their tables to Dr.Jit.
+    BSDFs do not show their tables to Dr.Jit. Nor do others show how their facets are distributed:
+    `distribution` makes that part of what a recording is for.
     """
 
     specular: Sequence[Any]
@@ -32,6 +33,7 @@ class Shading:
     errors: bool
     where: Callable[[Any, Any], Any] | None = None
     replay: bool = True
+    distribution: str = "beckmann"
 
     @property
     def layout(self) -> Layout:

@@ -45,7 +45,7 @@ def render_lobes(
     base_scene = _base_scene(mi, variant, key.shape, key.camera)
     specular_bsdfs = _specular_bsdfs(variant, key, nodes)
     diffuse_nodes = nodes if key.body == "polarised" else nodes[:1]
-    diffuse_bsdfs = [diffuse_bsdf(node, key.alpha, key.body) for node in diffuse_nodes]
+    diffuse_bsdfs = [diffuse_bsdf(node, key.facets, key.body) for node in diffuse_nodes]
     specular = _renders(mi, base_scene, key.light, specular_bsdfs, batches, sampling, stream=0)
     diffuse = _renders(mi, base_scene, key.light, diffuse_bsdfs, batches, sampling, stream=1)
     normals, touched, covered = _geometry(mi, base_scene, sampling)
@@ -68,7 +68,7 @@ def render_lobes(
 def _specular_bsdfs(variant: Variant, key: FamilyKey, nodes: list[float | complex]) -> list[Any]:
     if key.measured is not None:
         return measured_bsdfs(variant, key.measured, tuple(nodes))
-    return [specular_bsdf(node, key.alpha) for node in nodes]
+    return [specular_bsdf(node, key.facets) for node in nodes]
 
 
 def _halves(batches: Float32Array) -> Float32Array:

@@ -14,15 +14,14 @@ import numpy as np
 
 from malus.renderers.mitsuba.lighting import environment_emitter
 from malus.scenes.camera import Camera
+from malus.scenes.core.errors import InputError
 from malus.scenes.lights.lights import Area, Distant, Light, Uniform
 from malus.scenes.lights.sky import parts
-from malus.scenes.materials.surface import AnyBody
+from malus.scenes.materials.surface import AnyBody, Facets, anisotropic
+from malus.scenes.scene import Scene
 from malus.scenes.shapes import geometry
 from malus.scenes.shapes.geometry import TriangleMesh
 from malus.scenes.shapes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
-
-CONVEX = frozenset({"sphere"})
-"""Kinds of shape that cast no shadow on themselves and need no shadow rays."""
 
 ORTHOGRAPHIC_DISTANCE = 3.0
 LAMP_DISTANCE = 1000.0
@@ -83,6 +82,23 @@ def tessellated(shape: Shape) -> TriangleMesh:
 
             return load_mesh(shape.checked(), shape.shading, shape.up)[0]
     raise TypeError(f"no mesh for {shape!r}")
+
+
+def check_tangents(scene: Scene) -> None:
+    """Check that meshes with anisotropic facets have coordinates, whose tangent these refer to.
+
+    Raises
+    ------
+    InputError
+        If a mesh file has none: Mitsuba would take any tangent, another one for each face.
+    """
+    for placed in scene.objects:
+        shape = placed.shape
+        on_a_mesh = isinstance(shape, MeshFile) and anisotropic(placed.surface)
+        if on_a_mesh and tessellated(shape).uv is None:
+            hint = "export them with the mesh, or give one number as alpha"
+            expected = "texture coordinates, as two alphas need them"
+            raise InputError(shape.path, expected, "a mesh without", hint)
 
 
 @contextlib.contextmanager
@@ -171,20 +187,22 @@ def _upward(light: Area) -> list[float]:
     return [1.0, 0.0, 0.0] if abs(light.direction[1]) > 0.9 else [0.0, 1.0, 0.0]
 
 
-def specular_bsdf(eta: float | complex, alpha: float) -> dict[str, Any]:
+def specular_bsdf(eta: float | complex, facets: Facets) -> dict[str, Any]:
     """The specular lobe alone: `pplastic` over a black body; of a metal, `roughconductor`."""
-    if isinstance(eta, complex):
-        return {
-            "type": "roughconductor",
-            "eta": _flat(eta.real),
-            "k": _flat(eta.imag),
-            "alpha": float(alpha),
-            "distribution": "beckmann",
-        }
-    return _pplastic(eta, alpha) | {"diffuse_reflectance": _flat(0.0)}
+    if not isinstance(eta, complex):
+        return _pplastic(eta, facets) | {"diffuse_reflectance": _flat(0.0)}
+    along, across = facets.alphas
+    alphas = {"alpha": along} if along == across else {"alpha_u": along, "alpha_v": across}
+    return {
+        "type": "roughconductor",
+        "eta": _flat(eta.real),
+        "k": _flat(eta.imag),
+        **alphas,
+        "distribution": facets.distribution,
+    }
 
 
-def diffuse_bsdf(eta: float | complex, alpha: float, body: AnyBody) -> dict[str, Any]:
+def diffuse_bsdf(eta: float | complex, facets: Facets, body: AnyBody) -> dict[str, Any]:
     """The diffuse lobe alone at albedo 1; both bodies are linear in the albedo.
 
     'polarised' is `pplastic` without its specular term; 'unpolarised' is Lambertian, which is the
@@ -194,19 +212,19 @@ def diffuse_bsdf(eta: float | complex, alpha: float, body: AnyBody) -> dict[str,
     if body != "polarised":
         return {"type": "diffuse", "reflectance": _flat(1.0)}
     assert not isinstance(eta, complex)
-    return _pplastic(eta, alpha) | {
+    return _pplastic(eta, facets) | {
         "diffuse_reflectance": _flat(1.0),
         "specular_reflectance": _flat(0.0),
     }
 
 
-def _pplastic(eta: float, alpha: float) -> dict[str, Any]:
+def _pplastic(eta: float, facets: Facets) -> dict[str, Any]:
     return {
         "type": "pplastic",
         "int_ior": float(eta),
         "ext_ior": 1.0,
-        "alpha": float(alpha),
-        "distribution": "beckmann",
+        "alpha": facets.alphas[0],
+        "distribution": facets.distribution,
     }
 
 

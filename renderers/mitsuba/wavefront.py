@@ -26,13 +26,13 @@ from malus.renderers.mitsuba.lighting import (
 from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, lobes_from_sums
 from malus.renderers.mitsuba.rays import Film, stream_number, streams
 from malus.renderers.mitsuba.shading import CameraView, Shading, Threads, shade
-from malus.renderers.mitsuba.translate import CONVEX, sensor, shape_object
+from malus.renderers.mitsuba.translate import sensor, shape_object
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import BoolArray, IntArray
 from malus.scenes.lights.lights import Environment, Light, Sky
 from malus.scenes.scene import Sampling
-from malus.scenes.shapes.shapes import Shape
+from malus.scenes.shapes.shapes import CONVEX, Shape
 
 PIXELS_A_LAUNCH = 1 << 16
 """Most pixels of one launch, which bounds its memory to a few hundred megabytes."""

@@ -58,6 +58,15 @@ class Measured(NamedFile):
         return self.path
 
     @property
+    def isotropic_alpha(self) -> float | None:
+        """`alpha`."""
+        return self.alpha
+
+    @property
+    def distribution(self) -> None:
+        """None: nobody knows how the facets of a measured material are distributed."""
+
+    @property
     def label(self) -> str:
         """The word that stands in tables instead of a roughness."""
         return "measured"

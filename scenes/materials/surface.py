@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+import math
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,33 +17,86 @@ from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.metals import metal
 from malus.scenes.shapes.patterns import Pattern
 
+Distribution = Literal["beckmann", "ggx"]
+"""Distribution of the normals of a rough surface's facets."""
+
+Alpha = Annotated[float, Field(gt=0, le=1)]
+
+
+def _kind_of_alpha(value: Any) -> str | None:
+    match value:
+        case int() | float():
+            return "isotropic"
+        case tuple() | list():
+            return "anisotropic"
+    return None
+
+
+AnyAlpha = Annotated[
+    Annotated[Alpha, Tag("isotropic")] | Annotated[tuple[Alpha, Alpha], Tag("anisotropic")],
+    Discriminator(_kind_of_alpha, "choice", "a number, or two for a metal, [u, v]"),
+]
+"""Roughness: the same all around, or along dp/du of the surface and across it."""
+
 Body = Literal["unpolarised", "polarised"]
 AnyBody = Literal["unpolarised", "polarised", "none"]
 """How the body below the surface scatters light; a conductor has none."""
 
 
+class Facets(NamedTuple):
+    """How a surface's facets stand: roughness along dp/du and across, and distribution."""
+
+    alphas: tuple[float, float]
+    distribution: Distribution = "beckmann"
+
+
 class RoughSurface(Model):
-    """Base of rough surfaces: Beckmann facets of roughness `alpha`, and its name."""
+    """Base of rough surfaces: how their facets are distributed, and the name of the roughness.
+
+    `distribution` is that of the facets' normals: "beckmann" (Gaussian slopes) or "ggx" (Trowbridge
+    and Reitz, JOSA 65, 1975), which has more of steep facets.
+    """
 
     roughness: str | None = None
-    alpha: float = Field(gt=0, le=1)
+    distribution: Distribution = Field(
+        default="beckmann", exclude_if=lambda name: name == "beckmann"
+    )
+
+    @property
+    def alphas(self) -> tuple[float, float]:
+        """Roughness along dp/du and across it, on the surface; equal where it is isotropic."""
+        raise NotImplementedError
+
+    @property
+    def facets(self) -> Facets:
+        """Roughness and distribution of the facets."""
+        return Facets(self.alphas, self.distribution)
+
+    @property
+    def isotropic_alpha(self) -> float:
+        """The one roughness that methods are told: √(α_u α_v), of as many facets per slope."""
+        along, across = self.alphas
+        return along if along == across else math.sqrt(along * across)
 
     @property
     def sigma(self) -> float:
         """Exponent σ = 1/m² of the paper's Equation 2."""
-        return 1.0 / self.alpha**2
+        return 1.0 / self.isotropic_alpha**2
 
     @property
     def label(self) -> str:
-        """Name of the roughness in tables."""
-        return self.roughness or f"alpha {self.alpha:g}"
+        """Name of the roughness in tables, with the distribution unless it is Beckmann's."""
+        along, across = self.alphas
+        number = f"{along:g}" if along == across else f"{along:g} x {across:g}"
+        name = self.roughness or f"alpha {number}"
+        return name if self.distribution == "beckmann" else f"{self.distribution} {name}"
 
 
 class Dielectric(RoughSurface):
     """A rough dielectric over a body that scatters.
 
     Exactly one of `material` (a name with dispersion) and `eta` (one relative index for every
-    band). `alpha` is the Beckmann roughness, `albedo` the reflectance of the body below the
+    band). `alpha` is the roughness of its facets, `albedo` the reflectance of the body below the
     surface: a number, the name of a swatch, or one number a band. An `unpolarised` body is
     Lambertian: the paper's assumption.
 
@@ -55,6 +109,7 @@ class Dielectric(RoughSurface):
     kind: Literal["dielectric"] = "dielectric"
     material: str | None = None
     eta: float | None = Field(default=None, gt=1, le=4)
+    alpha: Alpha
     albedo: Albedo = 0.5
     body: Body = "polarised"
 
@@ -65,6 +120,11 @@ class Dielectric(RoughSurface):
         if self.material is not None:
             material(self.material)
         return self
+
+    @property
+    def alphas(self) -> tuple[float, float]:
+        """The roughness, twice: facets of a dielectric are the same all around."""
+        return self.alpha, self.alpha
 
     @property
     def label(self) -> str:
@@ -124,6 +184,10 @@ class Conductor(RoughSurface):
     """A rough metal: all reflected light is specular, and there is no body.
 
     Either `material`, a metal with dispersion, or one complex index `eta` + i `k` for every band.
+    `alpha` is the roughness of its facets, or two of them, as of brushed metal: along the tangent
+    dp/du of the shape, as Mitsuba has it, and across. On a sphere dp/du runs around its z axis, the
+    world's; on a plane, along its x axis; on a mesh file, along the first texture coordinate. The
+    projection of dp/du perpendicular to the shading normal counts.
 
     Examples
     --------
@@ -135,6 +199,7 @@ class Conductor(RoughSurface):
     material: str | None = None
     eta: float | None = Field(default=None, gt=0, le=20)
     k: float | None = Field(default=None, ge=0, le=20)
+    alpha: AnyAlpha
 
     @model_validator(mode="after")
     def _one_index(self) -> Self:
@@ -144,6 +209,11 @@ class Conductor(RoughSurface):
         if self.material is not None:
             metal(self.material)
         return self
+
+    @property
+    def alphas(self) -> tuple[float, float]:
+        """Roughness along dp/du and across it; equal where it is isotropic."""
+        return self.alpha if isinstance(self.alpha, tuple) else (self.alpha, self.alpha)
 
     @property
     def body(self) -> AnyBody:
@@ -219,7 +289,18 @@ class Patterned(Model):
     @property
     def alpha(self) -> float:
         """Mean roughness, for tables; a truth's `alpha` has that of every pixel."""
-        return float(np.mean([part.alpha for part in self.surfaces]))
+        return float(np.mean([part.isotropic_alpha for part in self.surfaces]))
+
+    @property
+    def isotropic_alpha(self) -> float:
+        """`alpha`."""
+        return self.alpha
+
+    @property
+    def distribution(self) -> Distribution | None:
+        """Distribution of the facets of all surfaces, None where they differ."""
+        names = {part.distribution for part in self.surfaces}
+        return names.pop() if len(names) == 1 else None
 
     @property
     def body(self) -> str:
@@ -245,3 +326,28 @@ Surface = Annotated[
     | Annotated[Patterned, Tag("patterned")],
     Discriminator(_kind),
 ]
+
+
+def has_metal(surface: Surface) -> bool:
+    """Whether a surface, or any part of it, is a metal given by its index.
+
+    Examples
+    --------
+    >>> has_metal(Conductor(material="gold", alpha=0.1))
+    True
+    """
+    parts = surface.surfaces if isinstance(surface, Patterned) else (surface,)
+    return any(isinstance(part, Conductor) for part in parts)
+
+
+def anisotropic(surface: Surface) -> bool:
+    """Whether the roughness of a surface, or of any part of it, depends on the direction.
+
+    Examples
+    --------
+    >>> anisotropic(Conductor(material="gold", alpha=(0.1, 0.4)))
+    True
+    """
+    if isinstance(surface, Patterned):
+        return any(map(anisotropic, surface.surfaces))
+    return isinstance(surface, Conductor) and isinstance(surface.alpha, tuple)

@@ -162,3 +162,6 @@ Shape = Annotated[Sphere | Torus | Blob | Superquadric | MeshFile, Field(discrim
 ShapeOrPlane = Annotated[
     Sphere | Torus | Blob | Superquadric | MeshFile | Plane, Field(discriminator="kind")
 ]
+
+CONVEX = frozenset({"sphere"})
+"""Kinds of shape that cast neither shadow nor light on themselves."""

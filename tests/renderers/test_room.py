@@ -48,7 +48,7 @@ def by_mitsuba(scene: Scene, sampling: Sampling, runs: int) -> np.ndarray:
     room = Room(mi, scene, Sampling(samples=2))
     for bsdf in room.bsdfs:
         bsdf.set_band(float(bsdf.surface.indices(scene.wavelengths_nm)[0]), bsdf.surface.albedo)
-    path = {"type": "path", "max_depth": sampling.max_depth, "hide_emitters": True}
+    path = {"type": "path", "max_depth": sampling.depth(scene), "hide_emitters": True}
     loaded = mi.load_dict(
         {
             "type": "scene",

@@ -163,7 +163,7 @@ MISTAKES = [
         '"carbon"',
         PATTERN.replace('"rust"', '{ alpha = "x" }'),
         "surfaces.0.parts.0.alpha",
-        "a number",
+        "a number, or two for a metal, [u, v]",
         "'x'",
     ),
     (

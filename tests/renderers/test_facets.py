@@ -1,0 +1,196 @@
+"""GGX and anisotropic facets: against plain Mitsuba, and laws of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plain import (
+    GOLD,
+    LAMP,
+    MIRROR,
+    OBLIQUE,
+    by_mitsuba,
+    compare,
+    needs_arrays,
+    own_shape,
+    plain_bsdf,
+    returns_no_more,
+    scene_of,
+)
+
+from malus.renderers import render
+from malus.renderers.families.family import render_family
+from malus.renderers.torrance_sparrow import render_torrance_sparrow
+from malus.renderers.variant import choose, mitsuba
+from malus.scenes import (
+    Area,
+    Conductor,
+    Dielectric,
+    Distant,
+    InputError,
+    Light,
+    MeshFile,
+    Placed,
+    Plane,
+    Sampling,
+    Surroundings,
+    Uniform,
+)
+from malus.scenes.materials.surface import Surface
+
+
+@needs_arrays
+@pytest.mark.parametrize(
+    ("surface", "light", "roll_deg"),
+    [
+        (Dielectric(eta=1.5, alpha=0.3, distribution="ggx"), OBLIQUE, 0.0),
+        (Dielectric(eta=1.5, alpha=0.2, distribution="ggx", albedo=0.2), Uniform(), 0.0),
+        (Conductor(**GOLD, alpha=0.3, distribution="ggx"), LAMP, 30.0),
+        (Conductor(**GOLD, alpha=(0.1, 0.45)), OBLIQUE, 0.0),
+        (Conductor(**GOLD, alpha=(0.1, 0.45), distribution="ggx"), LAMP, 30.0),
+        (Conductor(**GOLD, alpha=(0.4, 0.15)), Uniform(), 0.0),
+    ],
+)
+def test_facets_are_those_of_mitsuba(surface: Surface, light: Light, roll_deg: float) -> None:
+    scene, sampling = scene_of(surface, light, roll_deg=roll_deg), Sampling(samples=256)
+    compare(render(scene, sampling), by_mitsuba(scene, sampling, own_shape(scene), 8))
+
+
+@needs_arrays
+def test_anisotropic_facets_turn_with_an_object_among_others() -> None:
+    """A brushed plane, tilted and turned, beside Mitsuba's rectangle with the same transform."""
+    brushed = Conductor(**GOLD, alpha=(0.08, 0.5))
+    wall = Placed(shape=Plane(), surface=brushed, tilt_deg=60, turn_deg=35, scale=2.0)
+    ball = Conductor(**GOLD, alpha=0.3)
+    light = Area(incidence_deg=40, azimuth_deg=35, half_angle_deg=25, radiance=2.0)
+    scene = scene_of(ball, light).model_copy(
+        update={"surroundings": Surroundings(name="wall", objects=(wall,))}
+    )
+    sampling = Sampling(samples=256, max_depth=2)
+    mi = mitsuba(choose())
+    turn = mi.ScalarTransform4f().rotate([0, 1, 0], 35.0).rotate([1, 0, 0], 60.0)
+    facing_up = turn.scale(2.0).rotate([1, 0, 0], -90.0)
+    shapes = {
+        "ball": {"type": "sphere", "bsdf": plain_bsdf(ball)},
+        "wall": {"type": "rectangle", "to_world": facing_up, "bsdf": plain_bsdf(brushed)},
+    }
+    truth = render(scene, sampling)
+    compare(truth, by_mitsuba(scene, sampling, shapes, 8))
+    turned = wall.model_copy(update={"surface": Conductor(**GOLD, alpha=(0.5, 0.08))})
+    swapped = scene.model_copy(
+        update={"surroundings": Surroundings(name="wall", objects=(turned,))}
+    )
+    other = render(swapped, sampling)
+    assert np.abs(other.image - truth.image)[truth.mask].max() > 0.02 * truth.image.max()
+
+
+QUAD = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+property float s
+property float t
+element face 1
+property list uchar int vertex_indices
+end_header
+"""
+
+
+def quad(folder: Path, name: str, uv: list[tuple[int, int]] | None) -> MeshFile:
+    """A square that leans to the right and to the top, with texture coordinates."""
+    right, up = np.array([0.8, 0.0, -0.6]), np.array([-0.36, 0.8, -0.48])  # orthonormal
+    corners = [0.7 * (a * right + b * up) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    header = QUAD if uv else QUAD.replace("property float s\nproperty float t\n", "")
+    rows = [(*c, *(uv[i] if uv else ())) for i, c in enumerate(corners)]
+    text = header + "".join(" ".join(map(str, row)) + "\n" for row in rows) + "4 0 1 2 3\n"
+    (folder / name).write_text(text, "ascii")
+    return MeshFile(path=str(folder / name), shading="flat")
+
+
+def test_texture_coordinates_turned_by_90_degrees_swap_both_roughnesses(tmp_path: Path) -> None:
+    straight = quad(tmp_path, "straight.ply", [(0, 0), (1, 0), (1, 1), (0, 1)])
+    turned = quad(tmp_path, "turned.ply", [(0, 1), (0, 0), (1, 0), (1, 1)])
+    light = Distant(incidence_deg=20, azimuth_deg=70)
+
+    def image(shape: MeshFile, alphas: tuple[float, float]) -> np.ndarray:
+        scene = scene_of(Conductor(**GOLD, alpha=alphas), light, shape)
+        return render(scene, Sampling(samples=4)).stokes
+
+    first, swapped = image(straight, (0.1, 0.4)), image(turned, (0.4, 0.1))
+    # The same facets in 32-bit floats, from another tangent.
+    np.testing.assert_allclose(swapped, first, atol=1e-5 * first.max())
+    assert np.abs(image(turned, (0.1, 0.4)) - first).max() > 0.05 * first.max()
+
+
+def test_a_mesh_without_coordinates_refuses_two_roughnesses(tmp_path: Path) -> None:
+    scene = scene_of(Conductor(**GOLD, alpha=(0.1, 0.4)), OBLIQUE, quad(tmp_path, "bare.ply", None))
+    with pytest.raises(InputError, match=r"texture coordinates.*one number as alpha"):
+        render(scene, Sampling(samples=2))
+
+
+def test_recordings_tell_distributions_apart() -> None:
+    """A kernel that was recorded for one distribution is not played again for another."""
+    surfaces = {
+        (distribution, alpha): Conductor(**GOLD, alpha=alpha, distribution=distribution)
+        for distribution in ("beckmann", "ggx")
+        for alpha in (0.3, (0.1, 0.4))
+    }
+    images = {
+        name: render(scene_of(surface, OBLIQUE), Sampling(samples=4)).image
+        for name, surface in surfaces.items()
+    }
+    again = {
+        name: render(scene_of(surfaces[name], OBLIQUE), Sampling(samples=4)).image
+        for name in reversed(surfaces)
+    }
+    for name, image in images.items():
+        np.testing.assert_array_equal(again[name], image)
+    for one, other in [(("ggx", 0.3), ("beckmann", 0.3)), (("ggx", (0.1, 0.4)), ("ggx", 0.3))]:
+        assert np.abs(images[one] - images[other]).max() > 0.02 * images[one].max()
+
+
+def test_the_scalar_variant_has_the_same_facets() -> None:
+    if not choose().vectorised:
+        pytest.skip("only the scalar variant runs here: nothing to compare it with")
+    scene = scene_of(Conductor(**GOLD, alpha=(0.15, 0.4), distribution="ggx"), OBLIQUE)
+    ours = render_family([scene], Sampling(samples=64, seed=1)).truth(scene)
+    theirs = render_family([scene], Sampling(samples=64, seed=2), choose("scalar")).truth(scene)
+    both = ours.mask & theirs.mask
+    error = np.hypot(ours.standard_error, theirs.standard_error)[both]
+    residual = ((ours.stokes - theirs.stokes)[both] / np.maximum(error, 1e-6)).ravel()
+    # As in test_conductors: Student's t with 7 degrees of freedom; components correlate.
+    assert 0.4 < np.mean(residual**2) < 1.8
+
+
+def test_the_formulas_refuse_ggx() -> None:
+    surface = Dielectric(eta=1.5, alpha=0.3, body="unpolarised", distribution="ggx")
+    with pytest.raises(InputError, match=r"Beckmann's facets, found ggx"):
+        render_torrance_sparrow(scene_of(surface, OBLIQUE))
+
+
+def test_methods_are_told_one_roughness_of_two() -> None:
+    truth = render(scene_of(Conductor(**GOLD, alpha=(0.1, 0.4)), OBLIQUE), Sampling(samples=2))
+    assert truth.alpha == pytest.approx(0.2)  # √(0.1 · 0.4)
+    assert replace(truth, alpha_map=np.full(truth.mask.shape, 0.3)).alpha[0, 0] == 0.3
+
+
+@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
+def test_nothing_returns_more_than_it_receives(distribution: str) -> None:
+    """White bodies, and a metal that absorbs nothing, under radiance 1 from everywhere."""
+    alphas = (0.05, 0.3, 1.0)
+    surfaces: list[Surface] = [
+        Dielectric(eta=eta, alpha=alpha, albedo=1.0, distribution=distribution)
+        for eta in (1.05, 1.5, 2.5)
+        for alpha in alphas
+    ]
+    surfaces += [
+        Conductor(**MIRROR, alpha=alpha, distribution=distribution)
+        for alpha in (*alphas, (0.05, 0.8))
+    ]
+    for surface in surfaces:
+        returns_no_more(render(scene_of(surface, Uniform(), resolution=12), Sampling(samples=64)))
