@@ -12,12 +12,16 @@ from malus.scenes.core.files import TEMPORARY, remove_abandoned
 from malus.scenes.core.remote import is_here, put_mark
 from malus.scenes.core.result_files import EXAMPLES, PARTS, TABLE
 
+CAPTURES = "captures.json"
+"""File that marks results of captures, with what was asked for."""
+
 FOLDERS = {
     DATASET: "a dataset",
     PLAN: "a run",
     "conventions.json": "an export",
     "stress.csv": "a study",
     "precision.csv": "a study",
+    CAPTURES: "captures",
     TABLE: "scores",
 }
 """Content of a folder by the file that marks it, in order: a run has the table of scores, too."""

@@ -62,7 +62,7 @@ def error_maps(example: Example) -> Iterator[ErrorMap]:
     """
     true = example.truth[example.mask].astype(np.float64)
     peak = float(true[..., 0].max(initial=0.0)) or 1.0
-    colours = compared_colours(true / peak, example.wavelengths_nm)
+    colours = compared_colours(true / peak, example.colour_weights)
     for method, stokes in example.methods.items():
         estimated = stokes[example.mask].astype(np.float64) / peak
         for suffix, angle, values in differences_from(colours, estimated):
