@@ -11,8 +11,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, model_validator
 
 from malus.reconstruct.photos.capture import Capture, read_capture
-from malus.reconstruct.photos.label_images import read_labels
-from malus.reconstruct.photos.masks_and_normals import read_mask
+from malus.reconstruct.photos.masks_and_normals import read_labels, read_mask
 from malus.scenes.core.arrays import BoolArray
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
@@ -103,7 +102,8 @@ class CaptureEntry(Model):
             From `read_mask` or `read_labels`.
         """
         if self.labels is not None:
-            return read_labels(self.labels, shape)
+            labels = read_labels(self.labels, shape)
+            return tuple(labels == number for number in range(1, int(labels.max()) + 1))
         if self.mask is not None:
             return (read_mask(self.mask, shape),)
         import numpy as np

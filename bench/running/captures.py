@@ -156,9 +156,13 @@ class _Run:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Stokes image (height, width, channels, 3) of a method, and what was left unpolarised."""
+    """Stokes image (height, width, channels, 3) of a method.
+
+    `refused` are numbers of objects, from 1, that it left unpolarised; `note` says why.
+    """
 
     stokes: Float32Array
+    refused: tuple[int, ...]
     note: str
     invalid: int
     converged: bool | None
@@ -186,21 +190,22 @@ def reconstruct(method: Method, image: Float32Array, objects: Sequence[BoolArray
         raise Inapplicable(f"needs {listed}, which a photograph does not tell")
     stokes = np.zeros((*image.shape, 3), dtype=np.float32)
     stokes[..., 0] = image
-    reasons, invalid, converged = [], 0, []
+    reasons: dict[int, str] = {}
+    invalid, converged = 0, []
     for number, mask in enumerate(objects, start=1):
         try:
             components = method.reconstruct(Observation(image, mask))
         except Inapplicable as reason:
-            reasons.append(str(reason) if len(objects) == 1 else f"object {number}: {reason}")
+            reasons[number] = str(reason) if len(objects) == 1 else f"object {number}: {reason}"
             continue
         stokes[mask] = components.stokes[mask]
         invalid += components.invalid(mask)
         converged.append(components.converged)
     if len(reasons) == len(objects):
-        raise Inapplicable("; ".join(reasons))
+        raise Inapplicable("; ".join(reasons.values()))
     told = [value for value in converged if value is not None]
-    note = f"left unpolarised: {'; '.join(reasons)}" if reasons else ""
-    return Estimate(stokes, note, invalid, all(told) if told else None)
+    note = f"left unpolarised: {'; '.join(reasons.values())}" if reasons else ""
+    return Estimate(stokes, tuple(reasons), note, invalid, all(told) if told else None)
 
 
 @dataclass
@@ -268,7 +273,7 @@ class Photographed:
             yield MetricValue("converged", float(estimate.converged))
         for number, mask in enumerate(self.objects if len(self.objects) > 1 else (), start=1):
             chosen = mask[self.scored]
-            if chosen.any():
+            if chosen.any() and number not in estimate.refused:
                 nmse, skill = self.pixels.part(chosen).errors(estimated[chosen])
                 yield MetricValue(f"nmse_object_{number}", nmse)
                 yield MetricValue(f"skill_object_{number}", skill)
