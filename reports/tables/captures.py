@@ -19,7 +19,7 @@ def by_group(table: pd.DataFrame) -> TextTable:
     --------
     >>> from malus.reports.tables.sample import captured
     >>> by_group(captured()).lines[1][:4]
-    ['indoor', 'eq8', '3 of 3', '6.7e-5']
+    ['indoor', 'eq8', '3 of 3', '7.4e-5']
     """
     captures = table.groupby("light", sort=False)["scene"].nunique()
     lines = []
