@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from malus.bench.datasets.predictions import PredictionErrors as PredictionErrors
     from malus.bench.datasets.render import render_dataset as render_dataset
     from malus.bench.datasets.score import score_dataset as score_dataset
+    from malus.bench.public.captures import run_captures as run_captures
     from malus.bench.public.doctor import doctor as doctor, self_check as self_check
     from malus.bench.public.gates import (
         BaselineUpdate as BaselineUpdate,
@@ -41,6 +42,11 @@ if TYPE_CHECKING:
     )
     from malus.bench.public.suites import Plan as Plan, plan as plan, report as report, run as run
     from malus.bench.public.tables import compare as compare, table as table
+    from malus.bench.running.capture_suite import (
+        CaptureEntry as CaptureEntry,
+        CaptureSuite as CaptureSuite,
+        load_captures as load_captures,
+    )
     from malus.bench.running.results import Results as Results, read_results as read_results
     from malus.bench.running.status import Status as Status, status as status
     from malus.bench.scoring.capture_score import score_capture as score_capture
@@ -152,6 +158,7 @@ _NAMES = {
     "malus.bench.datasets.predictions": "PredictionErrors",
     "malus.bench.datasets.render": "render_dataset",
     "malus.bench.datasets.score": "score_dataset",
+    "malus.bench.public.captures": "run_captures",
     "malus.bench.public.doctor": "doctor self_check",
     "malus.bench.public.gates": "BaselineUpdate GateResult gate update_baseline",
     "malus.bench.public.lists": "list_lights list_maps list_materials list_metals list_methods"
@@ -159,6 +166,7 @@ _NAMES = {
     " list_swatches",
     "malus.bench.public.suites": "Plan plan report run",
     "malus.bench.public.tables": "compare table",
+    "malus.bench.running.capture_suite": "CaptureEntry CaptureSuite load_captures",
     "malus.bench.running.results": "Results read_results",
     "malus.bench.running.status": "Status status",
     "malus.bench.scoring.capture_score": "score_capture",

@@ -13,7 +13,7 @@ from malus.reports.tables.formats import counted, markdown
 from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.rows import PAPER_METHOD, distinct
 from malus.reports.tables.skills import negative_skills
-from malus.reports.tables.text_tables import TextTable
+from malus.reports.tables.text_tables import as_markdown
 
 
 def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = ()) -> str:
@@ -38,11 +38,11 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
         *(f"![{markdown(name)}]({name})" for name in figures),
         "## Beside the paper",
         sentences.PAPER,
-        _table(text_tables.beside_paper(table)),
+        as_markdown(text_tables.beside_paper(table)),
         sentences.SKILL,
         *_colours(table),
         "## Errors and skill",
-        _table(text_tables.errors(table)),
+        as_markdown(text_tables.errors(table)),
         sentences.NOISE,
         sentences.UNMIXED,
         *_left_out(table),
@@ -53,7 +53,7 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
         *_without_skill(table),
         "## What was run",
         "\n".join(f"- {markdown(fact)}" for fact in sentences.what_was_run(table, run)),
-        _table(text_tables.stages(run)),
+        as_markdown(text_tables.stages(run)),
     ]
     return "\n\n".join(filter(None, blocks)) + "\n"
 
@@ -63,7 +63,7 @@ def _colours(table: pd.DataFrame) -> Iterator[str]:
     if colours:
         yield "## Table I: colour differences"
         yield sentences.TABLE1
-        yield _table(colours)
+        yield as_markdown(colours)
 
 
 def _left_out(table: pd.DataFrame) -> Iterator[str]:
@@ -89,19 +89,13 @@ def _negative(table: pd.DataFrame) -> Iterator[str]:
         return
     scenes = counted(int(groups["negative"].sum()), "scene")
     yield f"{scenes} in {counted(len(groups), 'place')}: there the model is worse than no model."
-    yield _table(text_tables.negatives(table, PAPER_METHOD))
+    yield as_markdown(text_tables.negatives(table, PAPER_METHOD))
 
 
 def _without_skill(table: pd.DataFrame) -> Iterator[str]:
     without = text_tables.without_skill(table)
     if without:
         yield sentences.NO_SKILL
-        yield _table(without)
+        yield as_markdown(without)
     else:
         yield sentences.ALL_SKILLS
-
-
-def _table(table: TextTable) -> str:
-    lines = [[markdown(cell) for cell in line] for line in (table.heads, *table.lines)]
-    rows = [lines[0], ["---"] * len(table.heads), *lines[1:]]
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from malus.reports.capture_report import capture_summary, of_captures
 from malus.reports.figures.drawings import Drawing, drawings, ladders
 from malus.reports.page import PAGE, page
 from malus.reports.sections import comparison as compared_section
@@ -61,9 +62,12 @@ def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -
     if len(colours):
         files.keep("table1.csv", colours.to_csv(index=False))
     names = [f"{drawing.name}.png" for drawing in (*figures, *budget)]
-    files.keep("summary.md", summary(results.table, results.run, names))
+    is_captures = "captures" in results.run
+    summarise = capture_summary if is_captures else summary
+    files.keep("summary.md", summarise(results.table, results.run, names))
     suite = results.run["suite"]
-    sections = of_run(Source(results.table, results.run, out, figures, budget, tuple(beside)))
+    source = Source(results.table, results.run, out, figures, budget, tuple(beside))
+    sections = of_captures(source) if is_captures else of_run(source)
     files.keep(PAGE, page(suite["name"], suite.get("description", ""), sections))
     return files.written
 

@@ -116,20 +116,35 @@ def lab(radiance: FloatArray, weights: Float64Array) -> Float64Array:
     return np.asarray(coordinates, dtype=np.float64) + 0.0
 
 
-def lab_of_linear_srgb(linear: FloatArray, white: float) -> Float64Array:
-    """CIELAB (..., 3) of linear sRGB (..., 1 or 3) over the radiance of white.
+GREY = ("grey",)
+RGB = ("red", "green", "blue")
+"""Names of the channels of a photograph, in linear light of the primaries of sRGB."""
+
+
+def channel_weights(channels: tuple[str, ...]) -> Float64Array:
+    """What one unit of light in each channel of a photograph adds to X, Y, Z; white has Y = 100.
+
+    Returns
+    -------
+    (channels, 3) array, for `lab` and `compared_colours`.
+
+    Raises
+    ------
+    InputError
+        If the channels are neither `RGB` nor `GREY`: bands of a spectrum have no such colour.
 
     Examples
     --------
-    >>> lab_of_linear_srgb(np.array([0.5]), 0.5).round(1).tolist()[0]
-    100.0
+    >>> lab(np.array([1.0]), channel_weights(GREY)).round(6).tolist()
+    [100.0, 0.0, 0.0]
     """
+    if channels not in (RGB, GREY):
+        expected = "red, green and blue, or grey"
+        raise InputError("channels", expected, ", ".join(channels), "score without colours")
     import colour
 
-    rgb = np.broadcast_to(np.clip(linear / white, 0, None), (*linear.shape[:-1], 3))
-    space = colour.RGB_COLOURSPACES["sRGB"]
-    xyz = rgb.astype(np.float64) @ space.matrix_RGB_to_XYZ.T
-    return np.asarray(colour.XYZ_to_Lab(xyz, space.whitepoint))
+    of_primaries = 100.0 * colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ.T
+    return np.asarray(of_primaries if channels == RGB else of_primaries.sum(axis=0)[None])
 
 
 def delta_e_maps(
@@ -163,7 +178,8 @@ def delta_e_maps(
     >>> [suffix for suffix, angle, _ in delta_e_maps(stokes, stokes, (450.0, 550.0, 650.0))][:3]
     ['_i_max', '_i_min', '']
     """
-    yield from differences_from(compared_colours(true, wavelengths_nm), estimated, method)
+    colours = compared_colours(true, band_weights(wavelengths_nm))
+    yield from differences_from(colours, estimated, method)
 
 
 @dataclass(frozen=True)
@@ -177,15 +193,11 @@ class ComparedColours:
     weights: Float64Array
 
 
-def compared_colours(stokes: FloatArray, wavelengths_nm: tuple[float, ...]) -> ComparedColours:
+def compared_colours(stokes: FloatArray, weights: Float64Array) -> ComparedColours:
     """Colours of Stokes vectors (pixels, bands, 3) over the radiance of white.
 
-    Raises
-    ------
-    InputError
-        If no band is visible.
+    `weights` are those of `band_weights` or `channel_weights`.
     """
-    weights = band_weights(wavelengths_nm)
     labs = (lab(image(stokes), weights) for _, _, image in _compared_images())
     return ComparedColours(tuple(labs), weights)
 

@@ -39,7 +39,8 @@ ROOMS = {
         "methods", "photos",
     ),
     "reports": (
-        "tables templates", "figures viewer", "source page", "sections summary", "write",
+        "tables templates", "figures viewer", "source page", "sections summary",
+        "capture_report", "write",
     ),
     "bench": (
         "scoring", "running", "datasets", "gates", "studies documents", "public", "commands", "cli",

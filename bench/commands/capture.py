@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from malus.bench.commands.filter import (
     in_words_of_options,
@@ -13,6 +15,10 @@ from malus.bench.commands.filter import (
     knowledge_options,
 )
 from malus.bench.commands.options import command
+
+if TYPE_CHECKING:
+    from malus.bench.running.capture_suite import CaptureSuite
+    from malus.bench.running.results import Results
 
 
 class Angles(click.ParamType[tuple[float, ...]]):
@@ -47,7 +53,7 @@ class Size(click.ParamType[tuple[int, int]]):
 
 
 @command("capture")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--zero",
     type=click.Choice(["vertical", "horizontal"]),
@@ -73,9 +79,7 @@ class Size(click.ParamType[tuple[int, int]]):
     "--black", help="Dark level: a code, below 1 a share of the largest, or a dark frame's file."
 )
 @click.option("--white", type=float, help="Level at which the sensor is full, likewise.")
-@click.option(
-    "--mosaic", type=Angles(), help="FOLDER is a polarisation camera's frame: 90,45,135,0."
-)
+@click.option("--mosaic", type=Angles(), help="Each is a polarisation camera's frame: 90,45,135,0.")
 @click.option(
     "--bayer",
     type=click.Choice(["rggb", "bggr", "grbg", "gbrg"]),
@@ -83,30 +87,65 @@ class Size(click.ParamType[tuple[int, int]]):
 )
 @click.option("--size", type=Size(), help="Of a frame without a header.")
 @click.option("--packing", help="Its pixel format: mono8, mono12, mono12p, mono12packed, mono16, …")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for maps of the fit.")
+@click.option(
+    "--method",
+    "methods",
+    multiple=True,
+    help="Methods to score on the unpolarised image, with a report; may be repeated.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder for maps of the fit; of several captures for their results [results/captures].",
+)
 @click.option("--fit-only", is_flag=True, help="Fit the pictures and reconstruct nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
 @knowledge_options
+@click.pass_context
 def capture_command(
-    folder: Path,
+    ctx: click.Context,
+    /,
+    folders: tuple[Path, ...],
     offset: float,
+    methods: tuple[str, ...],
     out: Path | None,
     fit_only: bool,
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Fit pictures of FOLDER through a rotated polariser, and score a reconstruction.
+    """Fit pictures of FOLDERS through a rotated polariser, and score reconstructions.
 
     Names hold the angle (pol_000.png, pol_045.png, …), or angles.json maps names to degrees, or a
-    JSON file stands beside each. FOLDER may be a TIFF of pages or a .npy stack, with --angles, or
+    JSON file stands beside each. A folder may be a TIFF of pages or a .npy stack, with --angles, or
     one frame of a polarisation camera, with --mosaic. The reconstruction sees only the mean of the
     pictures, and what the options tell.
+
+    Several folders, or a TOML file that names folders, masks and conventions, make results like
+    those of a run: tables, Table I, Figure 9, error maps and the page. So does --method. What fails
+    is named and left out, and the exit code is 1 then.
 
     \b
     Example:
       malus capture kettle --zero horizontal --linear --mask kettle_mask.png
       malus capture frame.png --mosaic 90,45,135,0 --fit-only
+      malus capture kettle vase --zero horizontal --method blind --out results/indoor
+      malus capture captures.toml
     """
+    if len(folders) > 1 or methods or folders[0].suffix.lower() == ".toml":
+        told = given | {"offset": offset, "fit_only": fit_only}
+        sys.exit(_run_suite(_suite(ctx, folders, methods, told), out, as_json))
+    _fit_one(folders[0], offset, out, fit_only, as_json, given)
+
+
+def _fit_one(
+    folder: Path,
+    offset: float,
+    out: Path | None,
+    fit_only: bool,
+    as_json: bool,
+    given: dict[str, Any],
+) -> None:
+    """Fit one capture, score the reconstruction that the options describe, and print it."""
     import json
 
     from malus.bench.scoring.capture_score import score_capture, write_fit
@@ -129,7 +168,88 @@ _READING = (
     "zero", "sense", "angles", "unit", "linear", "black", "white", "mosaic", "bayer", "size",
     "packing",
 )  # fmt: skip
-"""Options for reading FOLDER; the others describe the object."""
+"""Options for reading pictures; the others describe the object."""
+
+
+def _suite(
+    ctx: click.Context, folders: tuple[Path, ...], methods: tuple[str, ...], told: dict[str, Any]
+) -> CaptureSuite:
+    """The captures that a TOML file names, or folders that are all read as the options say.
+
+    Raises
+    ------
+    InputError
+        An option that has no place there, or a TOML file among folders.
+    """
+    from malus.bench.running.capture_suite import CaptureSuite, load_captures
+    from malus.scenes.core.errors import InputError
+
+    is_file = folders[0].suffix.lower() == ".toml"
+    if is_file and len(folders) > 1:
+        expected, hint = "one TOML file, or folders", "name the folders in the TOML file"
+        raise InputError(str(folders[0]), expected, f"{len(folders)} arguments", hint)
+    allowed = {"folders", "methods", "out", "as_json"}
+    allowed |= set() if is_file else {*_READING, "offset", *(["mask"] if len(folders) == 1 else [])}
+    for param in ctx.command.params:
+        given = ctx.get_parameter_source(str(param.name)) is not ParameterSource.DEFAULT
+        if given and param.name not in allowed:
+            expected = "options that hold for all" if not is_file else "this in the TOML file"
+            hint = "write it to a [[capture]] of a TOML file, if it is one of its keys"
+            raise InputError(param.opts[0], expected, "an option of one capture", hint)
+    if is_file:
+        suite = load_captures(folders[0])
+        return suite.model_copy(update={"methods": methods}) if methods else suite
+    keys = {name: value for name, value in told.items() if name in allowed and value is not None}
+    if "mask" in keys:
+        keys["mask"] = str(keys["mask"])
+    return CaptureSuite.of_folders(folders, methods, **keys)
+
+
+def _run_suite(suite: CaptureSuite, out: Path | None, as_json: bool) -> int:
+    """Run a suite of captures and print it; 1 where something failed, otherwise 0."""
+    from rich.console import Console
+
+    from malus.bench.commands.printing import print_json
+    from malus.bench.public.captures import run_captures
+    from malus.bench.running.progress import with_progress
+    from malus.bench.running.results import headline
+
+    folder = out if out is not None else Path("results") / suite.name
+    console = Console(stderr=True, soft_wrap=True)
+    results = with_progress(
+        console, "captures", lambda show: run_captures(suite, folder, progress=show)
+    )
+    if as_json:
+        print_json({"out": str(folder), "methods": headline(results), "run": results.run})
+    else:
+        _print_captures(results)
+    for failure in results.run["failures"]:
+        text = in_words_of_options(f"left out, {failure}")
+        console.print(text, highlight=False, markup=False)
+    console.print(f"written to {folder}", highlight=False, markup=False)
+    return 1 if results.run["failures"] else 0
+
+
+_SHOWN = ("capture", "method", "NMSE", "skill", "gain", "best scale", "skill at it")
+"""Columns that fit 80 characters; the summary has all."""
+
+
+def _print_captures(results: Results) -> None:
+    """A line a capture and method."""
+    from rich.console import Console
+
+    from malus.bench.commands.printing import plain_table
+    from malus.reports.tables.captures import by_capture, notes
+
+    errors = by_capture(results.table)
+    shown = [errors.heads.index(head) for head in _SHOWN]
+    table = plain_table(*_SHOWN)
+    for line in errors.lines:
+        table.add_row(*(line[column] for column in shown))
+    console = Console(soft_wrap=True)
+    console.print(table)
+    for note in notes(results.table):
+        console.print(note, highlight=False, markup=False)
 
 
 def _report(results: dict[str, Any]) -> str:

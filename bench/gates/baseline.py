@@ -23,8 +23,12 @@ from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.files import write_whole
 from malus.scenes.core.model import Model, content_id
 
-GatedMetric = Literal["gain", "rotation", "facing_skill"]
-"""Metrics whose standard error is known; in the others noise looks like a change."""
+GatedMetric = Literal["gain", "rotation", "facing_skill", "skill"]
+"""Metrics whose standard error is known; in the others noise looks like a change. The plain skill
+is gated only on captures, whose pictures stay the same."""
+
+CAPTURES = "captures"
+"""Key of the record of results of real captures, and what stands for their variant."""
 
 KEYS = ("method", "knowledge", "body", "light", "surface")
 """Columns that identify a measured value; scenes of other shapes and materials are pooled."""
@@ -99,6 +103,10 @@ class RunIdentity(Model):
         InputError
             If their record does not name it.
         """
+        if CAPTURES in results.run:
+            scenes = sorted(capture["scene"] for capture in results.run[CAPTURES])
+            name = results.run["suite"]["name"]
+            return cls(suite=name, scenes=content_id(scenes), seed=0, variant=CAPTURES)
         try:
             suite, variant = dict(results.run["suite"]), results.run["variant"]["name"]
             sampling = dict(suite["sampling"])
@@ -147,6 +155,23 @@ DEFAULT_RULES = (
 )
 """Rules of a new baseline."""
 
+CAPTURE_RULES = (
+    *DEFAULT_RULES[:2],
+    ToleranceRule(metric="skill", tolerance=0.01, reason="a hundredth of the way to the guess"),
+)
+"""Rules of a new baseline of captures."""
+
+
+def default_rules(results: Results) -> tuple[ToleranceRule, ...]:
+    """Rules of a new baseline of these results."""
+    return CAPTURE_RULES if CAPTURES in results.run else DEFAULT_RULES
+
+
+def _gated(results: Results) -> tuple[str, ...]:
+    """Metrics that are compared on these results."""
+    left_out = "facing_skill" if CAPTURES in results.run else "skill"
+    return tuple(metric for metric in get_args(GatedMetric) if metric != left_out)
+
 
 def measure(results: Results) -> Iterator[PooledMetric | tuple[str, ...]]:
     """Pool the gated metrics over the scenes of each body, light and surface.
@@ -167,7 +192,7 @@ def measure(results: Results) -> Iterator[PooledMetric | tuple[str, ...]]:
     table = results.headlines
     keys = ["scene", *KEYS]
     signal = table[table.metric == "signal"][[*keys, "value"]].rename(columns={"value": "signal"})
-    gated = table[table.metric.isin(get_args(GatedMetric))]
+    gated = table[table.metric.isin(_gated(results))]
     gated = gated.merge(signal[signal.signal > 0], on=keys)
     # Without a value no pixel faces the camera, or the truth there is all noise: there is nothing
     # to compare with. An estimate that is not finite still shows in its gain.
@@ -175,7 +200,7 @@ def measure(results: Results) -> Iterator[PooledMetric | tuple[str, ...]]:
     if gated.empty:
         raise InputError(
             "results",
-            f"{', '.join(get_args(GatedMetric))} and signal",
+            f"{', '.join(_gated(results))} and signal",
             "none",
             "run the suite again",
         )

@@ -8,9 +8,9 @@ from pathlib import Path
 from malus.bench.gates import gate as comparison
 from malus.bench.gates import gate_report
 from malus.bench.gates.baseline import (
-    DEFAULT_RULES,
     Baseline,
     RunIdentity,
+    default_rules,
     read_baseline,
     write_baseline,
 )
@@ -172,7 +172,7 @@ def update_baseline(results: Results | Path | str, baseline: Path | str) -> Base
     path = Path(baseline)
     measured = _results(results)
     old = read_baseline(path) if path.exists() else None
-    new = updated(measured, old, DEFAULT_RULES)
+    new = updated(measured, old, default_rules(measured))
     compared = None
     if old is not None and old.origin.scenes == RunIdentity.of(measured).scenes:
         compared = GateResult(tuple(comparison.gate(measured, old)))

@@ -12,6 +12,9 @@ from malus.scenes.core.files import TEMPORARY, remove_abandoned
 from malus.scenes.core.remote import is_here, put_mark
 from malus.scenes.core.result_files import EXAMPLES, PARTS, TABLE
 
+CAPTURES = "captures.json"
+"""File that marks results of captures, with what was asked for."""
+
 FOLDERS = {
     DATASET: "a dataset",
     PLAN: "a run",
@@ -19,6 +22,7 @@ FOLDERS = {
     "stress.csv": "a study",
     "precision.csv": "a study",
     "comparison.json": "a comparison",
+    CAPTURES: "captures",
     TABLE: "scores",
 }
 """Content of a folder by the file that marks it, in order: a run has the table of scores, too."""

@@ -5,9 +5,7 @@ Table I of the paper, on real pictures.
 
 from __future__ import annotations
 
-import functools
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +19,15 @@ from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
 from malus.reconstruct.photos.write_picture import write_picture
 from malus.scenes import polarisation
-from malus.scenes.colour import lab_of_linear_srgb
+from malus.scenes.colour import (
+    GREY,
+    RGB,
+    channel_weights,
+    compared_colours,
+    differences_from,
+)
 from malus.scenes.core.arrays import FloatArray
 from malus.scenes.core.files import add_to_folder
-from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
 
 def score_capture(
@@ -120,20 +123,11 @@ def colour_differences(
     """
     if true.shape[-2] not in (1, 3):
         return {}  # bands of a spectrum, whose light is not that of three primaries
-    images: dict[str, Callable[[FloatArray], FloatArray]] = {
-        "i_max": lambda stokes: polarisation.extremes(stokes)[0],
-        "i_min": lambda stokes: polarisation.extremes(stokes)[1],
+    colours = compared_colours(true / white, channel_weights(RGB if true.shape[-2] == 3 else GREY))
+    return {
+        suffix.removeprefix("_") or f"{angle:g}": [float(values.mean()), float(values.std())]
+        for suffix, angle, values in differences_from(colours, estimated / white)
     }
-    for angle in PAPER_ANGLES_DEG:
-        images[f"{angle:g}"] = functools.partial(polarisation.polarised, angle_deg=angle)
-    differences = {}
-    for name, light in images.items():
-        difference = np.linalg.norm(
-            lab_of_linear_srgb(light(estimated), white) - lab_of_linear_srgb(light(true), white),
-            axis=-1,
-        )
-        differences[name] = [float(difference.mean()), float(difference.std())]
-    return differences
 
 
 def write_fit(

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from malus.bench.scoring.metrics import PixelSums
-from malus.scenes.colour import delta_e_maps
+from malus.scenes.colour import DifferenceMaps, delta_e_maps
 from malus.scenes.core.arrays import FloatArray
 
 
@@ -30,8 +30,13 @@ def delta_e(
     ------
     (suffix, polariser angle in degrees or None, PixelSums)
     """
+    yield from difference_sums(delta_e_maps(estimated, true, wavelengths_nm, method))
+
+
+def difference_sums(maps: DifferenceMaps) -> Iterator[tuple[str, float | None, PixelSums]]:
+    """Sums over the pixels of maps of the colour difference, as `delta_e` yields them."""
     all_angles = PixelSums()
-    for suffix, angle, difference in delta_e_maps(estimated, true, wavelengths_nm, method):
+    for suffix, angle, difference in maps:
         sums = PixelSums.of(difference)
         if angle is not None:
             all_angles = all_angles + sums

@@ -85,15 +85,10 @@ def polarisation_error(truth: Truth) -> StokesMetric:
     noise = PolarisationError.of(relative.noisy, relative.true)
 
     def measure(stokes: FloatArray) -> Iterator[MetricValue]:
-        error = PolarisationError.of(relative.of(stokes), relative.true)
-        aolp_noise_deg = math.degrees(noise.aolp.mean)
-        yield MetricValue("dolp_mae", error.dolp.mean, noise.dolp.mean)
-        yield MetricValue("aolp_mae_deg", math.degrees(error.aolp.mean), aolp_noise_deg)
-        yield MetricValue("s1_rmse", error.s1.rms, noise.s1.rms)
-        yield MetricValue("s2_rmse", error.s2.rms, noise.s2.rms)
+        yield from polarisation_values(
+            PolarisationError.of(relative.of(stokes), relative.true), noise
+        )
         yield from circular
-        yield MetricValue("nmse_i_max", error.i_max.mean_square, noise.i_max.mean_square)
-        yield MetricValue("nmse_i_min", error.i_min.mean_square, noise.i_min.mean_square)
 
     return measure
 
@@ -107,6 +102,19 @@ def _circular(truth: Truth) -> Iterator[MetricValue]:
         for s3 in (truth.s3, truth.s3_noise)
     )
     yield MetricValue("s3_rmse", own.rms, noise.rms)
+
+
+def polarisation_values(
+    error: PolarisationError, noise: PolarisationError
+) -> Iterator[MetricValue]:
+    """Rows of the table from the errors of an estimate, and those of a perfect one."""
+    aolp_noise_deg = math.degrees(noise.aolp.mean)
+    yield MetricValue("dolp_mae", error.dolp.mean, noise.dolp.mean)
+    yield MetricValue("aolp_mae_deg", math.degrees(error.aolp.mean), aolp_noise_deg)
+    yield MetricValue("s1_rmse", error.s1.rms, noise.s1.rms)
+    yield MetricValue("s2_rmse", error.s2.rms, noise.s2.rms)
+    yield MetricValue("nmse_i_max", error.i_max.mean_square, noise.i_max.mean_square)
+    yield MetricValue("nmse_i_min", error.i_min.mean_square, noise.i_min.mean_square)
 
 
 def psnr_values(truth: Truth) -> StokesMetric:

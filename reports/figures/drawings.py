@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from malus.reports.figures.inline import inlined
 from malus.reports.tables.rows import (
+    CAPTURED,
     PAPER_BODY,
     distinct,
     overall_rows,
@@ -104,7 +105,7 @@ def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
     yield _drawing(
         f"angles{_suffix(body)}",
         f"Error over the polariser angle{_title_end(body)}",
-        f"Mean and standard deviation over the scenes of a light. {_note(body)}",
+        f"Mean and standard deviation over the {_scenes(body)}. {_note(body)}",
         figure_angles(rows, body),
         numbers,
         by_method(numbers),
@@ -114,7 +115,7 @@ def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
         yield _drawing(
             f"figure9{_suffix(body)}",
             f"Figure 9: colour difference over the polariser angle{_title_end(body)}",
-            "ΔE76, mean and standard deviation over the pixels of all scenes of a light;"
+            f"ΔE76, mean and standard deviation over the pixels of all {_scenes(body)};"
             f" dashed: one just noticeable difference. {_note(body)}",
             figure9(rows, body),
             numbers,
@@ -171,15 +172,21 @@ def _drawing(
     return Drawing(name, title, caption, figure, svg(figure), numbers, cells)
 
 
+def _scenes(body: str) -> str:
+    return "captures of a group" if body == CAPTURED else "scenes of a light"
+
+
 def _suffix(body: str) -> str:
-    return "" if body == PAPER_BODY else f"_{body}_body"
+    return "" if body in (PAPER_BODY, CAPTURED) else f"_{body}_body"
 
 
 def _title_end(body: str) -> str:
-    return "" if body == PAPER_BODY else f", {body} body"
+    return "" if body in (PAPER_BODY, CAPTURED) else f", {body} body"
 
 
 def _note(body: str) -> str:
     if body == PAPER_BODY:
         return "The paper's assumption: the body is unpolarised."
+    if body == CAPTURED:
+        return "Real captures: their truth is the sinusoid that fits the pictures."
     return f"Body {body}."

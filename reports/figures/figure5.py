@@ -17,6 +17,7 @@ from malus.reports.tables.rows import (
     TRIVIAL,
     coverage,
     distinct,
+    is_of_captures,
     overall_rows,
     rows_of_body,
     scored_methods,
@@ -206,6 +207,10 @@ def _few(column: pd.Series[str]) -> str:
 
 
 def _caption(rows: pd.DataFrame) -> str:
+    if is_of_captures(rows):
+        names, groups = _few(rows["shape"]), _few(rows["light"])
+        counted = f"{rows['scene'].nunique()} captures: {names}; group {groups}."
+        return drawable(f"Mean ± standard deviation over {counted}")
     bodies = ", ".join(distinct(rows["body"]))
     return drawable(
         f"Mean ± standard deviation over {rows['scene'].nunique()} scenes:"

@@ -9,7 +9,13 @@ from typing import Any
 import pandas as pd
 
 from malus.reports.tables.formats import NO_NUMBER, scientific
-from malus.reports.tables.rows import overall_rows, rows_by_angle, scored_methods
+from malus.reports.tables.rows import (
+    distinct,
+    is_of_captures,
+    overall_rows,
+    rows_by_angle,
+    scored_methods,
+)
 from malus.reports.tables.text_tables import TextTable
 
 PAPER_TABLE1 = {
@@ -27,19 +33,22 @@ PAPER_TABLE1 = {
 _IMAGES = {"_i_max": "I_max", "_i_min": "I_min", "": "I(ϑ)"}
 _COLOURS = {"delta_e76": "ΔE76", "delta_e2000": "ΔE2000"}
 _ERROR = "NMSE"
-_COLUMNS = ["body", "method", "formula", "image", "mean", "std", "scene_std", "noise", "scenes"]
+_COLUMNS = ["method", "formula", "image", "mean", "std", "scene_std", "noise", "scenes"]
+_PAPER_GROUPS = {"the paper, Indoor": "indoor", "the paper, Outdoor": "outdoor"}
 
 
 def table1(table: pd.DataFrame) -> pd.DataFrame:
     """Colour differences and squared errors of every body and method over all scenes.
 
+    Of captures, every group stands for itself in place of the body.
+
     Returns
     -------
     DataFrame
-        One row a body × method × formula × image, columns body, method, formula (ΔE76, ΔE2000 or
-        NMSE), image, mean, std (over the pixels of all scenes, each scene counted alike; missing
-        for NMSE), scene_std (of the scenes' means), noise (mean of a perfect method) and scenes.
-        Empty where the run did not ask for colour differences.
+        One row a body × method × formula × image, columns body (of captures: group), method,
+        formula (ΔE76, ΔE2000 or NMSE), image, mean, std (over the pixels of all scenes, each scene
+        counted alike; missing for NMSE), scene_std (of the scenes' means), noise (mean of a perfect
+        method) and scenes. Empty where the run did not ask for colour differences.
 
     Examples
     --------
@@ -48,19 +57,20 @@ def table1(table: pd.DataFrame) -> pd.DataFrame:
     >>> errors[["method", "formula", "image", "mean", "std", "scene_std"]].values.tolist()[0]
     ['unpolarised', 'ΔE76', 'I_max', 3.0, 1.0, 0.0]
     """
+    part, source = ("group", "light") if is_of_captures(table) else ("body", "body")
     errors = pd.concat(
-        _pooled(table, overall_rows, name + ending, ["body", "method"]).assign(
-            formula=formula, image=image
-        )
+        _pooled(table, overall_rows, name + ending, [source, "method"])
+        .rename(columns={source: part})
+        .assign(formula=formula, image=image)
         for name, formula in (*_COLOURS.items(), ("nmse", _ERROR))
         for ending, image in _IMAGES.items()
     )
     if not errors["formula"].isin(_COLOURS.values()).any():
-        return pd.DataFrame(columns=_COLUMNS)
+        return pd.DataFrame(columns=[part, *_COLUMNS])
     order = {name: number for number, name in enumerate(scored_methods(table))}
     errors = errors.assign(order=errors["method"].map(order))
-    errors = errors.sort_values(["body", "order"], kind="stable", ignore_index=True)
-    return errors[_COLUMNS]
+    errors = errors.sort_values([part, "order"], kind="stable", ignore_index=True)
+    return errors[[part, *_COLUMNS]]
 
 
 def figure9_numbers(table: pd.DataFrame) -> pd.DataFrame:
@@ -104,20 +114,32 @@ def _pooled(
 
 
 def table1_text(table: pd.DataFrame) -> TextTable:
-    """Table I as text, the paper's own numbers last; without a line where no colour was scored."""
+    """Table I as text, with the paper's own numbers; without a line where no colour was scored.
+
+    Those of the paper's two datasets stand below a group of captures of that name, or come last.
+    """
     errors = table1(table)
+    part = str(errors.columns[0])
     pairs = list(dict.fromkeys(zip(errors["formula"], errors["image"], strict=True)))
-    heads = ("body", "method", "scenes", *(f"{formula} of {image}" for formula, image in pairs))
+    counted = "captures" if part == "group" else "scenes"
+    heads = (part, "method", counted, *(f"{formula} of {image}" for formula, image in pairs))
     lines = []
-    for (body, method), rows in errors.groupby(["body", "method"], sort=False):
+    for (name, method), rows in errors.groupby([part, "method"], sort=False):
         cells = {(row.formula, row.image): _cell(row) for row in rows.itertuples()}
         texts = [cells.get(pair, NO_NUMBER) for pair in pairs]
-        lines.append([str(body), str(method), str(rows["scenes"].max()), *texts])
-    if lines:
-        for source, printed in PAPER_TABLE1.items():
-            texts = [printed.get(pair, NO_NUMBER) for pair in pairs]
-            lines.append([NO_NUMBER, source, NO_NUMBER, *texts])
+        lines.append([str(name), str(method), str(rows["scenes"].max()), *texts])
+    for source, printed in PAPER_TABLE1.items() if lines else ():
+        texts = [printed.get(pair, NO_NUMBER) for pair in pairs]
+        group = _PAPER_GROUPS[source] if part == "group" else NO_NUMBER
+        lines.append([group, source, NO_NUMBER, *texts])
+    groups = [name.lower() for name in distinct(errors[part])] if part == "group" else []
+    lines.sort(key=lambda line: _place(line[0].lower(), groups))
     return TextTable(heads, lines)
+
+
+def _place(name: str, groups: Sequence[str]) -> int:
+    """Place of a group, after all of them where there is none of that name."""
+    return groups.index(name) if name in groups else len(groups)
 
 
 def _cell(row: Any) -> str:

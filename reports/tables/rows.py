@@ -23,6 +23,9 @@ TRIVIAL = "unpolarised"
 PAPER_METHOD = "eq8"
 PAPER_BODY = "unpolarised"
 
+CAPTURED = "captured"
+"""Body of a real object, of which nothing is known; its group stands in the column `light`."""
+
 
 class ResultsLike(Protocol):
     """The results of a run: a table, and a record of how it came about."""
@@ -34,6 +37,17 @@ class ResultsLike(Protocol):
     @property
     def run(self) -> dict[str, Any]:
         """Suite, versions, seeds, machine, seconds of every stage."""
+
+
+def is_of_captures(table: pd.DataFrame) -> bool:
+    """Whether the rows are of real captures.
+
+    Examples
+    --------
+    >>> is_of_captures(pd.DataFrame({"body": ["captured", "captured"]}))
+    True
+    """
+    return distinct(table["body"]) == [CAPTURED]
 
 
 def overall_rows(table: pd.DataFrame, metric: str) -> pd.DataFrame:

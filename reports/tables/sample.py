@@ -82,6 +82,23 @@ def coloured() -> pd.DataFrame:
     return pd.concat([plain, *kept], ignore_index=True)
 
 
+def captured() -> pd.DataFrame:
+    """Colour differences of captures in two groups, called as the materials of `table`.
+
+    Examples
+    --------
+    >>> captured()["light"].unique().tolist()
+    ['indoor', 'outdoor']
+    """
+    rows = coloured()
+    rows = rows[(rows["surface"] == "carbon") & (rows["method"] != "half_vector")]
+    groups = rows["light"].map({"uniform": "indoor", "distant 60°": "outdoor"})
+    return rows.assign(
+        surface=rows["material"], body="captured", light=groups, eta=float("nan"),
+        alpha=float("nan"),
+    )  # fmt: skip
+
+
 def laddered() -> pd.DataFrame:
     """The errors of "eq8" on the ladder of knowledge: every rung adds to them.
 

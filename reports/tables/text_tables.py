@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.tables.formats import NO_NUMBER, scientific, skill_text
+from malus.reports.tables.formats import NO_NUMBER, markdown, scientific, skill_text
 from malus.reports.tables.rows import PAPER_NMSE, TRIVIAL, distinct, overall_rows, scored_methods
 from malus.reports.tables.skills import by_light_and_body, negative_skills, unreported_skills
 
@@ -24,6 +24,19 @@ class TextTable:
     def __bool__(self) -> bool:
         """Whether there is a line."""
         return bool(self.lines)
+
+
+def as_markdown(table: TextTable) -> str:
+    """The table in Markdown, every cell escaped.
+
+    Examples
+    --------
+    >>> as_markdown(TextTable(("a", "b"), [["1", "*"]])).splitlines()[-1]
+    '| 1 | \\\\* |'
+    """
+    lines = [[markdown(cell) for cell in line] for line in (table.heads, *table.lines)]
+    rows = [lines[0], ["---"] * len(table.heads), *lines[1:]]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def beside_paper(table: pd.DataFrame) -> TextTable:

@@ -19,6 +19,7 @@ from malus.reports.tables import sentences
 from malus.reports.tables.formats import counted
 from malus.reports.templates.render import render
 from malus.reports.viewer.examples import Example
+from malus.scenes import polarisation
 from malus.scenes.colour import JUST_NOTICEABLE, compared_colours, differences_from
 from malus.scenes.core.arrays import AnyArray, BoolArray, Float64Array
 from malus.scenes.core.errors import InputError
@@ -29,10 +30,16 @@ WHITE = 10.0 * JUST_NOTICEABLE
 SIDE = 96
 """Pixels of a map's longer side at most; of a larger image every k-th pixel is shown."""
 
+PHOTOGRAPH_SIDE = 128
+"""The same for captures, which are shown beside their maps."""
+
 BUDGET = 3_000_000
 """Characters of maps in a page."""
 
 ByteArray: TypeAlias = NDArray[np.uint8]
+
+_WHITE_QUANTILE = 0.995
+"""Share of the object's pixels that are darker than the white of its photographs."""
 
 _NAMES = {"_i_max": "I_max", "_i_min": "I_min"}
 
@@ -62,7 +69,7 @@ def error_maps(example: Example) -> Iterator[ErrorMap]:
     """
     true = example.truth[example.mask].astype(np.float64)
     peak = float(true[..., 0].max(initial=0.0)) or 1.0
-    colours = compared_colours(true / peak, example.wavelengths_nm)
+    colours = compared_colours(true / peak, example.colour_weights)
     for method, stokes in example.methods.items():
         estimated = stokes[example.mask].astype(np.float64) / peak
         for suffix, angle, values in differences_from(colours, estimated):
@@ -127,20 +134,60 @@ def _table_or_none(example: Example) -> Markup | None:
 
 
 def _table(example: Example) -> Markup:
-    step = -(-max(example.mask.shape) // SIDE)
+    step = -(-max(example.mask.shape) // (PHOTOGRAPH_SIDE if example.channels else SIDE))
     mask = example.mask[::step, ::step]
-    methods: dict[str, list[dict[str, str]]] = {name: [] for name in example.methods}
+    rows: dict[str, list[dict[str, str]]] = {}
+    if example.channels:
+        rows = {name: list(cells) for name, cells in _photographs(example, step)}
+    heading = "{}, ΔE76" if example.channels else "{}"
     for error in error_maps(example):
         src = Markup(png_url(grey(error.difference[::step, ::step], mask)))
-        cell = {"image": error.image, "src": src, "spread": error.spread}
-        methods[error.method].append(cell)
-    images = dict.fromkeys(cell["image"] for cells in methods.values() for cell in cells)
+        alt = f"error map of {error.image} by {error.method}"
+        cell = {"image": error.image, "src": src, "text": error.spread, "alt": alt}
+        rows.setdefault(heading.format(error.method), []).append(cell)
+    images = dict.fromkeys(cell["image"] for cells in rows.values() for cell in cells)
     height, width = mask.shape
     return render(
         "error_map_table.html",
         label=example.label,
         images=list(images),
-        methods=methods,
+        rows=dict(sorted(rows.items(), key=lambda row: _place(row[0], example))),
         width=width,
         height=height,
     )
+
+
+def _place(heading: str, example: Example) -> int:
+    """Place of a row: what was captured, then every method's pictures above its maps."""
+    names = ["captured", *example.methods]
+    return next(k for k, name in enumerate(names) if heading in (name, f"{name}, ΔE76"))
+
+
+def _photographs(example: Example, step: int) -> Iterator[tuple[str, Iterator[dict[str, str]]]]:
+    """Pictures through the polariser, captured and by every method, as the paper shows them."""
+    lit = example.truth[..., 0][example.mask]
+    white = float(np.quantile(lit, _WHITE_QUANTILE)) / 2 or 1.0
+    for name, stokes in {"captured": example.truth, **example.methods}.items():
+        yield name, _pictures(name, stokes[::step, ::step] / white)
+
+
+def _pictures(name: str, stokes: AnyArray) -> Iterator[dict[str, str]]:
+    """Cells of a row: I_max, I_min and every I(ϑ)."""
+    i_max, i_min = polarisation.extremes(stokes)
+    images = {"I_max": i_max, "I_min": i_min}
+    for angle in polarisation.PAPER_ANGLES_DEG:
+        images[f"I({angle:g}°)"] = polarisation.polarised(stokes, angle)
+    for image, light in images.items():
+        alt = f"{image}, {name}"
+        yield {"image": image, "src": Markup(_jpeg_url(light)), "text": "", "alt": alt}
+
+
+def _jpeg_url(light: AnyArray) -> str:
+    """Linear light (height, width, 1 or 3), 1 is white, as the data URL of a JPEG."""
+    import colour
+
+    encoded = colour.cctf_encoding(np.clip(light, 0.0, 1.0), "sRGB")
+    codes = np.rint(255 * np.broadcast_to(encoded, (*light.shape[:2], 3))).astype(np.uint8)
+    buffer = io.BytesIO()
+    Image.fromarray(codes).save(buffer, "JPEG", quality=85)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from malus.scenes.core.arrays import AnyArray, BoolArray, FloatArray
+from malus.scenes.colour import band_weights, channel_weights
+from malus.scenes.core.arrays import AnyArray, BoolArray, Float64Array, FloatArray
 from malus.scenes.core.errors import InputError, reading
 
 _METHOD = "method."
@@ -22,6 +23,7 @@ class Example:
     """One scene: Stokes images (height, width, bands, 3) of the truth and of every method.
 
     `mixed` (height, width) are pixels that see more than one normal; None in older files.
+    `channels` names the bands of a photograph, which has no `wavelengths_nm`.
     """
 
     scene: str
@@ -31,6 +33,25 @@ class Example:
     truth: FloatArray
     methods: dict[str, FloatArray]
     mixed: BoolArray | None = None
+    channels: tuple[str, ...] = ()
+
+    @property
+    def band_names(self) -> tuple[str, ...]:
+        """Names of the bands, for people."""
+        return self.channels or tuple(f"{wavelength:g} nm" for wavelength in self.wavelengths_nm)
+
+    @property
+    def colour_weights(self) -> Float64Array:
+        """What one unit of each band adds to X, Y, Z.
+
+        Raises
+        ------
+        InputError
+            If the bands show no colour.
+        """
+        if self.channels:
+            return channel_weights(self.channels)
+        return band_weights(self.wavelengths_nm)
 
     @property
     def pixels(self) -> int:
@@ -40,18 +61,19 @@ class Example:
     @property
     def planes(self) -> int:
         """Number of band images of the truth and all methods."""
-        return len(self.wavelengths_nm) * (1 + len(self.methods))
+        return len(self.band_names) * (1 + len(self.methods))
 
     def bands(self, chosen: list[int]) -> Example:
         """The example with some of its bands."""
         return Example(
             self.scene,
             self.label,
-            tuple(self.wavelengths_nm[band] for band in chosen),
+            () if self.channels else tuple(self.wavelengths_nm[band] for band in chosen),
             self.mask,
             self.truth[:, :, chosen],
             {name: stokes[:, :, chosen] for name, stokes in self.methods.items()},
             self.mixed,
+            tuple(self.channels[band] for band in chosen) if self.channels else (),
         )
 
 
@@ -75,7 +97,7 @@ def read_example(path: Path) -> Example:
         np.load(file, allow_pickle=False) as arrays,
     ):
         example = _example({name: arrays[name] for name in arrays.files})
-    bands = len(example.wavelengths_nm)
+    bands = len(example.band_names)
     expected_shape = (*example.mask.shape, bands, 3)
     for name, stokes in {"truth": example.truth, **example.methods}.items():
         if stokes.shape != expected_shape or example.mask.ndim != 2:
@@ -97,9 +119,10 @@ def _example(arrays: dict[str, AnyArray]) -> Example:
     return Example(
         scene=str(meta["scene"]),
         label=str(meta["label"]),
-        wavelengths_nm=tuple(float(value) for value in meta["wavelengths_nm"]),
+        wavelengths_nm=tuple(float(value) for value in meta.get("wavelengths_nm", ())),
         mask=arrays["mask"].astype(bool),
         truth=arrays["truth"],
         methods=methods,
         mixed=arrays["mixed"].astype(bool) if "mixed" in arrays else None,
+        channels=tuple(str(name) for name in meta.get("channels", ())),
     )

@@ -72,7 +72,7 @@ def _size(example: Example) -> int:
 
 
 def _thinned(example: Example) -> Example:
-    bands = len(example.wavelengths_nm)
+    bands = len(example.band_names)
     kept = np.unique(np.linspace(0, bands - 1, min(bands, FEWER_BANDS)).round().astype(int))
     return example.bands(kept.tolist())
 
@@ -93,7 +93,7 @@ class Packer:
             Anything else that the viewer shall know of the scene, as JSON.
         """
         height, width = example.mask.shape
-        bands = range(len(example.wavelengths_nm))
+        bands = range(len(example.band_names))
         mask = example.mask
         truth = [example.truth[mask][:, band] for band in bands]
         mixed = mask[mask] & False if example.mixed is None else example.mixed[mask]
@@ -104,7 +104,7 @@ class Packer:
             "width": width,
             "height": height,
             "pixels": example.pixels,
-            "bands": [f"{wavelength:g} nm" for wavelength in example.wavelengths_nm],
+            "bands": list(example.band_names),
             "mask": self._block(np.packbits(mask)),
             "truth": [self._planes(stokes) for stokes in truth],
             "methods": {

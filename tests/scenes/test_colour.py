@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from malus.scenes.colour import band_weights, cell_widths, lab, lab_of_linear_srgb, preview
+from malus.scenes.colour import RGB, band_weights, cell_widths, channel_weights, lab, preview
 from malus.scenes.colour import matching_functions as matching
 
 BANDS = (450.0, 512.5, 550.25, 610.0, 650.0)
@@ -32,7 +32,7 @@ def test_grey_is_grey_in_every_colorimetry() -> None:
     spectrum = np.full((1, 1, len(BANDS)), 0.18)
     colours = lab(spectrum, band_weights(BANDS)).ravel()
     # The white of both is equal energy, adapted to that of sRGB in previews.
-    of_preview = lab_of_linear_srgb(preview(spectrum, BANDS), 1.0).ravel()
+    of_preview = lab(preview(spectrum, BANDS), channel_weights(RGB)).ravel()
     np.testing.assert_allclose(colours[1:], 0.0, atol=1e-9)
     # sRGB's matrices are rounded to four digits, and its preview to single precision.
     np.testing.assert_allclose(of_preview, colours, atol=0.05)

@@ -1,0 +1,314 @@
+"""Fit and score the captures of a suite, and write results like those of a run."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from malus.bench.running.capture_suite import CaptureEntry, CaptureSuite
+from malus.bench.running.family_task import raise_what_stops
+from malus.bench.running.output_folder import CAPTURES, prepare_folder
+from malus.bench.running.parts import Failure
+from malus.bench.running.progress import Progress, silent
+from malus.bench.running.results import (
+    Record,
+    Results,
+    inapplicable,
+    origin,
+    read_results,
+    record,
+    table_of,
+    write_results,
+)
+from malus.bench.scoring.capture_metrics import CapturedPixels
+from malus.bench.scoring.judge import MetricValue
+from malus.reconstruct import Inapplicable, Method, Observation, get_method
+from malus.reconstruct.methods import TRIVIAL
+from malus.reconstruct.photos.capture import Capture
+from malus.reconstruct.photos.capture_fit import CaptureFit, capture_summary, fit_capture
+from malus.reports.tables.rows import CAPTURED
+from malus.reports.viewer.pack import BUDGET
+from malus.scenes.core.arrays import BoolArray, Float32Array
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import write_whole
+from malus.scenes.core.model import content_id
+from malus.scenes.core.named_file import digest_of
+from malus.scenes.core.result_files import EXAMPLES
+
+EXAMPLE_SIDE = 256
+"""Pixels of the longer side of images kept for the page at most: every k-th one is kept."""
+_CHARACTERS = 8
+"""Of a page for a number that it shows."""
+
+
+def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Results:
+    """Fit and score every capture by every method, and write the results to `out`.
+
+    Raises
+    ------
+    InputError
+        An unknown method, a folder that cannot be written or that holds something else, or not a
+        single capture that can be scored.
+    """
+    started = time.perf_counter()
+    methods = _with_the_guess([get_method(reference) for reference in suite.methods])
+    folder = prepare_folder(out, "captures")
+    run = _Run(folder, methods, len(suite.capture))
+    for number, entry in enumerate(suite.capture):
+        progress(number, len(suite.capture), entry.called)
+        run.score(entry)
+    progress(len(suite.capture), len(suite.capture), "writing")
+    if not run.records:
+        first = run.failures[0] if run.failures else "nothing"
+        expected, found = "a capture that can be scored", f"{len(run.failures)} that failed"
+        raise InputError(f"captures {suite.name}", expected, found, f"the first says: {first}")
+    content = json.dumps(suite.model_dump(mode="json", exclude_defaults=True), indent=1)
+    write_whole(folder / CAPTURES, lambda path: path.write_text(content + "\n", "utf-8"))
+    run.seconds["total"] = time.perf_counter() - started
+    write_results(folder, Results(table_of(run.records), run.about(suite)))
+    for path in (folder / EXAMPLES).glob("*.npz"):  # of captures that are no longer asked for
+        if path.stem not in {about["scene"] for about in run.captures}:
+            path.unlink()
+    return read_results(folder)
+
+
+def _with_the_guess(methods: Sequence[Method]) -> list[Method]:
+    """The methods, each once, after the guess that skill is measured against."""
+    return list({method.name: method for method in (TRIVIAL, *methods)}.values())
+
+
+@dataclass
+class _Run:
+    """Results of the captures so far."""
+
+    folder: Path
+    methods: Sequence[Method]
+    count: int
+    records: list[Record] = field(default_factory=list)
+    captures: list[dict[str, Any]] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+
+    def score(self, entry: CaptureEntry) -> None:
+        """Score one capture; what fails is named and left out."""
+        with self._guard(entry.called), self._stage("read and fit"):
+            photographed = Photographed.of(entry)
+            for method in self.methods:
+                with self._guard(f"{entry.called}, {method.name}"):
+                    self._score_method(photographed, method)
+            self.captures.append(photographed.about)
+            side = _example_side(photographed, self.count * (1 + len(self.methods)))
+            content = photographed.example(side)
+            path = self.folder / EXAMPLES / f"{photographed.about['scene']}.npz"
+            write_whole(path, lambda temporary: np.savez_compressed(temporary, **content))
+
+    def _score_method(self, photographed: Photographed, method: Method) -> None:
+        columns = photographed.columns
+        try:
+            with self._stage("reconstruct"):
+                estimate = reconstruct(method, photographed.image, photographed.objects)
+        except Inapplicable as reason:
+            self.records.append(inapplicable(columns, method.name, str(reason)))
+            return
+        with self._stage("score"):
+            values = list(photographed.values(estimate))
+        self.records.append(record(columns, method.name, values, estimate.note))
+        photographed.estimates[method.name] = estimate.stokes
+
+    def about(self, suite: CaptureSuite) -> dict[str, Any]:
+        """Content of `run.json`."""
+        names = [method.name for method in self.methods]
+        return origin() | {
+            "suite": {"name": suite.name, "description": suite.description, "methods": names},
+            "captures": self.captures,
+            "captures_failed": len(suite.capture) - len(self.captures),
+            "failures": self.failures,
+            "seconds": {name: round(value, 3) for name, value in self.seconds.items()},
+        }
+
+    @contextmanager
+    def _guard(self, name: str) -> Iterator[None]:
+        """Record an exception in one line, and go on, unless it means that all has to stop."""
+        try:
+            yield
+        except Exception as error:
+            raise_what_stops(error)
+            self.failures.append(f"{name}: {Failure.of(error).reason}")
+
+    @contextmanager
+    def _stage(self, name: str) -> Iterator[None]:
+        started, inside = time.perf_counter(), sum(self.seconds.values())
+        try:
+            yield
+        finally:
+            nested = sum(self.seconds.values()) - inside
+            self.seconds[name] += time.perf_counter() - started - nested
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Stokes image (height, width, channels, 3) of a method.
+
+    `refused` are numbers of objects, from 1, that it left unpolarised; `note` says why.
+    """
+
+    stokes: Float32Array
+    refused: tuple[int, ...]
+    note: str
+    invalid: int
+    converged: bool | None
+
+
+def reconstruct(method: Method, image: Float32Array, objects: Sequence[BoolArray]) -> Estimate:
+    """Let a method see the picture (height, width, channels), one object after the other.
+
+    Objects on which it cannot work stay unpolarised, as what is around them does, and are noted.
+
+    Raises
+    ------
+    Inapplicable
+        If it can work on none, or asks for more than the picture and a mask.
+
+    Examples
+    --------
+    >>> image, left = np.ones((1, 2, 1), np.float32), np.array([[True, False]])
+    >>> estimate = reconstruct(TRIVIAL, image, [left])
+    >>> estimate.stokes[0, 0, 0].tolist(), estimate.note
+    ([1.0, 0.0, 0.0], '')
+    """
+    if method.needs and method is not TRIVIAL:
+        listed = ", ".join(sorted(method.needs))
+        raise Inapplicable(f"needs {listed}, which a photograph does not tell")
+    stokes = np.zeros((*image.shape, 3), dtype=np.float32)
+    stokes[..., 0] = image
+    reasons: dict[int, str] = {}
+    invalid, converged = 0, []
+    for number, mask in enumerate(objects, start=1):
+        try:
+            components = method.reconstruct(Observation(image, mask))
+        except Inapplicable as reason:
+            reasons[number] = str(reason) if len(objects) == 1 else f"object {number}: {reason}"
+            continue
+        stokes[mask] = components.stokes[mask]
+        invalid += components.invalid(mask)
+        converged.append(components.converged)
+    if len(reasons) == len(objects):
+        raise Inapplicable("; ".join(reasons.values()))
+    told = [value for value in converged if value is not None]
+    note = f"left unpolarised: {'; '.join(reasons.values())}" if reasons else ""
+    return Estimate(stokes, tuple(reasons), note, invalid, all(told) if told else None)
+
+
+@dataclass
+class Photographed:
+    """A capture that is read and fitted, with the masks of its objects and the estimates so far."""
+
+    fit: CaptureFit
+    image: Float32Array
+    objects: tuple[BoolArray, ...]
+    scored: BoolArray
+    pixels: CapturedPixels
+    about: dict[str, Any]
+    estimates: dict[str, Float32Array] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, entry: CaptureEntry) -> Photographed:
+        """Read and fit a capture.
+
+        Raises
+        ------
+        InputError
+            Where it or its masks cannot be read, or all of its object is clipped.
+        """
+        capture = entry.read()
+        fit = fit_capture(capture)
+        objects = entry.objects(capture.clipped.shape)
+        scored = np.any(objects, axis=0) & ~capture.clipped
+        image = np.maximum(fit.stokes[..., 0], 0)
+        if not image[scored].any():
+            hint = "mask what is lit and not clipped"
+            raise InputError(entry.folder, "a lit pixel of the object", "none", hint)
+        about = {
+            "name": entry.called,
+            "group": entry.group,
+            "folder": entry.folder,
+            "scene": scene_id(entry, capture),
+            "objects": [int((mask & scored).sum()) for mask in objects],
+            "fit": capture_summary(capture, fit),
+        }
+        pixels = CapturedPixels.of(capture, fit, scored)
+        return cls(fit, image, objects, scored, pixels, about)
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """Columns of the results table that say what was captured: its index is not known."""
+        name = self.about["name"]
+        return {
+            "scene": self.about["scene"],
+            "shape": name,
+            "material": "unknown",
+            "eta": math.nan,
+            "surface": name,
+            "alpha": math.nan,
+            "body": CAPTURED,
+            "light": self.about["group"],
+            "incidence_deg": None,
+        }
+
+    def values(self, estimate: Estimate) -> Iterator[MetricValue]:
+        """Rows of the table: over all objects, and NMSE and skill of each of several."""
+        estimated = estimate.stokes[self.scored].astype(np.float64) / self.pixels.peak
+        yield from self.pixels.values(estimated)
+        yield MetricValue("invalid", float(estimate.invalid))
+        if estimate.converged is not None:
+            yield MetricValue("converged", float(estimate.converged))
+        for number, mask in enumerate(self.objects if len(self.objects) > 1 else (), start=1):
+            chosen = mask[self.scored]
+            if chosen.any() and number not in estimate.refused:
+                nmse, skill = self.pixels.part(chosen).errors(estimated[chosen])
+                yield MetricValue(f"nmse_object_{number}", nmse)
+                yield MetricValue(f"skill_object_{number}", skill)
+
+    def example(self, side: int) -> dict[str, Any]:
+        """Arrays of the file for the viewer: every k-th pixel, at most `side` a side."""
+        step = -(-max(self.scored.shape) // side)
+        meta = {
+            "scene": self.about["scene"],
+            "label": f"{self.about['name']}, {self.about['group']}",
+            "channels": list(self.pixels.channels),
+        }
+        content: dict[str, Any] = {
+            "truth": self.fit.stokes[::step, ::step],
+            "mask": self.scored[::step, ::step],
+            "meta": np.array(json.dumps(meta)),
+        }
+        methods = self.estimates.items()
+        return content | {f"method.{name}": s[::step, ::step] for name, s in methods}
+
+
+def _example_side(photographed: Photographed, images: int) -> int:
+    """Longer side of the images of an example, so that all captures fit one page."""
+    height, width = photographed.scored.shape
+    numbers = 3 * photographed.image.shape[2] * images * _CHARACTERS
+    share = float(photographed.scored.mean()) * height * width / max(height, width) ** 2
+    return max(16, min(EXAMPLE_SIDE, int(math.sqrt(0.9 * BUDGET / numbers / share))))
+
+
+def scene_id(entry: CaptureEntry, capture: Capture) -> str:
+    """Hash of the files of a capture, its masks, and how they are read."""
+    folder = Path(entry.folder)
+    files = [folder] if folder.is_file() else [folder / name for name in capture.names]
+    files += [Path(file) for file in (entry.mask, entry.labels) if file is not None]
+    digests = [digest_of(file, "picture") for file in files if file.is_file()]
+    told = entry.model_dump(mode="json", exclude={"folder", "mask", "labels", "name", "group"})
+    angles = [round(angle, 6) for angle in capture.angles_deg]
+    return content_id([entry.called, digests, told, angles])
