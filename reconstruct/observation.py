@@ -52,6 +52,8 @@ class Observation:
         Beckmann roughness; σ = 1/alpha².
     light : Light or None
         A light of `malus.scenes`, in the image frame.
+    illuminant : (bands,) or None
+        Colour of the light, mean 1.
 
     Raises
     ------
@@ -75,6 +77,7 @@ class Observation:
     eta: NumberArray | None = None
     alpha: float | Image | None = None
     light: Light | None = None
+    illuminant: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check that the arrays belong together.
@@ -95,6 +98,7 @@ class Observation:
             "view_direction": [(height, width, 3)],
             "eta": [(bands,), (height, width, bands)],
             "alpha": [(), (height, width)],
+            "illuminant": [(bands,)],
         }
         for name, shapes in allowed_shapes.items():
             value = getattr(self, name)

@@ -98,7 +98,7 @@ class FamilyPixels:
             (specular, diffuse, image),
             (true, draw),
         )
-        shared = inputs(first, INPUTS - {"specular", "diffuse", "eta"})
+        shared = inputs(first, INPUTS - {"specular", "diffuse", "eta", "illuminant"})
         indices = np.flatnonzero(first.mask)
         observation = Observation(
             image=image,

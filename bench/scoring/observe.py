@@ -23,6 +23,8 @@ _INPUTS: dict[str, Callable[[Truth], Any]] = {
     "eta": lambda truth: _unless_nan(truth.eta),
     "alpha": lambda truth: _unless_nan(truth.alpha),
     "light": lambda truth: truth.scene.light_in_image,
+    # Every light of `malus.scenes` has a flat spectrum.
+    "illuminant": lambda truth: np.ones(len(truth.scene.wavelengths_nm)),
 }
 
 INPUTS = frozenset(_INPUTS)
@@ -38,8 +40,9 @@ def observe(truth: Truth, needs: frozenset[str]) -> Observation:
     ----------
     truth : Truth
     needs : set of str
-        Attributes of Observation: specular, diffuse, normals, eta, alpha, light. With normals or
-        light comes the direction to the camera, which gives them their meaning.
+        Attributes of Observation: specular, diffuse, normals, eta, alpha, light,
+        illuminant. With normals or light comes the direction to the camera, which gives them
+        their meaning.
 
     Returns
     -------

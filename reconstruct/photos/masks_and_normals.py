@@ -8,7 +8,7 @@ import numpy as np
 
 from malus.reconstruct.photos.picture import check_size
 from malus.reconstruct.photos.read_picture import read_picture
-from malus.scenes.core.arrays import AnyArray, BoolArray, Float32Array
+from malus.scenes.core.arrays import AnyArray, BoolArray, Float32Array, IntArray
 from malus.scenes.core.errors import InputError, reading
 
 
@@ -26,6 +26,34 @@ def read_mask(path: Path | str, shape: tuple[int, int]) -> BoolArray:
     if not (values > 0.5).any():
         raise InputError(str(path), "an object, lighter than half", "none", "check the mask")
     return np.asarray(values > 0.5)
+
+
+MOST_OBJECTS = 255
+"""Most objects that a label image may have: more are a photograph, or the marks of a JPEG."""
+
+
+def read_labels(path: Path | str, shape: tuple[int, int]) -> IntArray:
+    """Label image (height, width): 0 where black, and a number from 1 for every other value.
+
+    Every value or colour of the picture is an object of its own; they count from the darkest, or
+    in the order of red, green and blue.
+
+    Raises
+    ------
+    InputError
+        Another size, no object, more than `MOST_OBJECTS`, or an unreadable file.
+    """
+    path = Path(path)
+    values = read_picture(path, linear=True).linear
+    _check_shape(path, values.shape[:2], shape)
+    colours, labels = np.unique(values.reshape(-1, values.shape[-1]), axis=0, return_inverse=True)
+    dark = ~colours.any(axis=1)
+    objects = int(np.count_nonzero(~dark))
+    if not 1 <= objects <= MOST_OBJECTS:
+        expected = f"black and 1 to {MOST_OBJECTS} other values, one an object"
+        raise InputError(str(path), expected, f"{objects} others", "write labels as a PNG")
+    numbers = np.where(dark, 0, np.cumsum(~dark))
+    return np.asarray(numbers[labels.ravel()].reshape(shape))
 
 
 def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
