@@ -18,6 +18,7 @@ from malus.bench.scoring.judge import Score, angle_form, rounding_slack
 from malus.bench.scoring.masked_pixels import two_rows
 from malus.bench.scoring.metrics import Residuals, cos_zenith
 from malus.bench.scoring.observe import INPUTS, inputs
+from malus.bench.scoring.own_range import own_range_errors
 from malus.bench.scoring.pixel_kernels import (
     MOST_BANDS,
     ThreeImages,
@@ -156,10 +157,15 @@ class FamilyJudge:
     def scores(self, estimate: Components) -> list[Score]:
         """Score an estimate of all scenes, one score a scene."""
         moments, totals = self._sums_of(estimate)
-        violations = self._violations(estimate)
+        violations, pixels = self._violations(estimate), self.pixels
+        count = len(pixels.scenes)
+        own_range = own_range_errors(estimate, pixels.observation.image, pixels.true, count)
         return [
-            self._score(moments, totals[scene], int(violations[scene]), scene)
-            for scene in range(len(self.pixels.scenes))
+            replace(
+                self._score(moments, totals[scene], int(violations[scene]), scene),
+                own_range=float(own_range[scene]),
+            )
+            for scene in range(count)
         ]
 
     def _score(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -20,6 +21,7 @@ from malus.bench.scoring.metrics import (
     skill,
     skills,
 )
+from malus.bench.scoring.own_range import own_range_errors
 from malus.bench.scoring.pixel_kernels import (
     QuadraticForm,
     ThreeImages,
@@ -69,6 +71,9 @@ class Score:
         Values of the further metrics that were asked for.
     converged : bool or None
         Whether the method's own search converged; None where it searches nothing.
+    own_range : float
+        Mean squared error with each polariser image, estimated and true, scaled to [0, 1] by its
+        own least and largest value: `malus.bench.scoring.readings`. NaN for a flat image.
 
     Examples
     --------
@@ -95,6 +100,7 @@ class Score:
     agreement: Agreement
     extra: tuple[MetricValue, ...] = ()
     converged: bool | None = None
+    own_range: float = math.nan
 
     @property
     def nmse(self) -> float:
@@ -121,6 +127,8 @@ class Score:
         for (band, angle), nmse_value, noise_value, skill_value in rows:
             yield MetricValue("nmse", nmse_value, noise_value, band, angle)
             yield MetricValue("skill", skill_value, 0.0, band, angle)
+        # Extremes have no noise that could be subtracted.
+        yield MetricValue("nmse_own_range", self.own_range, math.nan)
         yield MetricValue("gain", *self.agreement.gain)
         yield MetricValue("rotation", *self.agreement.rotation)
         yield MetricValue("facing_skill", *self.agreement.facing_skill)
@@ -202,6 +210,7 @@ class Judge:
             ),
             tuple(self._extra(estimate, metrics)) if metrics else (),
             estimate.converged,
+            float(own_range_errors(estimate, self.pixels.observation.image, self.pixels.true)[0]),
         )
 
     def _extra(self, estimate: Components, metrics: Sequence[Metric]) -> Iterator[MetricValue]:

@@ -42,7 +42,8 @@ def ladder_numbers(table: pd.DataFrame) -> pd.DataFrame:
     [['Monte Carlo noise', 0.0], ['model form', 0.001], ['lobes estimated', 0.002]]
     """
     rows = overall_rows_at_every_rung(table, "nmse")
-    rungs = sorted(distinct(rows["knowledge"]), key=lambda name: name != KNOWLEDGE)
+    # Of the whole table: where a method does not apply it has no error, but its rungs in order.
+    rungs = sorted(distinct(table["knowledge"]), key=lambda name: name != KNOWLEDGE)
     parts: list[dict[str, Any]] = []
     for body in distinct(rows["body"]):
         for method in distinct(rows["method"]):
