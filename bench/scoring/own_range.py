@@ -13,7 +13,7 @@ from malus.scenes.core.arrays import Float64Array, FloatArray
 def own_range_errors(
     estimate: Components, image: FloatArray, true: FloatArray, scenes: int = 1
 ) -> Float64Array:
-    """Error (scenes,) with each polariser image scaled to [0, 1] by its own least and largest value.
+    """Error (scenes,) with each polariser image scaled to [0, 1] by its own least and largest.
 
     Parameters
     ----------

@@ -135,7 +135,7 @@ def figure5(table: pd.DataFrame, body: str) -> Figure:
             ax.set_ylabel(_ERROR)
             label = _label_materials if x == X_ETA else _label_surfaces
             label(ax, values)
-        share_height(axes, content.methods)
+        share_height(axes, content.methods, _second_heights(content))
         name_paper(axes[0])
         legend(figure, axes[0], content, _entries(content))
     return figure
@@ -159,7 +159,7 @@ def figure5_by_light(table: pd.DataFrame, body: str) -> Figure:
                 ax.set_xlabel(_SHORT_AXES[x])
         for ax, light in zip(grid[0], lights, strict=True):
             ax.set_title(drawable(light))
-        share_height(list(grid.flat), content.methods)
+        share_height(list(grid.flat), content.methods, _second_heights(content, by_light=True))
         name_paper(grid[0, 0])
         legend(figure, grid[0, 0], content, _entries(content))
     return figure
@@ -186,6 +186,12 @@ def _draw_own_range(ax: Axes, values: pd.DataFrame) -> None:
     if len(values):
         own = method_styles([PAPER_METHOD])[PAPER_METHOD]
         bars(ax, values, MethodStyle(own.colour, "*", "--", False))
+
+
+def _second_heights(content: FigureContent, by_light: bool = False) -> list[float]:
+    """Every mean of the second curve."""
+    panels = [own_range(content.rows, x, by_light) for x in (X_ETA, X_ALPHA)]
+    return [float(mean) for values in panels for mean in values["mean"]]
 
 
 def _entries(content: FigureContent) -> list[str]:

@@ -45,7 +45,7 @@ def separation_drawing(table: pd.DataFrame) -> Drawing:
     from malus.reports.figures.separation import figure_separation
 
     return drawing_of(
-        "separation",
+        "separation_errors",
         "Error of the separated specular light",
         "Root mean square error of I_s over its largest value, against the exact lobe of the"
         " render; a point a scene, a bar the median.",
