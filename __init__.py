@@ -72,9 +72,11 @@ if TYPE_CHECKING:
         get_method as get_method,
         illuminants as illuminants,
         methods as methods,
+        paper as paper,
         polarisation_ratio as polarisation_ratio,
         recover_shape as recover_shape,
         run_chain as run_chain,
+        run_paper as run_paper,
         separate as separate,
         separations as separations,
         specular_dolp as specular_dolp,
@@ -152,8 +154,8 @@ _NAMES = {
     "malus.reconstruct": "ChainResult Components GivenParameters Illuminant Inapplicable Method "
     "Observation RecoveredShape Separation SurfaceParameters blind "
     "estimate_direction estimate_illuminant fit_parameters get_method "
-    "illuminants methods polarisation_ratio recover_shape run_chain "
-    "separate separations specular_dolp",
+    "illuminants methods paper polarisation_ratio recover_shape run_chain "
+    "run_paper separate separations specular_dolp",
     "malus.bench.datasets.export": "export",
     "malus.bench.datasets.predictions": "PredictionErrors",
     "malus.bench.datasets.render": "render_dataset",

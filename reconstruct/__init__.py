@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         illuminants,
     )
     from malus.reconstruct.single_image.light_direction import estimate_direction
+    from malus.reconstruct.single_image.paper import paper, run_paper
     from malus.reconstruct.single_image.parameters import SurfaceParameters, fit_parameters
     from malus.reconstruct.single_image.separation import Separation, separate, separations
     from malus.reconstruct.single_image.shape import (
@@ -46,9 +47,11 @@ __all__ = [
     "get_method",
     "illuminants",
     "methods",
+    "paper",
     "polarisation_ratio",
     "recover_shape",
     "run_chain",
+    "run_paper",
     "separate",
     "separations",
     "specular_dolp",
@@ -66,9 +69,11 @@ _MODULES = {
     "estimate_illuminant": "single_image.illuminant",
     "fit_parameters": "single_image.parameters",
     "illuminants": "single_image.illuminant",
+    "paper": "single_image.paper",
     "polarisation_ratio": "facets.ratio",
     "recover_shape": "single_image.shape",
     "run_chain": "single_image.blind",
+    "run_paper": "single_image.paper",
     "separate": "single_image.separation",
     "separations": "single_image.separation",
     "specular_dolp": "facets.ratio",

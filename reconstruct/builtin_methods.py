@@ -15,6 +15,7 @@ from malus.reconstruct.known_lights import known_lights
 from malus.reconstruct.lobe_models import LobeModel
 from malus.reconstruct.observation import Components, Observation
 from malus.reconstruct.single_image.blind import BLIND_METHODS
+from malus.reconstruct.single_image.paper import PAPER_METHODS, STAGES
 
 Reconstruction = Callable[[Observation], Components]
 
@@ -62,6 +63,11 @@ def per_pixel_methods() -> Iterator[tuple[str, frozenset[str], Reconstruction, s
         yield f"{name}+body", needs_with_body, polarised_body, summary_with_body
 
 
-def whole_picture_methods() -> Iterator[tuple[str, frozenset[str], Reconstruction, str]]:
-    """Name, needs, function and summary of each method that looks at the picture as a whole."""
-    yield from BLIND_METHODS
+def whole_picture_methods() -> Iterator[
+    tuple[str, frozenset[str], Reconstruction, str, frozenset[str]]
+]:
+    """Name, needs, function, summary and replaceable stages of methods that see whole pictures."""
+    for entry in BLIND_METHODS:
+        yield *entry, frozenset()
+    for entry in PAPER_METHODS:
+        yield *entry, STAGES

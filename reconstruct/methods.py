@@ -38,6 +38,8 @@ class Method:
     per_band : bool
         The components of a band follow from that band, its index and what all bands share. The
         bands of several scenes may then be given side by side.
+    optional : frozenset of str
+        Attributes of `Observation` that it estimates itself, and uses where they are given.
 
     Examples
     --------
@@ -54,6 +56,7 @@ class Method:
     summary: str
     per_pixel: bool = False
     per_band: bool = False
+    optional: frozenset[str] = frozenset()
 
 
 def _unpolarised(observation: Observation) -> Components:
@@ -93,7 +96,7 @@ def methods() -> dict[str, Method]:
     declared = [
         TRIVIAL,
         *(Method(*entry, per_pixel=True, per_band=True) for entry in per_pixel_methods()),
-        *(Method(*entry) for entry in whole_picture_methods()),
+        *(Method(*entry, optional=stages) for *entry, stages in whole_picture_methods()),
     ]
     by_name = {method.name: method for method in declared}
     for entry_point in importlib.metadata.entry_points(group=ENTRY_POINTS):

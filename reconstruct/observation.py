@@ -56,6 +56,8 @@ class Observation:
         not told, and where surfaces of the image differ; `shadowed` and `lights` know GGX.
     light : Light or None
         A light of `malus.scenes`, in the image frame.
+    illuminant : (bands,) or None
+        Colour of the light, mean 1.
 
     Raises
     ------
@@ -80,6 +82,7 @@ class Observation:
     alpha: float | Image | None = None
     light: Light | None = None
     distribution: Distribution | None = None
+    illuminant: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check that the arrays belong together.
@@ -103,6 +106,7 @@ class Observation:
             "view_direction": [(height, width, 3)],
             "eta": [(bands,), (height, width, bands)],
             "alpha": [(), (height, width)],
+            "illuminant": [(bands,)],
         }
         for name, shapes in allowed_shapes.items():
             value = getattr(self, name)

@@ -18,6 +18,7 @@ from malus.reports.tables.colour_errors import table1_text
 from malus.reports.tables.compared_runs import RunComparison
 from malus.reports.tables.formats import counted, duration, listed, scientific, skill_text
 from malus.reports.tables.paired import ranked_pairs
+from malus.reports.tables.readings import by_dataset, verdicts
 from malus.reports.tables.rows import (
     PAPER_BODY,
     PAPER_METHOD,
@@ -197,20 +198,28 @@ def of_study(study: StudyTables) -> list[Section]:
     """The sections of a study: one for each table that it wrote."""
     sections = []
     if study.precision is not None:
-        sections.append(_precision(study))
+        text = sentences.PRECISION
+        sections.append(_figures(study, "precision", "Error against run time", text))
+    if study.readings is not None:
+        verdict = " ".join(verdicts(by_dataset(study.readings)))
+        sections.append(_figures(study, "readings", "The paper's numbers", verdict))
+    if study.separation is not None:
+        text = sentences.SEPARATION
+        sections.append(_figures(study, "separation", "Separation of the lobes", text))
     if study.stress is not None:
         sections.append(_stress(study.stress, study.run))
     return sections
 
 
-def _precision(study: StudyTables) -> Section:
+def _figures(study: StudyTables, name: str, title: str, explanation: str) -> Section:
+    """A section of a study that has a figure."""
     content = render(
         "figures.html",
-        explanation=sentences.PRECISION,
+        explanation=explanation,
         drawings=study.drawings,
         origin=_origin(study.run),
     )
-    return Section("precision", "Error against run time", content)
+    return Section(name, title, content)
 
 
 def _stress(cases: pd.DataFrame, run: dict[str, Any]) -> Section:

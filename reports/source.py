@@ -10,7 +10,12 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.figures.drawings import Drawing, precision_drawing
+from malus.reports.figures.drawings import Drawing
+from malus.reports.figures.study_drawings import (
+    precision_drawing,
+    readings_drawing,
+    separation_drawing,
+)
 from malus.reports.viewer.examples import Example, read_examples
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.result_files import EXAMPLES, RUN
@@ -20,9 +25,20 @@ _STUDY_COLUMNS = {
         "diagram", "method", "setting", "seconds", "spread", "unit", "error", "pareto",
     ],
     "stress.csv": ["group", "case", "value", "error", "seconds", "passed", "why"],
+    "readings.csv": [
+        "reading", "light", "albedo", "method", "panel", "name", "x", "mean", "std", "objects",
+        "failed",
+    ],
+    "separation.csv": ["shape", "body", "light", "colour", "separation", "rmse", "why"],
 }  # fmt: skip
 
-_TEXT_COLUMNS = ("group", "case", "why", "diagram", "method", "setting", "unit")
+_STUDIES = {"readings": "paper"}
+"""Studies whose table has another name than the study."""
+
+_TEXT_COLUMNS = (
+    "group", "case", "why", "diagram", "method", "setting", "unit", "reading", "light", "panel",
+    "name", "shape", "body", "colour", "separation",
+)  # fmt: skip
 """Columns that are text also where every cell is empty."""
 
 
@@ -56,11 +72,18 @@ class StudyTables:
     run: dict[str, Any]
     precision: pd.DataFrame | None
     stress: pd.DataFrame | None
+    readings: pd.DataFrame | None
+    separation: pd.DataFrame | None
 
     @cached_property
     def drawings(self) -> tuple[Drawing, ...]:
-        """The work-precision diagrams, where the study has them."""
-        return () if self.precision is None else (precision_drawing(self.precision),)
+        """The figure of a study that has one."""
+        tables = (
+            (self.precision, precision_drawing),
+            (self.readings, readings_drawing),
+            (self.separation, separation_drawing),
+        )
+        return tuple(drawing(table) for table, drawing in tables if table is not None)
 
 
 def is_study(folder: Path) -> bool:
@@ -77,13 +100,12 @@ def read_study(folder: Path) -> StudyTables:
         If there is none, or it cannot be read.
     """
     run = _read_run(folder / RUN)
-    precision, stress = (_read_table(folder / name) for name in _STUDY_COLUMNS)
-    return StudyTables(run, precision, stress)
+    return StudyTables(run, *(_read_table(folder / name) for name in _STUDY_COLUMNS))
 
 
 def _read_run(path: Path) -> dict[str, Any]:
     expected = "how a study came about, as JSON"
-    hint = "`malus run precision` and `malus run stress` make it"
+    hint = "`malus bench` lists the studies that make it"
     with reading(str(path), expected, hint):
         run: dict[str, Any] = json.loads(path.read_text("utf-8"))
         if "study" not in run:
@@ -96,7 +118,7 @@ def _read_table(path: Path) -> pd.DataFrame | None:
         return None
     columns = _STUDY_COLUMNS[path.name]
     expected = f"columns {', '.join(columns)}"
-    hint = f"`malus run {path.stem}` makes it"
+    hint = f"`malus bench {_STUDIES.get(path.stem, path.stem)}` makes it"
     with reading(str(path), expected, hint), path.open("rb") as file:
         table = pd.read_csv(file, dtype=dict.fromkeys(_TEXT_COLUMNS, str))
     if not set(columns) <= set(table.columns):

@@ -76,7 +76,7 @@ def _pairs(table: pd.DataFrame) -> Iterator[str]:
     if pairs:
         yield "## Differences between methods"
         yield sentences.PAIRS
-        yield _table(pairs)
+        yield as_markdown(pairs)
 
 
 def _negative(table: pd.DataFrame) -> Iterator[str]:

@@ -47,7 +47,12 @@ DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG
 README, FILES = ROOT / "README.md", DOCS / "files.md"
 
 TINY = ["--resolution", "12", "--samples", "4"]
-TINY_BENCH = {"reconstruct": ["--megapixels", "0.01"], "scaling": ["--most", "48"]}
+TINY_BENCH = {
+    "reconstruct": ["--megapixels", "0.01"],
+    "scaling": ["--most", "48"],
+    "paper": ["--every", "24", "--resolution", "12"],
+    "separation": ["--every", "24", "--resolution", "12"],
+}
 STAND_IN = dict.fromkeys(suite_names(), "quick")
 """At a tiny size too, the large suites take minutes: what is tested here is the command."""
 

@@ -37,6 +37,16 @@ def knowledge_options(function: Callable[..., None]) -> Callable[..., None]:
         ),
         click.option("--mask", type=path, help="A picture, light where the object is."),
         click.option(
+            "--labels",
+            type=path,
+            help="A picture of several objects: black is none, every other value is one.",
+        ),
+        click.option(
+            "--method",
+            help="A method of `malus list methods`, such as paper, or module:object"
+            " [default: by what is given].",
+        ),
+        click.option(
             "--light", type=Direction(), help="Towards a distant light: x right, y up, z to you."
         ),
         click.option("--material", help="A material of `malus list materials`."),
@@ -45,16 +55,14 @@ def knowledge_options(function: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--illuminant",
             type=click.Choice(["neutral", "gray-world", "shades-of-grey", "highlights"]),
-            default="neutral",
-            show_default=True,
-            help="How the colour of the light is told.",
+            help="How the colour of the light is told [default: neutral; of the method paper,"
+            " gray-world].",
         ),
         click.option(
             "--separation",
             type=click.Choice(["chromaticity", "suv", "ratio"]),
-            default="ratio",
-            show_default=True,
-            help="How glare is told from the body's colour.",
+            help="How glare is told from the body's colour [default: ratio; of the method paper,"
+            " chromaticity, of paper-mallick, suv].",
         ),
     ]
     for option in reversed(options):

@@ -13,7 +13,7 @@ from malus.bench.running.family_task import FamilyResult, raise_what_stops
 from malus.bench.running.results import Record, describe, inapplicable, record
 from malus.bench.scoring.family_scores import FamilyJudge, FamilyPixels, NotTogether
 from malus.bench.scoring.judge import Judge, Metric
-from malus.bench.scoring.knowledge_ladder import EVERYTHING, rungs
+from malus.bench.scoring.knowledge_ladder import EVERYTHING, climbing, rungs
 from malus.reconstruct import Inapplicable, Method, Observation
 from malus.renderers.families.interpolated import Family
 from malus.renderers.truth import Truth
@@ -72,9 +72,13 @@ class SceneResult:
         for method in plan.methods:
             # Methods that need a picture have rungs of their own: blind, blind-light, …
             below = rungs_below if method.per_pixel else []
+            above = climbing(method) if plan.ladder else ()
             with self.outcome.guard(self.scene, method):
                 for rung in [(EVERYTHING, judge.pixels.observation), *below]:
                     self._score_rung(judge, method, plan.metrics, columns, rung)
+                for name, told_more in above:
+                    rung = name, judge.pixels.observation
+                    self._score_rung(judge, told_more, plan.metrics, columns, rung)
 
     def _score_rung(
         self,

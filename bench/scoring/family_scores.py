@@ -18,6 +18,7 @@ from malus.bench.scoring.judge import Score, angle_form, rounding_slack
 from malus.bench.scoring.masked_pixels import two_rows
 from malus.bench.scoring.metrics import Residuals, cos_zenith
 from malus.bench.scoring.observe import INPUTS, inputs
+from malus.bench.scoring.own_range import own_range_errors
 from malus.bench.scoring.pixel_kernels import (
     MOST_BANDS,
     ThreeImages,
@@ -99,7 +100,7 @@ class FamilyPixels:
             (specular, diffuse, image),
             (true, draw),
         )
-        shared = inputs(first, INPUTS - {"specular", "diffuse", "eta"})
+        shared = inputs(first, INPUTS - {"specular", "diffuse", "eta", "illuminant"})
         indices = np.flatnonzero(first.mask)
         observation = Observation(
             image=image,
@@ -162,15 +163,18 @@ class FamilyJudge:
     def scores(self, estimate: Components) -> list[Score]:
         """Score an estimate of all scenes, one score a scene."""
         moments, totals = self._sums_of(estimate)
-        violations = self._violations(estimate)
         components = estimate.image, estimate.s1, estimate.s2
         unmixed = None if self.mixed is None else self.mixed.without(moments, components)
+        violations, pixels = self._violations(estimate), self.pixels
+        count = len(pixels.scenes)
+        own_range = own_range_errors(estimate, pixels.observation.image, pixels.true, count)
         return [
             replace(
                 self._score(moments, totals[scene], int(violations[scene]), scene),
                 unmixed=self._unmixed(unmixed, scene),
+                own_range=float(own_range[scene]),
             )
-            for scene in range(len(self.pixels.scenes))
+            for scene in range(count)
         ]
 
     def _score(

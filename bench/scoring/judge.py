@@ -21,6 +21,7 @@ from malus.bench.scoring.metrics import (
     skill,
     skills,
 )
+from malus.bench.scoring.own_range import own_range_errors
 from malus.bench.scoring.pixel_kernels import (
     QuadraticForm,
     ThreeImages,
@@ -74,6 +75,9 @@ class Score:
     unmixed : Unmixed or None
         The same residuals without the pixels that see more than one normal; None where nobody
         measured which do.
+    own_range : float
+        Mean squared error with each polariser image, estimated and true, scaled to [0, 1] by its
+        own least and largest value: `malus.bench.scoring.readings`. NaN for a flat image.
 
     Examples
     --------
@@ -101,6 +105,7 @@ class Score:
     extra: tuple[MetricValue, ...] = ()
     converged: bool | None = None
     unmixed: Unmixed | None = None
+    own_range: float = math.nan
 
     @property
     def nmse(self) -> float:
@@ -132,6 +137,8 @@ class Score:
         for (band, angle), nmse_value, noise_value, skill_value in rows:
             yield MetricValue("nmse", nmse_value, noise_value, band, angle)
             yield MetricValue("skill", skill_value, 0.0, band, angle)
+        # Extremes have no noise that could be subtracted.
+        yield MetricValue("nmse_own_range", self.own_range, math.nan)
         yield MetricValue("gain", *self.agreement.gain)
         yield MetricValue("rotation", *self.agreement.rotation)
         yield MetricValue("facing_skill", *self.agreement.facing_skill)
@@ -228,6 +235,7 @@ class Judge:
             tuple(self._extra(estimate, metrics)) if metrics else (),
             estimate.converged,
             self._unmixed(moments, components),
+            float(own_range_errors(estimate, self.pixels.observation.image, self.pixels.true)[0]),
         )
 
     def _extra(self, estimate: Components, metrics: Sequence[Metric]) -> Iterator[MetricValue]:

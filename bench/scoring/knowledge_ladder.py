@@ -4,6 +4,10 @@ Every rung replaces one input more by what the chain for one ordinary image
 (`malus.reconstruct.single_image.blind`) estimates without it, down to the picture alone.
 Estimates come from the picture as rendered and are kept for the picture with a draw of the noise:
 the noise of a rung is what the method itself makes of that draw.
+
+A method that is a chain of its own climbs: it starts from the picture alone, and every rung gives
+it one input more in place of its own estimate (`climbing`). The paper's chain with all of them is
+`eq8`.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ import numpy as np
 
 from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.observe import INPUTS, observe
-from malus.reconstruct import Inapplicable, Observation
+from malus.reconstruct import Inapplicable, Method, Observation
 
 EVERYTHING = "everything"
 RUNGS: dict[str, frozenset[str]] = {
@@ -25,6 +29,37 @@ RUNGS: dict[str, frozenset[str]] = {
     "light estimated": frozenset({"light"}),
 }
 """Inputs that become estimates at each rung, besides those of the rungs before."""
+
+GIVEN_RUNGS: dict[str, frozenset[str]] = {
+    "illuminant given": frozenset({"illuminant"}),
+    "light given": frozenset({"light"}),
+    "lobes given": frozenset({"specular", "diffuse"}),
+    "normals given": frozenset({"normals"}),
+    "index and roughness given": frozenset({"eta", "alpha"}),
+}
+"""Inputs that a chain is given at each rung, besides those of the rungs before."""
+
+
+def climbing(method: Method) -> Iterator[tuple[str, Method]]:
+    """The same method at every rung above the picture alone, with the needs that it has there.
+
+    Only of a method with `optional` inputs; the last rung has all of them.
+
+    Yields
+    ------
+    (name of the rung, Method)
+
+    Examples
+    --------
+    >>> from malus.reconstruct import get_method
+    >>> [name for name, _ in climbing(get_method("paper"))][-1], list(climbing(get_method("eq8")))
+    ('index and roughness given', [])
+    """
+    given = method.needs
+    for name, inputs in GIVEN_RUNGS.items():
+        if inputs <= method.optional:
+            given |= inputs
+            yield name, replace(method, needs=given)
 
 
 def rungs(pixels: MaskedPixels) -> Iterator[tuple[str, Observation | Inapplicable]]:

@@ -24,6 +24,8 @@ _INPUTS: dict[str, Callable[[Truth], Any]] = {
     "alpha": lambda truth: _unless_nan(truth.alpha),
     "distribution": lambda truth: truth.scene.distribution,
     "light": lambda truth: truth.scene.light_in_image,
+    # Every light of `malus.scenes` has a flat spectrum.
+    "illuminant": lambda truth: np.ones(len(truth.scene.wavelengths_nm)),
 }
 
 INPUTS = frozenset(_INPUTS)
@@ -39,8 +41,9 @@ def observe(truth: Truth, needs: frozenset[str]) -> Observation:
     ----------
     truth : Truth
     needs : set of str
-        Attributes of Observation: specular, diffuse, normals, eta, alpha, distribution, light. With
-        normals or light comes the direction to the camera, which gives them their meaning.
+        Attributes of Observation: specular, diffuse, normals, eta, alpha, distribution, light,
+        illuminant. With normals or light comes the direction to the camera, which gives them their
+        meaning.
 
     Returns
     -------

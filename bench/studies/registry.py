@@ -24,7 +24,7 @@ def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findi
     ----------
     name : str
         As `list_studies` has it: stress, precision, ratio, reconstruct, render, cores,
-        scaling or single-image.
+        scaling, single-image, paper or separation.
     out : path or URL of a folder, optional
         Where tables and page, or the figures as JSON, are written. By default results/NAME for a
         study with a page, nowhere for another.
@@ -135,6 +135,18 @@ def _precision(folder: Path, backend: str) -> Findings:
 def _precision_cells(row: pd.Series) -> list[str]:
     numbers = {"seconds", "spread", "error"}
     return [f"{value:.2e}" if name in numbers else str(value) for name, value in row.items()]
+
+
+def _paper(folder: Path, **options: Any) -> Findings:
+    from malus.bench.studies.paper_readings import findings
+
+    return findings(folder, **options)
+
+
+def _separation(folder: Path, **options: Any) -> Findings:
+    from malus.bench.studies.separation import findings
+
+    return findings(folder, **options)
 
 
 def _ratio(folder: Path | None, points: int) -> Findings:
@@ -251,6 +263,33 @@ STUDIES = {
             "Error against run time: R, rendering, whole methods",
             _precision,
             options=(_BACKEND,),
+            has_page=True,
+        ),
+        Study(
+            "paper",
+            "The paper's Figure 5 for every meaning of “normalised”: eq8, whole chain, and guess",
+            _paper,
+            details="24 materials on 5 surfaces, 5 lights, 4 albedos, 10 readings; the paper's"
+            " height and flatness beside each.",
+            example={"every": "2"},
+            options=(
+                StudyOption("every", 1, "Every n-th material.", least=1, most=24),
+                StudyOption("resolution", 32, "Pixels a side.", least=8, most=512),
+                _BACKEND,
+            ),
+            has_page=True,
+        ),
+        Study(
+            "separation",
+            "Separations of the lobes by colour: error of I_s on the exact lobes of renders",
+            _separation,
+            details="Two shapes, two bodies, five surfaces, four lights, seven body colours.",
+            example={"every": "12"},
+            options=(
+                StudyOption("every", 24, "Every n-th material.", least=1, most=24),
+                StudyOption("resolution", 48, "Pixels a side.", least=8, most=512),
+                _BACKEND,
+            ),
             has_page=True,
         ),
         Study(

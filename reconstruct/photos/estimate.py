@@ -10,19 +10,24 @@ import numpy as np
 
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.lobe_models import diffuse, microfacets
+from malus.reconstruct.methods import get_method
 from malus.reconstruct.observation import Components, Inapplicable, Observation
-from malus.reconstruct.photos.masks_and_normals import read_mask, read_normals
-from malus.reconstruct.single_image.blind import run_chain
+from malus.reconstruct.photos.masks_and_normals import read_labels, read_mask, read_normals
+from malus.reconstruct.single_image.blind import BLIND_METHODS, ChainResult, run_chain
 from malus.reconstruct.single_image.illuminant import ILLUMINANTS
+from malus.reconstruct.single_image.paper import PAPER_SEPARATIONS, run_paper
 from malus.reconstruct.single_image.parameters import TYPICAL_ETA
 from malus.reconstruct.single_image.separation import SEPARATIONS, separate
-from malus.scenes.core.arrays import BoolArray, Float32Array
+from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.lights.lights import Distant
 from malus.scenes.materials.materials import material
 
 TYPICAL_ALPHA = 0.2
 """Roughness where nothing is known of the surface: that of moulded plastic."""
+SEPARATION = "ratio"
+"""Separation of every method but the paper's, unless another is asked for."""
+_BLIND = {name: needs for name, needs, *_ in BLIND_METHODS}
 
 
 class Preset(NamedTuple):
@@ -55,13 +60,17 @@ class Knowledge:
     light : (x, y, z) towards a distant light, in the image frame
     eta, alpha : refractive index and Beckmann roughness
     mirror : all light is specular
-    illuminant : name of an estimator of the light's colour
-    separation : name of the method that tells the lobes apart by colour
+    illuminant : name of an estimator of the light's colour; None is the method's own: Gray World of
+        the paper's methods, 'neutral' of all others
+    separation : name of the method that tells the lobes apart by colour; None is the method's own:
+        'chromaticity' of `paper`, 'suv' of `paper-mallick`, 'ratio' of all others
+    labels : (height, width) whole numbers, 0 off all objects; each is estimated on its own
+    method : name of a method, or `package.module:object`; None chooses by what is given
 
     Examples
     --------
-    >>> Knowledge(light=(1.0, 1.0, 2.0), eta=1.5).illuminant
-    'neutral'
+    >>> Knowledge(labels=np.array([[0, 1, 2]])).mask.tolist()
+    [[False, True, True]]
     """
 
     normals: Float32Array | None = None
@@ -70,16 +79,24 @@ class Knowledge:
     eta: float | None = None
     alpha: float | None = None
     mirror: bool = False
-    illuminant: str = "neutral"
-    separation: str = "ratio"
+    illuminant: str | None = None
+    separation: str | None = None
+    labels: IntArray | None = None
+    method: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuse unknown names."""
+        """Refuse unknown names; objects with labels are the mask, or what it leaves of them."""
+        if self.labels is not None:
+            labelled = np.asarray(self.labels != 0)
+            mask = labelled if self.mask is None else labelled & self.mask
+            object.__setattr__(self, "mask", mask)
+        if self.method is not None:
+            get_method(self.method)
         for parameter, name, names in (
             ("illuminant", self.illuminant, tuple(ILLUMINANTS)),
             ("separation", self.separation, tuple(SEPARATIONS)),
         ):
-            if name not in names:
+            if name is not None and name not in names:
                 expected = f"one of {', '.join(names)}"
                 raise InputError(parameter, expected, name, "choose one of them")
 
@@ -100,8 +117,10 @@ def read_knowledge(
     material_name: str | None = None,
     alpha: float | None = None,
     preset: str | None = None,
-    illuminant: str = "neutral",
-    separation: str = "ratio",
+    illuminant: str | None = None,
+    separation: str | None = None,
+    labels: Path | str | None = None,
+    method: str | None = None,
 ) -> Knowledge:
     """Read and check what is given besides a picture of `shape` (height, width).
 
@@ -118,8 +137,12 @@ def read_knowledge(
         Beckmann roughness, in (0, 1].
     preset : str, optional
         A name of `PRESETS`, for index, roughness, and whether all light is mirrored.
-    illuminant, separation : str
+    illuminant, separation : str, optional
         Names of the estimator of the light's colour and of the separation of the lobes.
+    labels : path, optional
+        A picture of the same size, black off all objects: every other value is an object.
+    method : str, optional
+        Name of a method, or `package.module:object`.
 
     Returns
     -------
@@ -160,14 +183,18 @@ def read_knowledge(
         bool(typical and typical.mirror),
         illuminant,
         separation,
+        read_labels(labels, shape) if labels else None,
+        method,
     )
 
 
 def estimate(image: Float32Array, knowledge: Knowledge, where: str) -> Estimate:
     """Components of a photograph (height, width, 1 or 3) in linear light; `where` names it.
 
-    With a light, or without normals, there is one distant light and `blind` does it all. With
-    normals and no light, light comes from all around: facets are weighted by what the viewer sees.
+    A method that is named is used. Otherwise, with a light or without normals, there is one distant
+    light and `blind` does it all; with normals and no light, light comes from all around: facets
+    are weighted by what the viewer sees. Every object that has a label is estimated on its own; one
+    of which nothing can be told is left unpolarised, with a warning.
 
     Raises
     ------
@@ -179,36 +206,134 @@ def estimate(image: Float32Array, knowledge: Knowledge, where: str) -> Estimate:
     mask = knowledge.mask if knowledge.mask is not None else np.ones(image.shape[:2], bool)
     if knowledge.normals is not None:
         mask = mask & (knowledge.normals[..., 2] > 0)
-    warnings: tuple[str, ...] = ()
     try:
-        light = ILLUMINANTS[knowledge.illuminant](image, mask)
-        colour = light.colour.astype(np.float32)
-        balanced = np.maximum(image, 0) / colour
-        observation = Observation(
-            balanced,
-            mask,
-            normals=knowledge.normals,
-            eta=None if knowledge.eta is None else np.full(image.shape[-1], knowledge.eta),
-            alpha=knowledge.alpha,
-            light=None if knowledge.light is None else Distant.towards(knowledge.light),
-        )
-        if knowledge.normals is not None and knowledge.light is None:
-            components, statements = _surrounded(observation, knowledge)
-        else:
-            chain = run_chain(observation, calibrated=False, separation=knowledge.separation)
-            components, statements = chain.components, chain.statements
-            warnings = chain.warnings
+        name = knowledge.illuminant
+        own = name is None and knowledge.method in PAPER_SEPARATIONS
+        light = ILLUMINANTS[name or "neutral"](image, mask)
+        whole = _observation(image, mask, light.colour, knowledge, own)
+        results, failed = _of_objects(whole, knowledge)
     except Inapplicable as reason:
         raise InputError(
             where, "a picture that this can be told from", str(reason), _advice(knowledge)
         ) from None
-    if (invalid := components.invalid(mask)) > 0:
+    components = _together(whole, results)
+    coloured = replace(
+        components,
+        image=image,
+        s1=components.s1 * light.colour.astype(np.float32),
+        s2=components.s2 * light.colour.astype(np.float32),
+    )
+    about_light = () if own else (light.assumption,)
+    statements = (*about_light, *(s for _, result in results for s in result.statements))
+    warnings = (*failed, *(w for _, result in results for w in result.warnings))
+    return Estimate(coloured, statements, warnings)
+
+
+def _observation(
+    image: Float32Array,
+    mask: BoolArray,
+    colour: Float64Array,
+    knowledge: Knowledge,
+    untold: bool,
+) -> Observation:
+    """The picture under white light with all that is known; `untold`: the light's colour is not."""
+    bands = image.shape[-1]
+    return Observation(
+        np.maximum(image, 0) / colour.astype(np.float32),
+        mask,
+        normals=knowledge.normals,
+        eta=None if knowledge.eta is None else np.full(bands, knowledge.eta),
+        alpha=knowledge.alpha,
+        light=None if knowledge.light is None else Distant.towards(knowledge.light),
+        illuminant=None if untold else np.ones(bands),
+    )
+
+
+def _of_objects(
+    whole: Observation, knowledge: Knowledge
+) -> tuple[list[tuple[BoolArray, Estimate]], list[str]]:
+    """Mask and estimate of every object, and which ones nothing can be told of, in words.
+
+    Raises
+    ------
+    Inapplicable
+        If nothing can be told of any.
+    """
+    if knowledge.labels is None:
+        return [(whole.mask, _estimate_of(whole, knowledge))], []
+    results, failed = [], {}
+    for label in np.unique(knowledge.labels[whole.mask]).tolist():
+        mask = whole.mask & (knowledge.labels == label)
+        try:
+            result = _estimate_of(replace(whole, mask=mask), knowledge)
+        except Inapplicable as reason:
+            failed[label] = reason
+            continue
+        told, warned = (
+            tuple(f"object {label}: {text}" for text in texts)
+            for texts in (result.statements, result.warnings)
+        )
+        results.append((mask, Estimate(result.components, told, warned)))
+    words = [f"object {label} is left unpolarised: {why}" for label, why in failed.items()]
+    if not results:
+        raise Inapplicable("; ".join(words) or "no pixel of an object")
+    return results, words
+
+
+def _estimate_of(observation: Observation, knowledge: Knowledge) -> Estimate:
+    """Estimate of one object, in the light of its picture."""
+    chain: ChainResult | None = None
+    if knowledge.method in PAPER_SEPARATIONS:
+        separation = knowledge.separation or PAPER_SEPARATIONS[knowledge.method]
+        chain = run_paper(observation, separation, calibrated=False)
+    elif knowledge.method is not None and knowledge.method not in _BLIND:
+        components, statements = _by_method(observation, knowledge)
+    elif knowledge.method is None and knowledge.normals is not None and knowledge.light is None:
+        components, statements = _surrounded(observation, knowledge)
+    else:
+        _require(observation, _BLIND.get(knowledge.method or "", frozenset()))
+        separation = knowledge.separation or SEPARATION
+        chain = run_chain(observation, calibrated=False, separation=separation)
+    warnings: tuple[str, ...] = ()
+    if chain is not None:
+        components, statements, warnings = chain.components, chain.statements, chain.warnings
+    if (invalid := components.invalid(observation.mask)) > 0:
         flagged = f"{invalid} pixels of the object have no valid intensity or normal: not polarised"
         warnings = (*warnings, flagged)
-    coloured = replace(
-        components, image=image, s1=components.s1 * colour, s2=components.s2 * colour
-    )
-    return Estimate(coloured, (light.assumption, *statements), warnings)
+    return Estimate(components, statements, warnings)
+
+
+def _together(whole: Observation, results: list[tuple[BoolArray, Estimate]]) -> Components:
+    """The components of all objects in one picture; what is off all of them is unpolarised."""
+    if len(results) == 1:
+        return results[0][1].components
+    s1, s2 = np.zeros_like(whole.image), np.zeros_like(whole.image)
+    for mask, result in results:
+        s1[mask], s2[mask] = result.components.s1[mask], result.components.s2[mask]
+    return Components(whole.image, s1, s2)
+
+
+def _require(observation: Observation, needs: frozenset[str]) -> None:
+    """Raise Inapplicable for the first thing that a method needs and that is not given."""
+    for need in sorted(needs):
+        observation.require(need)
+
+
+def _by_method(
+    observation: Observation, knowledge: Knowledge
+) -> tuple[Components, tuple[str, ...]]:
+    """Components by the method that is named, and what was assumed."""
+    method = get_method(knowledge.method or "")
+    filled, statements = observation, ()
+    if method.needs & {"specular", "diffuse"}:
+        filled, statements = _with_lobes(observation, knowledge)
+    _require(filled, method.needs)
+    components = method.reconstruct(filled)
+    # Off the mask a method may say what it likes: nothing is asked there.
+    inside = observation.mask[..., None]
+    s1, s2 = np.where(inside, components.s1, 0), np.where(inside, components.s2, 0)
+    kept = replace(components, image=observation.image, s1=s1, s2=s2)
+    return kept, (f"method {method.name}: {method.summary}", *statements)
 
 
 def _advice(knowledge: Knowledge) -> str:
@@ -221,13 +346,21 @@ def _surrounded(
     observation: Observation, knowledge: Knowledge
 ) -> tuple[Components, tuple[str, ...]]:
     """Components under light from all around, and what was assumed."""
+    filled, (about_lobes, about_surface) = _with_lobes(observation, knowledge)
+    components = from_lobes(filled, microfacets("visible"), diffuse)
+    return components, (about_lobes, "light comes from all around", about_surface)
+
+
+def _with_lobes(
+    observation: Observation, knowledge: Knowledge
+) -> tuple[Observation, tuple[str, str]]:
+    """The observation with lobes, η and α, separated or assumed where they are not known."""
     if knowledge.mirror:
         specular = np.where(observation.mask[..., None], observation.image, 0)
         statement = "all light is taken for mirrored"
     else:
-        specular = separate(
-            observation.image, observation.mask, method=knowledge.separation
-        ).specular
+        separation = knowledge.separation or SEPARATION
+        specular = separate(observation.image, observation.mask, method=separation).specular
         statement = "separated by colour, under light of one colour"
     eta, alpha = knowledge.eta or TYPICAL_ETA, knowledge.alpha or TYPICAL_ALPHA
     filled = replace(
@@ -237,5 +370,4 @@ def _surrounded(
         eta=np.full(observation.image.shape[-1], eta),
         alpha=alpha,
     )
-    components = from_lobes(filled, microfacets("visible"), diffuse)
-    return components, (statement, "light comes from all around", f"eta {eta:g}, alpha {alpha:g}")
+    return filled, (statement, f"eta {eta:g}, alpha {alpha:g}")

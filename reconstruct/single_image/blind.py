@@ -11,27 +11,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import get_args
 
 import numpy as np
 
 from malus.reconstruct import lobe_models as lobes
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.observation import Components, Image, Inapplicable, Observation
+from malus.reconstruct.single_image.chain_stages import (
+    light_of,
+    mean_or_none,
+    parameters_of,
+    require_distant,
+    specular_by_model,
+)
 from malus.reconstruct.single_image.convergence import Convergence
 from malus.reconstruct.single_image.illuminant import specular_tint
-from malus.reconstruct.single_image.light_direction import estimate_direction
-from malus.reconstruct.single_image.outline import outline_of
-from malus.reconstruct.single_image.parameters import SurfaceParameters, fit_parameters
-from malus.reconstruct.single_image.reduced import reduce
 from malus.reconstruct.single_image.separation import check_separation, separate
-from malus.reconstruct.single_image.shading import BodyKind, diffuse_shading, specular_shading
+from malus.reconstruct.single_image.shading import BodyKind
 from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
-from malus.scenes.core.arrays import Float64Array, NumberArray
 from malus.scenes.lights.lights import Distant
-
-_SAMPLE = 8_000
-"""Pixels that parameters are fitted to: five numbers need no more."""
 
 
 @dataclass(frozen=True)
@@ -163,12 +161,12 @@ def run_chain(
     (1.5, 'unpolarised')
     """
     check_separation(separation, "separation")
-    _require_light(observation)
+    require_distant(observation)
     specular, separation_statements = _by_colour(observation, separation)
-    direction, irradiance, shape_statements = _light(observation)
+    direction, irradiance, shape_statements = light_of(observation)
     irradiance = irradiance if calibrated else None
     given = GivenParameters(
-        irradiance, _mean_or_none(observation.eta), _mean_or_none(observation.alpha)
+        irradiance, mean_or_none(observation.eta), mean_or_none(observation.alpha)
     )
     if observation.normals is None:
         shape = recover_shape(observation.image, observation.mask, direction, given, specular)
@@ -176,11 +174,11 @@ def run_chain(
         shape_statements = (*shape_statements, convergence.statement)
     else:
         normals, convergence = observation.normals, None
-        parameters = _parameters(observation, normals, direction, given)
+        parameters = parameters_of(observation, normals, direction, given)
     body = f"body taken for {parameters.body}"
     statements = (*separation_statements, *shape_statements, body, *parameters.notes)
     if specular is None:
-        specular = _by_model(observation, normals, direction, parameters)
+        specular = specular_by_model(observation, normals, direction, parameters)
     filled = replace(
         observation,
         specular=specular,
@@ -196,15 +194,6 @@ def run_chain(
     return ChainResult(filled, parameters.body, components, convergence, statements)
 
 
-def _require_light(observation: Observation) -> None:
-    """Raise Inapplicable for a given light that is not one distant one."""
-    light = observation.light
-    if light is not None and not isinstance(light, Distant):
-        raise Inapplicable(
-            f"needs one distant light or none given, found {light.kind}: shading tells no shape"
-        )
-
-
 def _by_colour(observation: Observation, separation: str) -> tuple[Image | None, tuple[str, ...]]:
     """I_s separated by colour, or None where the picture is grey; how, in words."""
     bands = observation.wavelengths_nm
@@ -214,72 +203,6 @@ def _by_colour(observation: Observation, separation: str) -> tuple[Image | None,
     except Inapplicable as reason:
         return None, (f"separated by the fitted model, not by colour: {reason}",)
     return parts.specular, ("separated by colour, under white light",)
-
-
-def _light(observation: Observation) -> tuple[Float64Array, float | None, tuple[str, ...]]:
-    """Direction (3,) of the light, its irradiance if given, and what was assumed, in words."""
-    light = observation.light
-    if isinstance(light, Distant):
-        return np.array(light.direction), light.irradiance, ()
-    if observation.normals is None:
-        reduced = reduce(observation.image, observation.mask, None, 48)
-        components = outline_of(reduced.mask).inflated()
-        n_z = np.sqrt(np.clip(1.0 - (components**2).sum(axis=1), 0.0, None))
-        direction = estimate_direction(reduced.total, np.column_stack([components, n_z]))
-    else:
-        pixels, normals = _sampled(observation, observation.normals)
-        direction = estimate_direction(pixels.mean(axis=1), normals)
-    incidence = np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0)))
-    return direction, None, (f"one distant light, estimated {incidence:.0f}° from the viewer",)
-
-
-def _mean_or_none(value: float | NumberArray | None) -> float | None:
-    """Mean of a given value or map; Inapplicable for complex indices."""
-    if value is None:
-        return None
-    if np.iscomplexobj(value):
-        raise Inapplicable("needs a dielectric, found a complex index")
-    return float(np.mean(value))
-
-
-def _sampled(observation: Observation, normals: Image) -> tuple[Float64Array, Float64Array]:
-    """Radiances (n, bands) and unit normals (n, 3) of at most `_SAMPLE` of the object's pixels."""
-    length = np.linalg.norm(normals, axis=-1)
-    chosen = np.flatnonzero(observation.mask & (length > 0.5))
-    chosen = chosen[:: max(1, len(chosen) // _SAMPLE)]
-    if not len(chosen):
-        raise Inapplicable("no pixel of the mask has a normal")
-    pixels = observation.image.reshape(-1, observation.image.shape[-1])[chosen]
-    unit = normals.reshape(-1, 3)[chosen].astype(np.float64)
-    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-    return pixels.astype(np.float64), unit
-
-
-def _parameters(
-    observation: Observation, normals: Image, direction: Float64Array, given: GivenParameters
-) -> SurfaceParameters:
-    """Surface parameters for given normals, with the kind of body of smaller error."""
-    pixels, unit = _sampled(observation, normals)
-    fits = [
-        fit_parameters(pixels, unit, direction, body, given.irradiance, given.eta, given.alpha)
-        for body in get_args(BodyKind)
-    ]
-    return min(fits, key=lambda fit: fit.error)
-
-
-def _by_model(
-    observation: Observation, normals: Image, direction: Float64Array, parameters: SurfaceParameters
-) -> Image:
-    """I_s (height, width, bands): the image times the specular share of the fitted model."""
-    mask = observation.mask
-    unit = normals[mask].astype(np.float64)
-    specular = np.outer(specular_shading(unit, direction, parameters.alpha), parameters.level)
-    white_diffuse = diffuse_shading(unit, direction, parameters.body, parameters.eta)
-    total = specular + np.outer(white_diffuse, parameters.albedo)
-    share = np.divide(specular, total, out=np.zeros_like(total), where=total > 0)
-    result = np.zeros_like(observation.image)
-    result[mask] = np.maximum(observation.image[mask], 0) * share
-    return result
 
 
 def _polarised(filled: Observation, body: BodyKind) -> Components:

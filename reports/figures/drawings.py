@@ -19,7 +19,7 @@ from malus.reports.tables.rows import (
     rows_by_angle,
     rows_of_body,
 )
-from malus.reports.tables.text_tables import TextTable, budget, by_method, points
+from malus.reports.tables.text_tables import TextTable, budget, by_method
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,7 +76,7 @@ def _figure5(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
     from malus.reports.figures.figure5 import both_panels, figure5, figure5_by_light
 
     numbers = both_panels(rows)
-    yield _drawing(
+    yield drawing_of(
         f"figure5{_suffix(body)}",
         f"Figure 5{_title_end(body)}",
         "Error against refractive index (top) and roughness (bottom), mean and standard"
@@ -86,7 +86,7 @@ def _figure5(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
         by_method(numbers),
     )
     numbers = both_panels(rows, by_light=True)
-    yield _drawing(
+    yield drawing_of(
         f"figure5{_suffix(body)}_by_light",
         f"Figure 5 by light{_title_end(body)}",
         f"The same for every light: no mean over lights hides where a method fails. {_note(body)}",
@@ -102,7 +102,7 @@ def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
     from malus.reports.tables.colour_errors import figure9_numbers
 
     numbers = angle_numbers(rows)
-    yield _drawing(
+    yield drawing_of(
         f"angles{_suffix(body)}",
         f"Error over the polariser angle{_title_end(body)}",
         f"Mean and standard deviation over the {_scenes(body)}. {_note(body)}",
@@ -112,7 +112,7 @@ def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
     )
     if len(rows_by_angle(rows, "delta_e76")):
         numbers = figure9_numbers(rows)
-        yield _drawing(
+        yield drawing_of(
             f"figure9{_suffix(body)}",
             f"Figure 9: colour difference over the polariser angle{_title_end(body)}",
             f"ΔE76, mean and standard deviation over the pixels of all {_scenes(body)};"
@@ -139,7 +139,7 @@ def ladders(table: pd.DataFrame) -> Iterator[Drawing]:
     numbers = ladder_numbers(table)
     if numbers.empty:
         return
-    yield _drawing(
+    yield drawing_of(
         "ladder",
         "Parts of the error",
         "Mean NMSE over the scenes on which a method has an error at every rung; what makes it"
@@ -150,23 +150,10 @@ def ladders(table: pd.DataFrame) -> Iterator[Drawing]:
     )
 
 
-def precision_drawing(table: pd.DataFrame) -> Drawing:
-    """Work-precision diagrams of the study `precision`."""
-    from malus.reports.figures.precision import figure_precision
-
-    return _drawing(
-        "precision",
-        "Work-precision diagrams",
-        "Error against seconds, both logarithmic; filled: on the Pareto front.",
-        figure_precision(table),
-        table,
-        points(table),
-    )
-
-
-def _drawing(
+def drawing_of(
     name: str, title: str, caption: str, figure: Figure, numbers: pd.DataFrame, cells: TextTable
 ) -> Drawing:
+    """A drawing of a figure, with its SVG."""
     from malus.reports.figures.style import svg
 
     return Drawing(name, title, caption, figure, svg(figure), numbers, cells)

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from malus.reports.figures.panels import bars, label_above, name_paper, shade_paper, share_height
 from malus.reports.figures.style import INK, MethodStyle, drawable, method_styles, style
 from malus.reports.tables.rows import (
+    PAPER_METHOD,
     TRIVIAL,
     coverage,
     distinct,
@@ -38,6 +39,9 @@ _LETTERS_AN_INCH = 15
 """Letters of a caption to an inch; DejaVu Sans at 7 points has 18 of middling width."""
 _HANDLE_INCHES = 0.5
 """Width of a legend's line and its margins."""
+OWN_RANGE = "nmse_own_range"
+"""Metric of the second curve: the likeliest other meaning of the paper's "normalised"."""
+OWN_RANGE_LABEL = "each image to [0, 1] by its own range"
 _SHIFT = 0.008
 """Distance between the methods' error bars at one x, as a part of the axis' width."""
 
@@ -56,7 +60,9 @@ class FigureContent:
         return cls(rows, method_styles(scored_methods(rows)))
 
 
-def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame:
+def numbers(
+    table: pd.DataFrame, x: str, by_light: bool = False, metric: str = "nmse"
+) -> pd.DataFrame:
     """Mean and standard deviation of NMSE over the dataset at every x.
 
     Parameters
@@ -66,6 +72,7 @@ def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame
     x : "eta" or "alpha"
     by_light : bool
         Every light for itself instead of all together.
+    metric : str
 
     Returns
     -------
@@ -79,7 +86,7 @@ def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame
     >>> numbers(table(), "alpha")[["method", "name", "scenes"]].values.tolist()[0]
     ['unpolarised', 'obsidian', 6]
     """
-    rows = overall_rows(table, "nmse")
+    rows = overall_rows(table, metric)
     if not by_light:
         rows = rows.assign(light="all")
     groups = rows.groupby(["light", "method", _NAMES[x], x], sort=False)
@@ -100,9 +107,19 @@ def _population_std(values: pd.Series[float]) -> float:
     return float(values.std(ddof=0))
 
 
+def own_range(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame:
+    """The same numbers with each image scaled by its own range, of the paper's method alone.
+
+    Empty where a run did not measure them.
+    """
+    values = numbers(table[table["method"] == PAPER_METHOD], x, by_light, OWN_RANGE)
+    return values.assign(method=f"{PAPER_METHOD}, {OWN_RANGE_LABEL}")
+
+
 def both_panels(table: pd.DataFrame, by_light: bool = False) -> pd.DataFrame:
-    """The numbers behind both panels of Figure 5, as one table."""
-    return pd.concat([numbers(table, x, by_light) for x in (X_ETA, X_ALPHA)])
+    """The numbers behind both panels of Figure 5, as one table; last those of the second curve."""
+    made = [make(table, x, by_light) for make in (numbers, own_range) for x in (X_ETA, X_ALPHA)]
+    return pd.concat([rows for rows in made if len(rows)])
 
 
 def figure5(table: pd.DataFrame, body: str) -> Figure:
@@ -114,13 +131,14 @@ def figure5(table: pd.DataFrame, body: str) -> Figure:
         for ax, x in zip(axes, (X_ETA, X_ALPHA), strict=True):
             values = numbers(content.rows, x)
             _draw(ax, values, content)
+            _draw_own_range(ax, own_range(content.rows, x))
             ax.set_xlabel(_AXES[x] + _doubt(content.rows, x))
             ax.set_ylabel(_ERROR)
             label = _label_materials if x == X_ETA else _label_surfaces
             label(ax, values)
-        share_height(axes, content.methods)
+        share_height(axes, content.methods, _second_heights(content))
         name_paper(axes[0])
-        legend(figure, axes[0], content, [*content.methods, NOISE])
+        legend(figure, axes[0], content, _entries(content))
     return figure
 
 
@@ -137,12 +155,14 @@ def figure5_by_light(table: pd.DataFrame, body: str) -> Figure:
             line[0].set_ylabel(_ERROR)
             for ax, light in zip(line, lights, strict=True):
                 _draw(ax, values[values["light"] == light], content)
+                own = own_range(content.rows, x, by_light=True)
+                _draw_own_range(ax, own[own["light"] == light])
                 ax.set_xlabel(_SHORT_AXES[x])
         for ax, light in zip(grid[0], lights, strict=True):
             ax.set_title(drawable(light))
-        share_height(list(grid.flat), content.methods)
+        share_height(list(grid.flat), content.methods, _second_heights(content, by_light=True))
         name_paper(grid[0, 0])
-        legend(figure, grid[0, 0], content, [*content.methods, NOISE])
+        legend(figure, grid[0, 0], content, _entries(content))
     return figure
 
 
@@ -160,6 +180,25 @@ def _draw(ax: Axes, values: pd.DataFrame, content: FigureContent) -> None:
         bars(ax, rows.assign(x=rows["x"] + (number - middle) * _SHIFT * width), method_style)
     noise = values.groupby("x")["noise"].max()
     ax.plot(noise.index, noise.where(noise > 0), ":", color=INK, lw=0.9, zorder=1)
+
+
+def _draw_own_range(ax: Axes, values: pd.DataFrame) -> None:
+    """The second curve of the paper's method, where the run has its numbers."""
+    if len(values):
+        own = method_styles([PAPER_METHOD])[PAPER_METHOD]
+        bars(ax, values, MethodStyle(own.colour, "*", "--", False))
+
+
+def _second_heights(content: FigureContent, by_light: bool = False) -> list[float]:
+    """Every mean of the second curve."""
+    panels = [own_range(content.rows, x, by_light) for x in (X_ETA, X_ALPHA)]
+    return [float(mean) for values in panels for mean in values["mean"]]
+
+
+def _entries(content: FigureContent) -> list[str]:
+    """Entries of the legend, in the order in which the lines were drawn."""
+    second = own_range(content.rows, X_ETA)["method"].unique().tolist()
+    return [*content.methods, NOISE, *second]
 
 
 def _label_materials(ax: Axes, values: pd.DataFrame) -> None:
@@ -194,8 +233,8 @@ def legend(
 
 
 def _legend_label(rows: pd.DataFrame, method: str) -> str:
-    if method == NOISE:
-        return NOISE
+    if method not in scored_methods(rows):
+        return method  # what is no method: the noise, and the second curve
     guess = " (trivial guess, I/2)" if method == TRIVIAL else ""
     partial = str(coverage(rows, method))
     return drawable(f"{method}{guess}{f': {partial}' if partial else ''}")

@@ -41,14 +41,17 @@ def bars(ax: Axes, rows: pd.DataFrame, method_style: MethodStyle) -> None:
     ax.vlines(*endless, color=method_style.colour, lw=0.7, alpha=0.5, ls=(0, (1, 2)), zorder=1)
 
 
-def share_height(axes: Sequence[Axes], methods: Mapping[str, MethodStyle]) -> None:
+def share_height(
+    axes: Sequence[Axes], methods: Mapping[str, MethodStyle], others: Sequence[float] = ()
+) -> None:
     """Give all panels one range, with the paper's range and every error above `LOWEST` inside.
 
-    The first lines of every panel are those of `methods`, in their order.
+    The first lines of every panel are those of `methods`, in their order; `others` are errors of
+    further lines.
     """
     lines = [line for ax in axes for line in ax.get_lines()[: len(methods)]]
     heights = [_heights(line.get_ydata()) for line in lines]
-    errors = np.concatenate([*heights, PAPER_NMSE])
+    errors = np.concatenate([*heights, PAPER_NMSE, others])
     errors = errors[np.isfinite(errors) & (errors > LOWEST)]
     low = 10.0 ** np.floor(np.log10(errors.min() / 1.5))
     high = 10.0 ** np.ceil(np.log10(errors.max() * 1.2))

@@ -79,6 +79,12 @@ STRESS = (
     "Limits, singular points and hostile inputs: each with its error against a slow reference where"
     " there is one, and the rule that it must not break."
 )
+SEPARATION = (
+    "Each picture is separated by colour into diffuse and specular light, under white light that"
+    " is known. The paper names two ways: Tan et al.'s maximum chromaticity-intensity space"
+    " (chromaticity), which it uses, and Mallick et al.'s partial differential equations (suv)."
+    " Dispersion makes specular light bluish: no way that takes it for white can reach zero."
+)
 NO_SKILL = "The trivial guess does not rise above the Monte Carlo noise in these scenes."
 ALL_SKILLS = "Every scene has a skill: the trivial guess rises above the noise everywhere."
 NEVER_NEGATIVE = f"The skill of {PAPER_METHOD} is negative nowhere in this suite."

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from malus.bench.running.scene_scores import SceneResult, ScoringPlan
 from malus.bench.scoring.judge import Judge
-from malus.bench.scoring.knowledge_ladder import EVERYTHING, RUNGS, rungs
+from malus.bench.scoring.knowledge_ladder import EVERYTHING, GIVEN_RUNGS, RUNGS, rungs
 from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.observe import INPUTS, observe
 from malus.reconstruct import Inapplicable, Method, Observation, get_method, methods
 from malus.renderers import Truth, render
+from malus.reports.figures.ladder import MODEL, NOISE, ladder_numbers
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
 
 SCENE = Scene(
@@ -132,3 +136,45 @@ def test_a_chain_that_finds_nothing_is_told(truth: Truth, monkeypatch: pytest.Mo
     scores = scored(truth, ("eq8",))
     assert "nmse" in scores["eq8", EVERYTHING]
     assert all(scores["eq8", rung] == {"inapplicable": 1.0} for rung in RUNGS)
+
+
+def test_the_papers_chain_climbs_to_equation_8(truth: Truth) -> None:
+    """From the picture alone, one stage after another given; the last rung is the oracle's."""
+    scores = scored(truth, ("eq8", "paper"))
+    assert [rung for method, rung in scores if method == "paper"] == [EVERYTHING, *GIVEN_RUNGS]
+    top, eq8 = scores["paper", list(GIVEN_RUNGS)[-1]], scores["eq8", EVERYTHING]
+    # The same tables on the same numbers, gathered before or after: roundings of single precision.
+    for name in ("nmse", "skill", "gain", "rotation"):
+        assert top[name] == pytest.approx(eq8[name], rel=1e-6), name
+    assert scores["paper", EVERYTHING]["nmse"] != pytest.approx(eq8["nmse"], rel=1e-3)
+
+
+def test_a_rung_of_a_chain_gives_one_thing_more(truth: Truth) -> None:
+    asked: list[set[str]] = []
+
+    def watching(observation: Observation) -> Any:
+        asked.append({name for name in INPUTS if getattr(observation, name) is not None})
+        return get_method("unpolarised").reconstruct(observation)
+
+    chain = Method("chain", frozenset(), watching, "a chain", optional=INPUTS)
+    result, plan = SceneResult(SCENE), ScoringPlan([chain], ladder=True)
+    result.score("render", lambda scene: truth, plan, keep_example=False)
+    expected = list(itertools.accumulate(GIVEN_RUNGS.values(), set.union, initial=set[str]()))
+    # Twice on every rung: as rendered, and with a draw of the noise.
+    assert asked == [given for given in expected for _ in range(2)]
+
+
+def test_parts_of_a_chain_that_climbs_add_up_from_its_last_rung() -> None:
+    errors = dict(zip((EVERYTHING, *GIVEN_RUNGS), (9.0, 8.0, 6.0, 5.0, 3.0, 2.0), strict=True))
+    rows = [
+        {"scene": "a", "body": "unpolarised", "method": "paper", "knowledge": rung, "noise": 0.5,
+         "metric": "nmse", "band_nm": None, "angle_deg": None, "value": error}
+        for rung, error in errors.items()
+    ]  # fmt: skip
+    parts = ladder_numbers(pd.DataFrame(rows))
+    assert parts["source"].tolist() == [
+        NOISE, MODEL, "index and roughness estimated", "normals estimated", "lobes estimated",
+        "light estimated", "illuminant estimated",
+    ]  # fmt: skip
+    assert parts["increment"].tolist() == [0.5, 1.5, 1.0, 2.0, 1.0, 2.0, 1.0]
+    assert parts["nmse"].tolist()[-1] == 9.0

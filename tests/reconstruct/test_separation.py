@@ -141,3 +141,33 @@ def test_noise_in_the_dark_is_no_highlight() -> None:
     assert not parts.specular[:, :8].any()
     # Equal but for the rounding of one subtraction and one sum.
     np.testing.assert_allclose(parts.diffuse + parts.specular, body, rtol=1e-14)
+
+
+HAND_BODY = np.array([6.0, 3.0, 1.0])
+"""Sum 10, largest chromaticity Λ = 0.6."""
+HAND_PIXELS = {
+    # ½ (6, 3, 1) and twice white: Σ 11, σ = 5/11, ΣI_d = 5 (3 σ - 1) / (σ (3 · 0.6 - 1)) = 5.
+    (5.0, 3.5, 2.5): 2.0,
+    # ¼ (6, 3, 1) and 5 times white: Σ 17.5, σ = 6.5/17.5, ΣI_d = 6.5 (2/17.5) / (6.5/17.5 · 0.8).
+    (6.5, 5.75, 5.25): 5.0,
+    # (6, 3, 1) and once white: τ = S/|UV| = 13/√38, of the body 10/√38, I_s = 13/3 (1 - 10/13).
+    (7.0, 4.0, 2.0): 1.0,
+}
+"""Pixels of the dichromatic model, and the white light in each, worked out by hand."""
+
+
+@pytest.mark.parametrize("method", ["chromaticity", "suv"])
+@pytest.mark.parametrize("light", [(1.0, 1.0, 1.0), (1.5, 1.0, 0.5)])
+def test_tan_and_mallick_by_hand(method: str, light: tuple[float, ...]) -> None:
+    """Exact on the dichromatic model where pixels of body light alone lie around a highlight."""
+    shades = np.linspace(0.5, 1.5, 64).reshape(8, 8, 1)
+    image, glare = shades * HAND_BODY, np.zeros((8, 8, 1))
+    for column, (pixel, white) in enumerate(HAND_PIXELS.items()):
+        image[3, 2 * column + 1], glare[3, 2 * column + 1] = pixel, white
+    colour = np.array(light)
+    parts = separate(image * colour, np.ones((8, 8), bool), colour, method)
+    # Tan's Λ is a mean of equal chromaticities; erosion stops at a slope of 1e-5 of the smallest τ,
+    # which |UV| of the brightest pixel, 2.5, enlarges.
+    atol = {"chromaticity": 1e-12, "suv": 2e-4}[method]
+    np.testing.assert_allclose(parts.specular, glare * colour, atol=atol)
+    np.testing.assert_allclose(parts.diffuse, image * colour - glare * colour, atol=atol)

@@ -1,0 +1,99 @@
+"""Stages that chains from one picture share: its light, surface parameters, and lobes by a model.
+
+A chain is `malus.reconstruct.single_image.blind` or `malus.reconstruct.single_image.paper`.
+"""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import numpy as np
+
+from malus.reconstruct.observation import Image, Inapplicable, Observation
+from malus.reconstruct.single_image.light_direction import estimate_direction
+from malus.reconstruct.single_image.outline import outline_of
+from malus.reconstruct.single_image.parameters import SurfaceParameters, fit_parameters
+from malus.reconstruct.single_image.reduced import reduce
+from malus.reconstruct.single_image.shading import BodyKind, diffuse_shading, specular_shading
+from malus.reconstruct.single_image.shape import GivenParameters
+from malus.scenes.core.arrays import Float64Array, NumberArray
+from malus.scenes.lights.lights import Distant
+
+_SAMPLE = 8_000
+"""Pixels that parameters are fitted to: five numbers need no more."""
+
+
+def require_distant(observation: Observation) -> None:
+    """Raise Inapplicable for a given light that is not one distant one."""
+    light = observation.light
+    if light is not None and not isinstance(light, Distant):
+        raise Inapplicable(
+            f"needs one distant light or none given, found {light.kind}: shading tells no shape"
+        )
+
+
+def light_of(observation: Observation) -> tuple[Float64Array, float | None, tuple[str, ...]]:
+    """Direction (3,) of the light, its irradiance if given, and what was assumed, in words."""
+    light = observation.light
+    if isinstance(light, Distant):
+        return np.array(light.direction), light.irradiance, ()
+    if observation.normals is None:
+        reduced = reduce(observation.image, observation.mask, None, 48)
+        components = outline_of(reduced.mask).inflated()
+        n_z = np.sqrt(np.clip(1.0 - (components**2).sum(axis=1), 0.0, None))
+        direction = estimate_direction(reduced.total, np.column_stack([components, n_z]))
+    else:
+        pixels, normals = _sampled(observation, observation.normals)
+        direction = estimate_direction(pixels.mean(axis=1), normals)
+    incidence = np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0)))
+    return direction, None, (f"one distant light, estimated {incidence:.0f}° from the viewer",)
+
+
+def mean_or_none(value: float | NumberArray | None) -> float | None:
+    """Mean of a given value or map; Inapplicable for complex indices."""
+    if value is None:
+        return None
+    if np.iscomplexobj(value):
+        raise Inapplicable("needs a dielectric, found a complex index")
+    return float(np.mean(value))
+
+
+def _sampled(observation: Observation, normals: Image) -> tuple[Float64Array, Float64Array]:
+    """Radiances (n, bands) and unit normals (n, 3) of at most `_SAMPLE` of the object's pixels."""
+    length = np.linalg.norm(normals, axis=-1)
+    chosen = np.flatnonzero(observation.mask & (length > 0.5))
+    chosen = chosen[:: max(1, len(chosen) // _SAMPLE)]
+    if not len(chosen):
+        raise Inapplicable("no pixel of the mask has a normal")
+    pixels = observation.image.reshape(-1, observation.image.shape[-1])[chosen]
+    unit = normals.reshape(-1, 3)[chosen].astype(np.float64)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    return pixels.astype(np.float64), unit
+
+
+def parameters_of(
+    observation: Observation, normals: Image, direction: Float64Array, given: GivenParameters
+) -> SurfaceParameters:
+    """Surface parameters for given normals, with the given body or that of smaller error."""
+    pixels, unit = _sampled(observation, normals)
+    bodies = get_args(BodyKind) if given.body is None else (given.body,)
+    fits = [
+        fit_parameters(pixels, unit, direction, body, given.irradiance, given.eta, given.alpha)
+        for body in bodies
+    ]
+    return min(fits, key=lambda fit: fit.error)
+
+
+def specular_by_model(
+    observation: Observation, normals: Image, direction: Float64Array, parameters: SurfaceParameters
+) -> Image:
+    """I_s (height, width, bands): the image times the specular share of the fitted model."""
+    mask = observation.mask
+    unit = normals[mask].astype(np.float64)
+    specular = np.outer(specular_shading(unit, direction, parameters.alpha), parameters.level)
+    white_diffuse = diffuse_shading(unit, direction, parameters.body, parameters.eta)
+    total = specular + np.outer(white_diffuse, parameters.albedo)
+    share = np.divide(specular, total, out=np.zeros_like(total), where=total > 0)
+    result = np.zeros_like(observation.image)
+    result[mask] = np.maximum(observation.image[mask], 0) * share
+    return result
