@@ -11,6 +11,7 @@ from malus.renderers.families.nodes import family_nodes
 from malus.renderers.families.patterned import with_part
 from malus.scenes.core.model import content_id
 from malus.scenes.lights.lights import Distant, Uniform
+from malus.scenes.materials.surface import Facets
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 from malus.scenes.scene import Sampling, Scene
 from malus.scenes.shapes.shapes import CONVEX
@@ -71,9 +72,9 @@ def plan(suite: Suite) -> list[FamilyPlan]:
     return [_family(key, scenes, suite.sampling) for key, scenes in ordered]
 
 
-def _by_tables(family: FamilyPlan) -> tuple[float, str]:
+def _by_tables(family: FamilyPlan) -> tuple[Facets, str]:
     key = FamilyKey.of(family.scenes[0])
-    return key.alpha, _measured_file(key)
+    return key.facets, _measured_file(key)
 
 
 SEEDS = 1 << 28

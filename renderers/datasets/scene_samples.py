@@ -88,7 +88,7 @@ class SceneFolders:
             arrays |= _read(folder / file, record, [name for name in own if own[name] == file])
         others = [name for name in record.maps if name in maps]
         if others:
-            arrays |= read_maps(folder, record, others)
+            arrays.update(read_maps(folder, record, others))
         return {name: np.ascontiguousarray(arrays[name][window]) for name in maps}
 
 

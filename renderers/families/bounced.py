@@ -128,6 +128,7 @@ def _at(lobes: Lobes, settings: Sequence[int]) -> Lobes:
         covariance=kept(lobes.covariance),
         pixels=lobes.pixels,
         normals=lobes.normals,
+        normal_spread=lobes.normal_spread,
         covered=lobes.covered,
         s3=None if lobes.s3 is None else kept_halves(lobes.s3),
         s3_variance=kept(lobes.s3_variance),
