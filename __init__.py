@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from malus.bench.datasets.export import export as export
     from malus.bench.datasets.predictions import PredictionErrors as PredictionErrors
+    from malus.bench.datasets.published_sets import score_published as score_published
     from malus.bench.datasets.render import render_dataset as render_dataset
     from malus.bench.datasets.score import score_dataset as score_dataset
     from malus.bench.public.captures import run_captures as run_captures
@@ -159,6 +160,7 @@ _NAMES = {
     "malus.bench.datasets.export": "export",
     "malus.bench.datasets.predictions": "PredictionErrors",
     "malus.bench.datasets.render": "render_dataset",
+    "malus.bench.datasets.published_sets": "score_published",
     "malus.bench.datasets.score": "score_dataset",
     "malus.bench.public.captures": "run_captures",
     "malus.bench.public.doctor": "doctor self_check",

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @command("score")
-@click.argument("dataset", type=FOLDER)
+@click.argument("dataset", type=FOLDER, required=False)
 @click.option("--method", "methods", multiple=True, help="A method; may be given several times.")
 @metric_options
 @click.option("--predictions", type=FOLDER, help="Folder of somebody else's images.")
@@ -23,10 +23,22 @@ if TYPE_CHECKING:
     type=click.Choice(("rgb2pol", "polaranything", "pol")),
     help="Layout of --predictions, where it is a published project's.",
 )
+@click.option(
+    "--truth",
+    type=FOLDER,
+    help="Folder of a published test set in the --layout; DATASET then holds predictions of it.",
+)
+@click.option(
+    "--range",
+    "component_range",
+    type=float,
+    nargs=2,
+    help="Of a test set in the layout rgb2pol: what the codes of s1 and s2 stand for, as -1 1.",
+)
 @click.option("--name", default="predictions", help="What the predictions are called in tables.")
 @click.option("--out", type=FOLDER, help="Folder of the results [default: results/scores].")
 @json_option
-def score_command(dataset: Path, out: Path | None, as_json: bool, **options: Any) -> None:
+def score_command(dataset: Path | None, out: Path | None, as_json: bool, **options: Any) -> None:
     """Score methods, or images that were made elsewhere, on a stored DATASET.
 
     Predictions are one file a scene, <scene>.npz: `stokes` (height, width, bands, 3), or `i_max`,
@@ -45,6 +57,7 @@ def score_command(dataset: Path, out: Path | None, as_json: bool, **options: Any
       malus score quick-dataset --method eq8 --method shadowed+body
       malus score quick-dataset --predictions my-network --name mine
       malus score quick-dataset --method blind --profile polarscale
+      malus score my-network --layout pol --truth test-set --method blind --profile polarscale
     """
     from rich.console import Console
 
@@ -54,6 +67,12 @@ def score_command(dataset: Path, out: Path | None, as_json: bool, **options: Any
     folder = out if out is not None else Path("results") / "scores"
     console = Console(stderr=True, soft_wrap=True)
     options["metrics"] = asked_metrics(options["metrics"], options.pop("profiles"))
+    if options["truth"] is not None:
+        _score_published(dataset, folder, console, options)
+        return
+    if dataset is None or options.pop("component_range") is not None:
+        raise click.UsageError("DATASET is missing" if dataset is None else "--range is of --truth")
+    del options["truth"]
     results = _score(dataset, folder, console, options)
     for suspicion in results.run.get("predictions", {}).get("suspicions", []):
         name = options["name"]
@@ -80,6 +99,25 @@ def _score(dataset: Path, folder: Path, console: Any, options: dict[str, Any]) -
         for problem in error.problems:
             console.print(str(problem), highlight=False, markup=False)
         raise
+
+
+def _score_published(
+    predictions: Path | None, folder: Path, console: Any, options: dict[str, Any]
+) -> None:
+    from malus.bench.datasets.published_sets import score_published
+    from malus.bench.running.progress import with_progress
+
+    if options.pop("predictions") is not None or options["layout"] is None:
+        raise click.UsageError("beside --truth: DATASET is the predictions, and --layout is needed")
+    results = with_progress(
+        console,
+        "pictures",
+        lambda show: score_published(predictions=predictions, progress=show, out=folder, **options),
+    )
+    from malus.bench.commands.printing import results_table
+
+    console.print(results_table(results))
+    console.print(f"written to {folder}", highlight=False)
 
 
 def _tell(results: Results, folder: Path, console: Any) -> None:

@@ -24,10 +24,10 @@ from pathlib import Path
 import numpy as np
 
 from malus.bench.datasets.predictions import Predictions
+from malus.bench.scoring.profiles import Pictured
 from malus.reconstruct.photos.read_picture import read_picture
 from malus.renderers.datasets.dataset import Dataset
 from malus.renderers.datasets.scene_folder import SceneRecord
-from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import Float64Array, FloatArray, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import digest
@@ -44,10 +44,10 @@ class Layout:
     """Files of a prediction, relative to a folder, and how they become a Stokes image."""
 
     files: tuple[str, ...]
-    decode: Callable[[Sequence[FloatArray], Truth], FloatArray]
+    decode: Callable[[Sequence[FloatArray], Pictured], FloatArray]
 
 
-def _of_components(components: Sequence[FloatArray], truth: Truth) -> FloatArray:
+def _of_components(components: Sequence[FloatArray], truth: Pictured) -> FloatArray:
     """Codes of s1 and s2 on the truth's own scale; see `malus.bench.scoring.profiles.rgb2pol`."""
     parts = [truth.image]
     for k, codes in enumerate(components, start=1):
@@ -56,7 +56,7 @@ def _of_components(components: Sequence[FloatArray], truth: Truth) -> FloatArray
     return np.stack(parts, axis=-1)
 
 
-def _of_angle_and_degree(pictures: Sequence[FloatArray], truth: Truth) -> FloatArray:
+def _of_angle_and_degree(pictures: Sequence[FloatArray], truth: Pictured) -> FloatArray:
     angle, degree = pictures
     radians = np.radians((2.0 * angle - 1.0) * LARGEST_ANGLE_DEG)
     return _partly_polarised(
@@ -64,7 +64,7 @@ def _of_angle_and_degree(pictures: Sequence[FloatArray], truth: Truth) -> FloatA
     )
 
 
-def _of_polarisers(pictures: Sequence[FloatArray], truth: Truth) -> FloatArray:
+def _of_polarisers(pictures: Sequence[FloatArray], truth: Pictured) -> FloatArray:
     i0, i45, i90, i135 = pictures
     total = (i0 + i45 + i90 + i135) / 2.0
     lit = total > 0

@@ -3,7 +3,8 @@
 Each profile is a further metric. Channels are the bands of the scene; a published number is of
 three. Where a definition looks at the whole picture, pixels off the mask are black in both images:
 they cost no method anything, and raise every PSNR and SSIM. The noise beside a value is what a
-perfect method would score because of the truth's own noise.
+perfect method would score because of the truth's own noise. Where a truth has s3, which methods do
+not estimate, their s3 counts as 0.
 
 Sources: PolarAnything (Zhang et al., ICCV 2025) with its public code; the RGB-to-Polarization
 benchmark (NeurIPS 2025, Datasets and Benchmarks) with its public code; PolarScale (2026).
@@ -14,13 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from malus.bench.scoring.judge import MetricValue, StokesMetric
 from malus.bench.scoring.metrics import PixelSums
 from malus.bench.scoring.polarisation_error import angle_between, psnr
-from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
@@ -37,6 +38,30 @@ CODES = 255.0
 Values = dict[str, float]
 
 
+class Pictured(Protocol):
+    """What a profile needs of a truth: a render's, or that of a published test set."""
+
+    @property
+    def mask(self) -> BoolArray:
+        """Pixels (height, width) that count."""
+
+    @property
+    def image(self) -> FloatArray:
+        """Unpolarised image (height, width, bands)."""
+
+    @property
+    def stokes(self) -> FloatArray:
+        """Stokes image (height, width, bands, 3)."""
+
+    @property
+    def specular_noise(self) -> FloatArray:
+        """One draw of the noise (height, width, bands, 3), of two parts that add up."""
+
+    @property
+    def diffuse_noise(self) -> FloatArray:
+        """The other part."""
+
+
 @dataclass(frozen=True)
 class _Pixels:
     """Stokes vectors (pixels, bands, 3) of a truth's mask over its peak, and as whole frames."""
@@ -45,7 +70,7 @@ class _Pixels:
     peak: float
 
     @classmethod
-    def of(cls, truth: Truth) -> _Pixels:
+    def of(cls, truth: Pictured) -> _Pixels:
         return cls(truth.mask, float(truth.image[truth.mask].max()) or 1.0)
 
     def scaled(self, stokes: FloatArray) -> Float64Array:
@@ -59,23 +84,30 @@ class _Pixels:
 
 
 def _metric(
-    truth: Truth, compare: Callable[[_Pixels, Float64Array, Float64Array], Values]
+    truth: Pictured, compare: Callable[[_Pixels, Float64Array, Float64Array], Values]
 ) -> StokesMetric:
     """A metric from a function of the estimated and the true Stokes vectors."""
     pixels = _Pixels.of(truth)
-    stokes = truth.stokes[truth.mask]
-    noise = (truth.specular_noise + truth.diffuse_noise)[truth.mask]
+    s3, s3_noise = (getattr(truth, name, None) for name in ("s3", "s3_noise"))
+    noise = _with_s3(truth.specular_noise + truth.diffuse_noise, s3_noise)[truth.mask]
+    stokes = _with_s3(truth.stokes, s3)[truth.mask]
     true = pixels.scaled(stokes)
     noises = compare(pixels, pixels.scaled(stokes + noise), true)
 
     def measure(estimated: FloatArray) -> Iterator[MetricValue]:
-        for name, value in compare(pixels, pixels.scaled(estimated), true).items():
+        whole = estimated if s3 is None else _with_s3(estimated, np.zeros_like(estimated[..., 0]))
+        for name, value in compare(pixels, pixels.scaled(whole), true).items():
             yield MetricValue(name, value, noises.get(name, 0.0))
 
     return measure
 
 
-def polaranything(truth: Truth) -> StokesMetric:
+def _with_s3(stokes: FloatArray, s3: FloatArray | None) -> FloatArray:
+    """Stokes vectors (..., 4), or (..., 3) where the truth has no fourth component."""
+    return stokes if s3 is None else np.concatenate([stokes, s3[..., None]], axis=-1)
+
+
+def polaranything(truth: Pictured) -> StokesMetric:
     """Errors of AoLP and DoLP, PSNR and SSIM of the encoded polarisation, as in PolarAnything.
 
     Stokes vectors are averaged over the channels first. The angle counts alike wherever the mask
@@ -115,7 +147,7 @@ def encoded(stokes: FloatArray) -> FloatArray:
     return np.stack([(np.sin(angle) + 1.0) / 2.0, (np.cos(angle) + 1.0) / 2.0, degree], axis=-1)
 
 
-def rgb2pol(truth: Truth) -> StokesMetric:
+def rgb2pol(truth: Pictured) -> StokesMetric:
     """PSNR and SSIM of each polarised Stokes component as an 8-bit picture, and their mean.
 
     As in the RGB-to-Polarization benchmark: the whole picture of a component, all channels
@@ -144,7 +176,7 @@ def _rgb2pol(pixels: _Pixels, estimated: Float64Array, true: Float64Array) -> Va
     return values
 
 
-def polarscale(truth: Truth) -> StokesMetric:
+def polarscale(truth: Pictured) -> StokesMetric:
     """PSNR of the polarised Stokes components, AoLP error and share of impossible pixels.
 
     As in PolarScale: components are divided by the largest s0 of the scene, the PSNR has a peak of
@@ -193,7 +225,7 @@ def _ssim(a: Float64Array, b: Float64Array, peak: float, mask: BoolArray | None 
     return float(mean if mask is None else similarity[mask].mean())
 
 
-PROFILES: Mapping[str, Callable[[Truth], StokesMetric]] = {
+PROFILES: Mapping[str, Callable[[Pictured], StokesMetric]] = {
     "profile:polaranything": polaranything,
     "profile:rgb2pol": rgb2pol,
     "profile:polarscale": polarscale,

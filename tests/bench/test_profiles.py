@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -188,6 +189,19 @@ def test_the_noise_is_what_a_perfect_method_scores() -> None:
         assert rows
         for row in rows.values():
             assert row.noise == pytest.approx(row.value, rel=1e-6, abs=1e-12), name
+
+
+@pytest.mark.parametrize("name", ["rgb2pol", "polarscale"])
+def test_a_truth_with_s3_counts_it(name: str) -> None:
+    """Methods say nothing of it, which is zero: the same as a literal estimate without it."""
+    estimate, truth, mask = random_frames(7)
+    s3 = 0.2 * np.random.default_rng(1).normal(size=mask.shape + (BANDS,)) * mask[..., None]
+    described = replace(truth_of(truth, mask), s3=s3, s3_noise=np.zeros_like(s3))
+    (metric,) = get_metrics((f"profile:{name}",))
+    values = {row.metric: row.value for row in metric(described)(estimate[mask])}
+    four = np.concatenate([truth, s3[..., None]], axis=-1)
+    zero = np.concatenate([estimate, np.zeros_like(s3)[..., None]], axis=-1)
+    assert values == pytest.approx(getattr(field_metrics, name)(zero, four), rel=1e-7, abs=1e-7)
 
 
 def test_small_pictures_are_refused() -> None:

@@ -1,0 +1,127 @@
+"""Published test sets in the layouts of networks, made here from Stokes images that are known."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from malus.bench.commands.score import score_command
+from malus.bench.datasets.published_sets import score_published
+from malus.scenes import InputError
+
+SIDE = 16
+NAMES = ("a", "b", "c")
+
+
+def write(path: Path, values: np.ndarray) -> None:
+    """A 16-bit PNG of values in [0, 1]."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    codes = np.rint(values.clip(0, 1) * 65535).astype(np.uint16)
+    path.write_bytes(imagecodecs.png_encode(codes))
+
+
+def stokes_of(name: str) -> np.ndarray:
+    """Smooth light, polarised by up to a half at every angle."""
+    seed = NAMES.index(name)
+    y, x = np.mgrid[0:SIDE, 0:SIDE] / SIDE
+    light = np.stack([0.4 + 0.1 * x, 0.5 + 0 * x, 0.6 - 0.2 * y], axis=-1)
+    angle = 2 * np.pi * (x + y + 0.2 * seed)[..., None]
+    degree = (0.2 + 0.3 * y)[..., None]
+    return np.stack([light, light * degree * np.cos(angle), light * degree * np.sin(angle)], -1)
+
+
+def as_pol(folder: Path, name: str, stokes: np.ndarray) -> None:
+    for degrees in (0, 45, 90, 135):
+        double = 2 * np.radians(degrees)
+        seen = stokes[..., 0] + stokes[..., 1] * np.cos(double) + stokes[..., 2] * np.sin(double)
+        write(folder / f"pol{degrees:03}" / f"{name}.png", seen / 2)
+
+
+def as_rgb2pol(folder: Path, name: str, stokes: np.ndarray) -> None:
+    write(folder / name / "s0.png", stokes[..., 0])
+    for k in (1, 2):
+        write(folder / name / f"s{k}.png", (stokes[..., k] + 1) / 2)
+
+
+WRITERS = {"pol": as_pol, "rgb2pol": as_rgb2pol}
+RANGES = {"pol": None, "rgb2pol": (-1.0, 1.0)}
+
+
+@pytest.mark.parametrize("layout", WRITERS)
+def test_skill_is_one_minus_the_missing_part(tmp_path: Path, layout: str) -> None:
+    """Predictions of 0.9 of the polarisation: 1 − 0.1², and the guess beside them has none."""
+    for name in NAMES:
+        WRITERS[layout](tmp_path / "truth", name, stokes_of(name))
+        WRITERS[layout](tmp_path / "mine", name, stokes_of(name) * [1, 0.9, 0.9])
+    results = score_published(
+        tmp_path / "truth", layout, tmp_path / "mine", component_range=RANGES[layout],
+        metrics=["profile:polarscale"],
+    )  # fmt: skip
+    rows = results.headlines[results.headlines.metric == "skill"]
+    skill = rows.groupby("method").value.mean()
+    # 16 bits of four pictures leave 1e-5 of a tenth of the polarisation.
+    assert skill["predictions"] == pytest.approx(0.99, abs=1e-4)
+    assert skill["unpolarised"] == pytest.approx(0.0, abs=1e-6)  # methods see float32
+    assert len(rows) == 2 * len(NAMES)
+    psnr = results.headlines[results.headlines.metric == "polarscale_psnr"]
+    for name in NAMES:
+        stokes = stokes_of(name)
+        missing = stokes[..., 1:] / stokes[..., 0].max()
+        ratios = [-10 * math.log10(np.mean((part * missing) ** 2)) for part in (1.0, 0.1)]
+        own = psnr[psnr.scene == name].set_index("method").value
+        assert [own["unpolarised"], own["predictions"]] == pytest.approx(ratios, abs=0.01)
+
+
+def test_the_mask_of_a_set_counts(tmp_path: Path) -> None:
+    """What lies off it is neither right nor wrong."""
+    stokes = stokes_of("a")
+    as_pol(tmp_path / "truth", "a", stokes)
+    mask = np.zeros((SIDE, SIDE))
+    mask[4:12, 4:12] = 1
+    write(tmp_path / "truth" / "mask" / "a.png", mask)
+    wrong_outside = np.where(mask[..., None, None] > 0, stokes, stokes * [1, -1, -1])
+    as_pol(tmp_path / "mine", "a", wrong_outside)
+    results = score_published(tmp_path / "truth", "pol", tmp_path / "mine")
+    skill = results.headlines.query("metric == 'skill' and method == 'predictions'").value
+    assert skill.item() == pytest.approx(1.0, abs=1e-5)
+
+
+def test_methods_see_the_picture_alone(tmp_path: Path) -> None:
+    """One that asks for normals is named as inapplicable, not given any."""
+    as_pol(tmp_path, "a", stokes_of("a"))
+    table = score_published(tmp_path, "pol", methods=["eq8"]).table
+    (note,) = table[table.method == "eq8"].note
+    assert "which a photograph does not tell" in note
+
+
+def test_wrong_sets_are_named(tmp_path: Path) -> None:
+    as_pol(tmp_path / "truth", "a", stokes_of("a"))
+    with pytest.raises(InputError, match="one of pol, rgb2pol, found polaranything"):
+        score_published(tmp_path / "truth", "polaranything")
+    with pytest.raises(InputError, match="what the codes of s1 and s2 stand for"):
+        score_published(tmp_path / "truth", "rgb2pol")
+    with pytest.raises(InputError, match=r"expected NAME/s1\.png, found none"):
+        score_published(tmp_path / "truth", "rgb2pol", component_range=(-1, 1))
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(InputError, match=r"pol000/a\.png, found none"):
+        score_published(tmp_path / "truth", "pol", tmp_path / "mine")
+    as_pol(tmp_path / "mine", "a", stokes_of("a")[:8])
+    with pytest.raises(InputError, match="pictures of one size"):
+        score_published(tmp_path / "truth", "pol", tmp_path / "mine")
+
+
+def test_the_command_scores_a_published_set(tmp_path: Path) -> None:
+    as_pol(tmp_path / "truth", "a", stokes_of("a"))
+    as_pol(tmp_path / "mine", "a", stokes_of("a"))
+    out = tmp_path / "out"
+    arguments = [str(tmp_path / "mine"), "--truth", str(tmp_path / "truth"), "--layout", "pol"]
+    result = CliRunner().invoke(score_command, [*arguments, "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "predictions" in (out / "results.csv").read_text()
+    result = CliRunner().invoke(score_command, ["--truth", str(tmp_path / "truth")])
+    assert result.exit_code == 2
