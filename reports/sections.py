@@ -203,6 +203,9 @@ def of_study(study: StudyTables) -> list[Section]:
     if study.readings is not None:
         verdict = " ".join(verdicts(by_dataset(study.readings)))
         sections.append(_figures(study, "readings", "The paper's numbers", verdict))
+    if study.mismatch is not None:
+        text = sentences.PRICES
+        sections.append(_figures(study, "prices", "What assumptions cost", text))
     if study.separation is not None:
         text = sentences.SEPARATION
         sections.append(_figures(study, "separation", "Separation of the lobes", text))

@@ -13,6 +13,7 @@ import pandas as pd
 from malus.reports.figures.drawings import Drawing
 from malus.reports.figures.study_drawings import (
     precision_drawing,
+    prices_drawing,
     readings_drawing,
     separation_drawing,
 )
@@ -29,6 +30,7 @@ _STUDY_COLUMNS = {
         "reading", "light", "albedo", "method", "panel", "name", "x", "mean", "std", "objects",
         "failed",
     ],
+    "mismatch.csv": ["assumption", "kind", "scene", "method", "holds", "broken"],
     "separation.csv": ["shape", "body", "light", "colour", "separation", "rmse", "why"],
 }  # fmt: skip
 
@@ -38,6 +40,7 @@ _STUDIES = {"readings": "paper"}
 _TEXT_COLUMNS = (
     "group", "case", "why", "diagram", "method", "setting", "unit", "reading", "light", "panel",
     "name", "shape", "body", "colour", "separation",
+    "assumption", "kind", "scene",
 )  # fmt: skip
 """Columns that are text also where every cell is empty."""
 
@@ -73,6 +76,7 @@ class StudyTables:
     precision: pd.DataFrame | None
     stress: pd.DataFrame | None
     readings: pd.DataFrame | None
+    mismatch: pd.DataFrame | None
     separation: pd.DataFrame | None
 
     @cached_property
@@ -81,6 +85,7 @@ class StudyTables:
         tables = (
             (self.precision, precision_drawing),
             (self.readings, readings_drawing),
+            (self.mismatch, prices_drawing),
             (self.separation, separation_drawing),
         )
         return tuple(drawing(table) for table, drawing in tables if table is not None)

@@ -24,7 +24,7 @@ def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findi
     ----------
     name : str
         As `list_studies` has it: stress, precision, ratio, reconstruct, render, cores,
-        scaling, single-image, paper or separation.
+        scaling, single-image, paper, mismatch or separation.
     out : path or URL of a folder, optional
         Where tables and page, or the figures as JSON, are written. By default results/NAME for a
         study with a page, nowhere for another.
@@ -139,6 +139,12 @@ def _precision_cells(row: pd.Series) -> list[str]:
 
 def _paper(folder: Path, **options: Any) -> Findings:
     from malus.bench.studies.paper_readings import findings
+
+    return findings(folder, **options)
+
+
+def _mismatch(folder: Path, **options: Any) -> Findings:
+    from malus.bench.studies.mismatch import findings
 
     return findings(folder, **options)
 
@@ -275,6 +281,20 @@ STUDIES = {
             options=(
                 StudyOption("every", 1, "Every n-th material.", least=1, most=24),
                 StudyOption("resolution", 32, "Pixels a side.", least=8, most=512),
+                _BACKEND,
+            ),
+            has_page=True,
+        ),
+        Study(
+            "mismatch",
+            "What each assumption costs: skill where truth or input is not as methods assume",
+            _mismatch,
+            details="Facets, bounces, polarised light, mixed pixels, several objects, masking;"
+            " wrong index, roughness, light and normals; the rungs of the ladder.",
+            example={"resolution": "24", "samples": "32"},
+            options=(
+                StudyOption("resolution", 48, "Pixels a side.", least=16, most=512),
+                StudyOption("samples", 256, "Samples a pixel.", least=2),
                 _BACKEND,
             ),
             has_page=True,

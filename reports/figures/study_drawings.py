@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from malus.reports.figures.drawings import Drawing, drawing_of
+from malus.reports.tables.prices import price_cells, prices
 from malus.reports.tables.readings import by_dataset, reading_cells
 from malus.reports.tables.separation import by_colour, separation_cells
 from malus.reports.tables.text_tables import points
@@ -37,6 +38,24 @@ def readings_drawing(table: pd.DataFrame) -> Drawing:
         figure_readings(table),
         table,
         reading_cells(by_dataset(table)),
+    )
+
+
+def prices_drawing(table: pd.DataFrame) -> Drawing:
+    """The price of every assumption, of the study `mismatch`."""
+    from malus.reports.figures.prices import figure_prices
+
+    numbers = prices(table)
+    method = str(table["method"].iloc[0])
+    return drawing_of(
+        "prices",
+        "The price of each assumption",
+        f"Skill that {method} loses where an assumption does not hold, mean over pairs of scenes;"
+        " lines are 95 % intervals. It has all of the renderer's other physics, and skill 1 where"
+        " everything holds. Rungs of the ladder follow one another: each adds to those before.",
+        figure_prices(numbers, method),
+        numbers,
+        price_cells(numbers),
     )
 
 

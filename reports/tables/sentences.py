@@ -62,6 +62,11 @@ CAPTURED_TABLE1 = (
     " White is the brightest pixel of the unpolarised image; channels are taken for the primaries"
     " of sRGB. The paper's captures are others; over what its deviations are taken is not known."
 )
+PRICES = (
+    "A truth that a method's own physics contains tells nothing of real surfaces. Here each"
+    " assumption is broken alone: by the scene, by a wrong input, or by an estimate from the picture"
+    " in place of an input. The price is the skill that is lost."
+)
 LADDER = (
     "A method is told everything, then has one thing after another estimated for it, down to the"
     " single image. Each part is what its error grows by at that step."
