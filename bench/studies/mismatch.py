@@ -52,7 +52,7 @@ LIGHTS: tuple[Light, ...] = (Uniform(), Distant(incidence_deg=60))
 ALPHAS = (0.15, 0.3)
 ETA, ALBEDO = 1.5, 0.2
 ETA_OFF, ALPHA_OFF, LIGHT_OFF_DEG, NORMALS_OFF_DEG = 0.05, 0.2, 10.0, 5.0
-COARSE = 3
+COARSE = 2
 """How many times fewer pixels a side there are where pixels see several normals."""
 
 
@@ -70,20 +70,14 @@ class Effort:
         return render_family([scene], sampling, self.variant).truth(scene)
 
     def scene(
-        self,
-        shape: Shape,
-        alpha: float,
-        light: Light,
-        resolution: int | None = None,
-        **surface: str,
+        self, shape: Shape, alpha: float, light: Light, side: int | None = None, **more: str
     ) -> Scene:
         """A scene of one dielectric."""
-        return Scene(
-            shape=shape,
-            surface=Dielectric(eta=ETA, alpha=alpha, body="polarised", albedo=ALBEDO, **surface),
-            light=light,
-            camera=Camera(resolution=resolution or self.resolution),
+        surface = Dielectric.parse(
+            {"eta": ETA, "alpha": alpha, "body": "polarised", "albedo": ALBEDO, **more}, "surface"
         )
+        camera = Camera(resolution=side or self.resolution)
+        return Scene(shape=shape, surface=surface, light=light, camera=camera)
 
 
 Skills = tuple[str, str, float, float]
@@ -191,9 +185,10 @@ def _anisotropic(effort: Effort) -> Iterator[Skills]:
 
 def _bounces(effort: Effort) -> Iterator[Skills]:
     """A ring that lights its own hollow, once reflected and up to four times more."""
-    for alpha in ALPHAS:
-        for light in LIGHTS:
-            scene = effort.scene(Torus(tilt_deg=50), alpha, light)
+    gold = Conductor(material="gold", alpha=ALPHAS[0])
+    for light in LIGHTS:
+        scenes = [effort.scene(Torus(tilt_deg=50), alpha, light) for alpha in ALPHAS]
+        for scene in (*scenes, scenes[0].model_copy(update={"surface": gold})):
             yield from _of_truths(effort.truth(scene, 2), effort.truth(scene, 6))
 
 
@@ -355,5 +350,5 @@ ASSUMPTIONS = (
     Assumption("index, roughness known too (estimated)", "ladder", _rung(2)),
     Assumption("light known too (estimated)", "ladder", _rung(3)),
 )
-"""Everything that is assumed, what scenes break first; the ladder's rungs, which follow one another,
-last."""
+"""Everything that is assumed: what scenes break, what inputs do, and the ladder's rungs, which
+follow one another."""

@@ -64,8 +64,8 @@ CAPTURED_TABLE1 = (
 )
 PRICES = (
     "A truth that a method's own physics contains tells nothing of real surfaces. Here each"
-    " assumption is broken alone: by the scene, by a wrong input, or by an estimate from the picture"
-    " in place of an input. The price is the skill that is lost."
+    " assumption is broken alone: by the scene, by a wrong input, or by an estimate from the"
+    " picture in place of an input. The price is the skill that is lost."
 )
 LADDER = (
     "A method is told everything, then has one thing after another estimated for it, down to the"
