@@ -1,0 +1,77 @@
+"""The price of an assumption: nothing where it holds, and by hand on tables made up here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from malus.bench.studies import mismatch
+from malus.bench.studies.mismatch import ASSUMPTIONS, Effort, mismatch_table, tilted
+from malus.bench.studies.registry import run_study
+from malus.renderers.rendering import render
+from malus.renderers.variant import choose
+from malus.reports.tables.prices import price_cells, prices
+from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+
+COLUMNS = ["assumption", "kind", "scene", "method", "holds", "broken"]
+
+
+def test_tilted_normals_stay_unit_and_turn_by_the_angle() -> None:
+    rng = np.random.default_rng(3)
+    normals = rng.normal(size=(500, 3)) * [0.5, 0.5, 0.2] + [0, 0, 1]
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    turned = tilted(normals, 5.0)
+    np.testing.assert_allclose(np.linalg.norm(turned, axis=-1), 1.0, rtol=1e-12)
+    angle = np.degrees(np.arccos(np.clip((turned * normals).sum(-1), -1, 1)))
+    np.testing.assert_allclose(angle, 5.0, rtol=1e-9)
+    # No direction is preferred: the mean turn is nought within four standard errors.
+    assert np.linalg.norm((turned - normals).mean(axis=0)) < 4 * 0.087 / np.sqrt(len(normals))
+    grazing = np.array([[1.0, 0.0, 1e-3]])
+    assert (tilted(np.repeat(grazing, 50, axis=0), 5.0)[:, 2] > 0).all()
+
+
+def test_right_inputs_cost_nothing() -> None:
+    truth = render(
+        Scene(
+            shape=Sphere(),
+            surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised", albedo=0.2),
+            light=Distant(incidence_deg=60),
+            camera=Camera(resolution=16),
+        ),
+        renderer="torrance-sparrow",
+    )
+    for _, _, holds, broken in mismatch._of_inputs(truth, lambda observation: observation):
+        assert holds == broken
+
+
+def test_prices_are_paired_means() -> None:
+    rows = [("a", "truth", str(k), "eq8", 0.9, 0.9 - d) for k, d in enumerate((0.1, 0.2, 0.3))]
+    rows += [("a", "truth", "3", "eq8", 0.9, float("nan"))]
+    numbers = prices(pd.DataFrame(rows, columns=COLUMNS))
+    assert numbers.price.item() == pytest.approx(0.2)
+    # Student's t of two degrees of freedom at 97.5 %, 4.303, times 0.1 / √3.
+    assert numbers.half_width.item() == pytest.approx(4.3027 * 0.1 / 3**0.5, rel=1e-4)
+    assert (numbers.pairs.item(), numbers.worst.item()) == (3, pytest.approx(0.3))
+    assert price_cells(numbers).lines[0][:2] == ["a", "eq8"]
+
+
+def test_the_study_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two assumptions on tiny pictures; with all physics the skill is nearly 1."""
+    variant = choose("auto")
+    if not variant.vectorised:
+        pytest.skip("needs LLVM or CUDA")
+    chosen = [one for one in ASSUMPTIONS if "GGX" in one.name or "index known" in one.name]
+    monkeypatch.setattr(mismatch, "ASSUMPTIONS", chosen)
+    monkeypatch.setattr(mismatch, "SHAPES", (Sphere(),))
+    table = mismatch_table(Effort(16, 32, variant))
+    assert list(table.columns) == COLUMNS
+    assert set(table.assumption) == {one.name for one in chosen}
+    told = table[(table.kind == "truth") & (table.method == "lights+body")]
+    # With all physics the skill is 1; what is left are pixels that are coarse, and few samples.
+    assert told.holds.median() > 0.95
+    run_study("mismatch", tmp_path / "page", resolution=16, samples=16)
+    page = (tmp_path / "page" / "report.html").read_text("utf-8")
+    assert "The price of each assumption" in page
