@@ -51,7 +51,13 @@ def write_hdf5(
             for number, scene in enumerate(scenes):
                 ids[number], words[number] = scene.id, json.dumps(scene.description)
                 for name, array in scene.arrays.items():
-                    _stack(file, name, array, count)[number] = array
+                    stack = _stack(file, name, array, count)
+                    if (stack.dtype, stack.shape[1:]) != (array.dtype, array.shape):
+                        expected = f"{name} of {stack.dtype} {stack.shape[1:]}, as of other scenes"
+                        hint = "choose webdataset, whose scenes may differ"
+                        found = f"{array.dtype} {array.shape}"
+                        raise InputError(f"scene {scene.id}", expected, found, hint)
+                    stack[number] = array
             file.attrs["format"] = "malus hdf5 1"
             file.attrs["about"] = json.dumps(about)
 

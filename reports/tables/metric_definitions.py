@@ -89,6 +89,9 @@ _EVERY_SCORE = _of(
     ("skill", "skill", "", "higher",
      "1 − NMSE / NMSE of the guess I(ϑ) = I/2, noise subtracted from both: 1 is perfect, 0 no "
      "better than the guess; none where the guess's error is within the noise"),
+    ("skill_unmixed", "skill, unmixed", "", "higher",
+     "skill over the pixels that see one normal; none where nobody measured which do"),
+    ("mixed", "mixed", "", "", "number of pixels that see more than one normal, of the scene"),
     ("gain", "gain", "", "nearer 1",
      "slope of the estimated (s1, s2) against the true ones, least squares"),
     ("rotation", "rotation", "", "nearer 0",
@@ -103,6 +106,23 @@ _EVERY_SCORE = _of(
     ("converged", "converged", "", "higher", "1 where the method's own search converged"),
     ("inapplicable", "inapplicable", "", "lower", "1 where the method cannot work on the scene"),
 )  # fmt: skip
+
+_CAPTURES = [
+    *_of(OURS, "",
+         ("scale", "scale", "", "nearer 1",
+          "of real captures: factor on the estimated s1 and s2 that fits the true ones best; below "
+          "0 they are turned by 90°"),
+         ("scaled_skill", "skill at the best scale", "", "higher",
+          "of real captures: skill after that factor"),
+         ("nmse_object_*", "NMSE of an object", "", "lower",
+          "of one of several objects in a capture"),
+         ("skill_object_*", "skill on an object", "", "higher",
+          "of one of several objects in a capture")),
+    *_of(PAPER + ", Figure 5, a reading of “normalised”", "",
+         ("nmse_own_range", "NMSE, own range", "", "lower",
+          "mean square error with each polariser image, estimated and true, scaled to [0, 1] by "
+          "its own smallest and largest value")),
+]  # fmt: skip
 
 _COLOUR = [
     *_of(PAPER + ", Table I", "delta_e76",
@@ -124,6 +144,8 @@ _POLARISATION = [
           "polarised intensity"),
          ("s1_rmse", "s1 RMSE", "", "lower", "root mean square error of s1 over the peak"),
          ("s2_rmse", "s2 RMSE", "", "lower", "root mean square error of s2 over the peak"),
+         ("s3_rmse", "s3 RMSE", "", "lower", "root mean square of the true s3 over the peak, which "
+          "methods do not estimate, where a truth has it"),
          ("nmse_i_max", "NMSE of I_max", "", "lower", "mean square error of I_max over peak²"),
          ("nmse_i_min", "NMSE of I_min", "", "lower", "mean square error of I_min over peak²")),
     *_of(OURS, "psnr", ("psnr", "PSNR of I(ϑ)", "dB", "higher",
@@ -175,7 +197,7 @@ _PROFILES = [
 ]  # fmt: skip
 
 DEFINITIONS: tuple[MetricDefinition, ...] = (
-    *_EVERY_SCORE, *_COLOUR, *_POLARISATION, *_PROFILES,
+    *_EVERY_SCORE, *_CAPTURES, *_COLOUR, *_POLARISATION, *_PROFILES,
 )  # fmt: skip
 """Metrics in the order in which they are told."""
 

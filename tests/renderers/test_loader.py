@@ -16,7 +16,8 @@ import malus
 from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
 from malus.renderers.datasets.dataset import Dataset, open_dataset
-from malus.renderers.datasets.shards import Shards
+from malus.renderers.datasets.hdf5 import write_hdf5
+from malus.renderers.datasets.shards import Shards, ShardScene
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, InputError, load_suite
 
@@ -196,3 +197,15 @@ def test_shards_are_split_by_size(dataset: Dataset, tmp_path: Path) -> None:
         with tarfile.open(path) as tar:
             assert {name.split(".")[0] for name in tar.getnames()} <= set(dataset.scenes)
     assert json.loads((tmp_path / "a" / "shards.json").read_text())["shape"] == [SIDE, SIDE]
+
+
+def test_scenes_that_differ_make_no_hdf5(tmp_path: Path) -> None:
+    """A complex index beside a real one is refused, not cut to its real part."""
+    pytest.importorskip("h5py", reason="h5py is not installed")
+    scenes = [
+        ShardScene(name, {"stokes": np.zeros((2, 2, 1, 3)), "eta": eta}, {})
+        for name, eta in (("a", np.ones((2, 2, 1))), ("b", np.ones((2, 2, 1), complex)))
+    ]
+    with pytest.raises(InputError, match="choose webdataset"):
+        write_hdf5(tmp_path, 2, scenes, {})
+    assert list(tmp_path.iterdir()) == []

@@ -141,3 +141,26 @@ def test_chance_alone_seldom_makes_a_change() -> None:
         runs = run_of({"skill": {k: list(v) for k, v in methods.items()}}), run_of({"skill": again})
         alarms += bool(RunComparison.of(("a", "b"), runs).changed)
     assert alarms <= 9
+
+
+def test_every_metric_of_a_score_is_defined() -> None:
+    """What a table can hold is told by `malus list metrics`."""
+    from malus.bench.scoring.extra_metrics import METRICS, get_metrics
+    from malus.bench.scoring.judge import Judge
+    from malus.reconstruct import get_method
+    from malus.renderers.rendering import render
+    from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+
+    truth = render(
+        Scene(
+            shape=Sphere(),
+            surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
+            light=Distant(incidence_deg=60),
+            camera=Camera(resolution=16),
+            wavelengths_nm=(450.0, 550.0, 650.0),
+        ),
+        renderer="torrance-sparrow",
+    )
+    score = Judge(truth).score(get_method("eq8"), get_metrics(tuple(METRICS)))
+    names = {value.metric for value in score.values()}
+    assert [name for name in names if not definition_of(name).definition] == []
