@@ -15,7 +15,7 @@ from malus.renderers.datasets.part_list import Part
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import content_id
-from malus.scenes.materials.surface import Measured
+from malus.scenes.materials.measured import Measured
 from malus.scenes.random_suite.splits import check_leaks
 from malus.scenes.suite import Suite
 

@@ -20,12 +20,10 @@ def listed_of(folder: Path, renders: str | None = None) -> PartContent:
     with contextlib.suppress(InputError):  # none yet, or damaged: scenes are looked at
         record = read_dataset(folder)[0]
         if renders in (None, record.renders):
-            for entry in (*record.failed, *record.scenes):
-                found.add(entry)
+            found.add_all(record.failed, record.scenes)
     for content in read_parts(folder):
         if renders in (None, content.part.renders):
-            for entry in (*content.failed.values(), *content.done.values()):
-                found.add(entry)
+            found.add_all(content.failed.values(), content.done.values())
     return found
 
 

@@ -87,6 +87,13 @@ class PartContent:
         else:
             self.failed[entry.scene] = entry
 
+    def add_all(self, failed: Iterable[FailedScene], done: Iterable[SceneEntry]) -> None:
+        """Count scenes as failed, and others as done."""
+        for failure in failed:
+            self.add(failure)
+        for entry in done:
+            self.add(entry)
+
 
 class PartList:
     """Adds to the list of a part; a context manager.

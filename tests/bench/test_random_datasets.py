@@ -234,6 +234,7 @@ def test_the_card_tells_what_the_dataset_is(whole: Path) -> None:
     assert "Not stated" not in licensed
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of rdflib, which mlcroissant reads by
 def test_croissant_metadata_are_valid_and_give_the_scenes(whole: Path) -> None:
     if importlib.util.find_spec("mlcroissant") is None:
         pytest.skip("mlcroissant is not installed: pip install 'malus[dev]'")
