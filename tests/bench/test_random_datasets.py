@@ -176,6 +176,16 @@ def test_what_was_killed_before_it_was_listed_goes_on_by_its_list(tmp_path: Path
     assert status(tmp_path).done == 5
 
 
+def test_a_cluster_shares_out_parts(whole: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    done = render_dataset(drawn(), tmp_path, "scalar", workers=2)
+    assert (done["rendered"], done["taken_over"], done["failed"]) == (10, 0, 0)
+    assert content_of(tmp_path) == content_of(whole)
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in whole.iterdir()}
+    with pytest.raises(InputError, match="no part beside"):
+        render_dataset(drawn(), tmp_path, "scalar", workers=2, part="1/2")
+
+
 @pytest.mark.parametrize("part", ["0/3", "4/3", "1", "1/0", "a/b", "-1/2"])
 def test_a_part_that_is_none_is_refused(tmp_path: Path, part: str) -> None:
     with pytest.raises(InputError, match="a part of several, such as 3/16"):
