@@ -109,7 +109,7 @@ def histogram(numbers: Iterable[float]) -> str:
     Examples
     --------
     >>> histogram([0, 1, 1, 2, 2, 2])
-    '▃      ▅       █'
+    '▃       ▆      █'
     """
     values = np.array(list(numbers), dtype=np.float64)
     low, high = float(values.min()), float(values.max())

@@ -22,6 +22,7 @@ from malus.renderers.datasets import dataset as datasets
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.variant import Variant
 from malus.scenes import InputError, Suite, load_suite
+from malus.scenes.core.remote import as_path
 from malus.scenes.random_suite.splits import values_of
 
 NOBODY = Variant("scalar_spectral_polarized", "not used")
@@ -76,6 +77,16 @@ def test_parts_in_one_folder_are_the_whole(whole: Path, tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in whole.iterdir()}
     for name in FILES - {"conventions.png"}:
         assert (tmp_path / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+def test_parts_in_a_store_elsewhere_are_the_whole(whole: Path) -> None:
+    url = "memory://parts/drawn"
+    for number in (2, 1):
+        render_dataset(drawn(), url, NOBODY, part=f"{number}/2")
+    assert status(url).done == 10
+    dataset = open_dataset(url)
+    assert dataset.record == open_dataset(whole).record
+    assert {path.name for path in as_path(url).iterdir()} == {p.name for p in whole.iterdir()}
 
 
 def test_parts_in_several_folders_are_copied_together(whole: Path, tmp_path: Path) -> None:
