@@ -37,7 +37,7 @@ from malus.scenes.suite_surfaces import SuiteMaterial, SuiteSurface, scene_surfa
 from malus.scenes.surroundings import Placed, Surroundings
 
 _AXES = ("shapes", "materials", "surfaces", "lights", "bodies", "surroundings", "views")
-_DEFAULTS: dict[str, Any] = {"bodies": ("unpolarised",), "views": None}
+_BODIES: tuple[Body, ...] = ("unpolarised",)
 AnyShape = TypeVar("AnyShape", bound=Model)
 Renderer = Literal["mitsuba", "torrance-sparrow"]
 Knowledge = Literal["everything", "ladder"]
@@ -85,7 +85,7 @@ class Suite(Model):
     materials: tuple[SuiteMaterial, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
     surfaces: tuple[SuiteSurface, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
     lights: tuple[Light, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
-    bodies: tuple[Body, ...] = Field(default=_DEFAULTS["bodies"], min_length=1)
+    bodies: tuple[Body, ...] = Field(default=_BODIES, min_length=1)
     surroundings: tuple[Surroundings, ...] = Field(default=(), exclude_if=_is_empty)
     random: RandomScenes | None = Field(default=None, exclude_if=_is_empty)
     splits: Splits | None = Field(default=None, exclude_if=_is_empty)
@@ -123,7 +123,7 @@ class Suite(Model):
 
     @model_validator(mode="after")
     def _axes_or_random(self) -> Self:
-        given = [axis for axis in _AXES if getattr(self, axis) != _DEFAULTS.get(axis, ())]
+        given = [axis for axis in _AXES if getattr(self, axis) not in ((), _BODIES, None)]
         if self.random is not None:
             if given:
                 hint = f"move {given[0]} below [random]"

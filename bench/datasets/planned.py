@@ -11,8 +11,7 @@ from itertools import accumulate
 
 from malus.bench.datasets.maps_and_frames import Additions
 from malus.bench.running.plan import FamilyPlan, family_of_scene, plan
-from malus.renderers.datasets.dataset_writer import PlannedScene
-from malus.renderers.datasets.part_list import Part
+from malus.renderers.datasets.part_list import Part, PlannedScene
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import content_id

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
@@ -14,6 +15,7 @@ from typing import Any, Self
 from malus.bench.datasets.card import write_documents
 from malus.bench.datasets.maps_and_frames import NOTHING, Additions
 from malus.bench.datasets.planned import PlannedDataset, planned_dataset
+from malus.bench.running.cluster import cluster_client, spread_parts
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.overrides import chosen_suite, chosen_variant
@@ -21,9 +23,17 @@ from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.truths import truths
-from malus.bench.running.worker_process import Died, WorkerProcess, retried
+from malus.bench.running.worker_process import (
+    LONGEST_SECONDS,
+    TIMEOUT_SECONDS,
+    Died,
+    WorkerProcess,
+    at_most,
+    retried,
+)
 from malus.renderers.datasets.dataset_record import FailedScene
 from malus.renderers.datasets.dataset_writer import DatasetWriter
+from malus.renderers.datasets.listed_scenes import listed_of
 from malus.renderers.mitsuba.lighting import radiance_map_of
 from malus.renderers.mitsuba.translate import tessellated_ahead
 from malus.renderers.truth import Truth
@@ -50,6 +60,8 @@ def render_dataset(
     seed: int | None = None,
     timeout: float | None = None,
     part: str | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
 ) -> dict[str, Any]:
     """Render a suite as a dataset: Stokes images of both lobes, normals and errors as OpenEXR.
 
@@ -77,13 +89,17 @@ def render_dataset(
         One part of several, such as `"3/16"`: every 16th scene of a random suite, or every 16th
         family of scenes of another, from the third. Parts may be rendered at once and into one
         folder, which the last makes whole; or into several, whose content is copied into one.
+    workers : int, optional
+        Processes of this machine to spread parts over.
+    scheduler : str, optional
+        Address of a Dask cluster to spread them over, whose workers all see `out`.
 
     Returns
     -------
     dict
         `out`; `part`, such as `3/16`, or None for the whole; numbers of its
         scenes, `scenes`, `rendered`, `taken_over` and `failed`; `seconds`, and
-        `bytes` of what was rendered.
+        `bytes` of what was rendered by this process.
 
     Raises
     ------
@@ -100,17 +116,67 @@ def render_dataset(
     (16, 16, 0)
     """
     started = time.perf_counter()
+    on_cluster = workers is not None or scheduler is not None
+    if on_cluster and part is not None:
+        hint = "leave it out: the cluster shares out parts of its own"
+        raise InputError("part", "no part beside `workers` or `scheduler`", part, hint)
     variant = chosen_variant(backend)
     chosen = chosen_suite(suite, variant, samples=samples, resolution=resolution, seed=seed)
+    planned = planned_dataset(chosen, variant, part)
     with ExitStack() as stack:
         if timeout is not None and worker is None:
             worker = stack.enter_context(WorkerProcess(timeout))
         folder = prepare_folder(as_path(out), "a dataset")
-        planned = planned_dataset(chosen, variant, part)
+        by_cluster = 0
+        if on_cluster:
+            client = stack.enter_context(cluster_client(workers, scheduler))
+            render_part = partial(_render_part, chosen, str(out), retry_failed, timeout)
+            by_cluster = _spread(render_part, planned, folder, client, variant, progress)
         done = _render_families(chosen, planned, folder, variant, progress, worker, retry_failed)
+        done["rendered"] += by_cluster
+        done["taken_over"] -= by_cluster
         write_documents(folder, chosen)
     size = done.pop("bytes")
     return done | {"seconds": round(time.perf_counter() - started, 3), "bytes": size}
+
+
+PARTS_A_THREAD = 4
+"""Parts for each thread of a cluster: enough that none waits long for the last."""
+
+
+def _spread(
+    render_part: Callable[[str, str], None],
+    planned: PlannedDataset,
+    folder: Path,
+    client: Any,
+    variant: Variant,
+    progress: Progress,
+) -> int:
+    """Render parts on a cluster, and return the number of scenes that are new.
+
+    What its workers leave is for the one who makes the whole.
+    """
+
+    def done() -> int:
+        return sum(name in planned.scenes for name in listed_of(folder).done)
+
+    before = done()
+    threads = sum(client.nthreads().values())
+    count = min(PARTS_A_THREAD * threads, len(planned.families))
+    names = [f"{number}/{count}" for number in range(1, count + 1)]
+    for name in spread_parts(render_part, names, client, variant):
+        progress(done(), planned.part.in_all, f"part {name}")
+    return done() - before
+
+
+def _render_part(
+    suite: Suite, out: str, retry_failed: bool, timeout: float | None, part: str, backend: str
+) -> None:
+    """Render a part on a worker, which ends itself where its families take too long."""
+    families = len(planned_dataset(suite, chosen_variant(backend), part).families)
+    seconds = TIMEOUT_SECONDS if timeout is None else timeout
+    with at_most(min(seconds * max(families, 1), LONGEST_SECONDS)):
+        render_dataset(suite, out, backend, retry_failed=retry_failed, part=part)
 
 
 def _render_families(

@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 import signal
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import islice
 from typing import Any
@@ -68,16 +68,29 @@ def engine(
         Both at once, a number of workers below one, a timeout that is not above 0, Dask missing,
         no scheduler at the address.
     """
+    if workers is None and scheduler is None:
+        with WorkerProcess(timeout) as worker:
+            yield in_worker_process(variant, worker)
+        return
+    with WorkerProcess(timeout), cluster_client(workers, scheduler) as client:
+        yield lambda tasks: spread(tasks, client, variant, timeout)
+
+
+@contextmanager
+def cluster_client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
+    """Client of a new cluster of processes of this machine, or of one that runs already.
+
+    Raises
+    ------
+    InputError
+        Both at once, a number of workers below one, Dask missing, no scheduler at the address.
+    """
     if workers is not None and scheduler is not None:
         raise InputError("workers, scheduler", "one of the two", "both", "leave one out")
     if workers is not None and workers < 1:
         raise InputError("workers", "a number of at least 1", str(workers), "leave it out")
-    with WorkerProcess(timeout) as worker, ExitStack() as stack:
-        if workers is None and scheduler is None:
-            yield in_worker_process(variant, worker)
-            return
-        client = _local(workers, stack) if workers else _existing(str(scheduler), stack)
-        yield lambda tasks: spread(tasks, client, variant, timeout)
+    with ExitStack() as stack:
+        yield _local(workers, stack) if workers else _existing(str(scheduler), stack)
 
 
 def spread(
@@ -122,6 +135,39 @@ def _remote(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
         own_variant = choose(backends[variant])
         with at_most(timeout):
             return work(task, own_variant)
+
+
+def spread_parts(
+    render: Callable[[str, str], None], parts: Sequence[str], client: Any, variant: Variant
+) -> Iterator[str]:
+    """Let a cluster call `render(part, backend)` for every part; yields those that are finished.
+
+    A part whose workers died is left as it is: who makes the whole tries what it lacks.
+
+    Raises
+    ------
+    InputError
+        If the scheduler is lost, or a part tells a mistake of the user's.
+    """
+    backends = {name: backend for backend, name in BACKENDS.items()}
+    arguments = (backends[variant.name],)
+    futures = {
+        client.submit(_remote_part, render, part, *arguments, pure=False): part for part in parts
+    }
+    for future in _distributed().as_completed(list(futures), loop=client.loop):
+        if future.status == "error" and isinstance(future.exception(), InputError):
+            raise future.exception()
+        if future.status not in ("finished", "error"):
+            hint = "give the command again"
+            raise InputError("scheduler", "one that answers", f"a part {future.status}", hint)
+        yield futures[future]
+
+
+def _remote_part(render: Callable[[str, str], None], part: str, backend: str) -> None:
+    """Render a part on a worker."""
+    stop_profiler(_distributed().get_worker())
+    with _one_at_a_time:
+        render(part, backend)
 
 
 def stop_profiler(worker: Any) -> None:

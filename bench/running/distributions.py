@@ -59,7 +59,7 @@ def value_distributions(scenes: Iterable[Scene]) -> list[ValueDistribution]:
     for scene in scenes:
         for key, value in _values(scene.model_dump(mode="json"), ""):
             values[key].append(value)
-    result = []
+    result: list[ValueDistribution] = []
     for key, every in sorted(values.items(), key=lambda item: _place(item[0])):
         if len(set(every)) > 1:
             result += _distributions(key, every)
@@ -109,7 +109,7 @@ def histogram(numbers: Iterable[float]) -> str:
     Examples
     --------
     >>> histogram([0, 1, 1, 2, 2, 2])
-    '▃      ▅       █'
+    '▃       ▆      █'
     """
     values = np.array(list(numbers), dtype=np.float64)
     low, high = float(values.min()), float(values.max())

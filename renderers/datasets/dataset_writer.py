@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -16,10 +15,9 @@ from malus.renderers.datasets.dataset_record import (
     DatasetRecord,
     FailedScene,
     SceneEntry,
-    read_dataset,
 )
-from malus.renderers.datasets.listed_scenes import folder_size, listed_of
-from malus.renderers.datasets.part_list import Part, PartList, read_parts, remove_lists
+from malus.renderers.datasets.listed_scenes import folder_size, listed_of, remove_unneeded
+from malus.renderers.datasets.part_list import Part, PartList, PlannedScene
 from malus.renderers.datasets.scene_folder import (
     is_whole,
     read_record,
@@ -29,28 +27,9 @@ from malus.renderers.truth import Truth
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import remove_abandoned, replace_text
 from malus.scenes.core.remote import as_path
-from malus.scenes.random_suite.splits import SplitName
 from malus.scenes.scene import Scene
 
 _ID = re.compile(r"[0-9a-f]{16}")
-
-
-@dataclass(frozen=True)
-class PlannedScene:
-    """A scene that a dataset shall hold.
-
-    Attributes
-    ----------
-    origin : str
-        Name of the renders that it shall come from.
-    index : int or None
-        Its number in the suite, by which scenes are listed.
-    split : str or None
-    """
-
-    origin: str
-    index: int | None = None
-    split: SplitName | None = None
 
 
 class DatasetWriter:
@@ -122,7 +101,7 @@ class DatasetWriter:
             self._list.__exit__(error_type, error, trace)
         self._write_record()
         if self._list is not None:
-            self._remove_lists()
+            remove_unneeded(self.folder, self.part)
 
     def add(self, truth: Truth, origin: str = "") -> None:
         """Write one truth, as a whole or not at all.
@@ -235,13 +214,3 @@ class DatasetWriter:
         )
         text = json.dumps(record.model_dump(mode="json"), indent=1, allow_nan=False)
         replace_text(self.folder / DATASET, text + "\n")
-
-    def _remove_lists(self) -> None:
-        """Remove the lists that are not needed: own ones of the whole, all when it is complete."""
-        listed = [content.part for content in read_parts(self.folder)]
-        parts = [part for part in listed if part.renders == self.part.renders]
-        if self.part.count > 1:
-            record = read_dataset(self.folder)[0]
-            if len(record.scenes) + len(record.failed) < self.part.in_all:
-                return
-        remove_lists(self.folder, parts)

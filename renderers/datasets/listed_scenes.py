@@ -6,7 +6,7 @@ import contextlib
 from pathlib import Path
 
 from malus.renderers.datasets.dataset_record import read_dataset
-from malus.renderers.datasets.part_list import Part, PartContent, read_parts
+from malus.renderers.datasets.part_list import Part, PartContent, read_parts, remove_lists
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.remote import lstat
 
@@ -20,12 +20,10 @@ def listed_of(folder: Path, renders: str | None = None) -> PartContent:
     with contextlib.suppress(InputError):  # none yet, or damaged: scenes are looked at
         record = read_dataset(folder)[0]
         if renders in (None, record.renders):
-            for entry in (*record.failed, *record.scenes):
-                found.add(entry)
+            found.add_all(record.failed, record.scenes)
     for content in read_parts(folder):
         if renders in (None, content.part.renders):
-            for entry in (*content.failed.values(), *content.done.values()):
-                found.add(entry)
+            found.add_all(content.failed.values(), content.done.values())
     return found
 
 
@@ -35,3 +33,16 @@ def folder_size(folder: Path) -> int | None:
         return sum(lstat(file).st_size for file in folder.iterdir())
     except OSError:
         return None
+
+
+def remove_unneeded(folder: Path, part: Part) -> None:
+    """Remove the lists of a dataset that `dataset.json` makes unneeded.
+
+    They are those of the whole, and those of all parts when nothing is left.
+    """
+    listed = [content.part for content in read_parts(folder)]
+    if part.count > 1:
+        record = read_dataset(folder)[0]
+        if len(record.scenes) + len(record.failed) < part.in_all:
+            return
+    remove_lists(folder, [each for each in listed if each.renders == part.renders])

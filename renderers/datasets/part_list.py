@@ -25,8 +25,27 @@ from malus.scenes.core.files import open_regular, replace_text
 from malus.scenes.core.model import Model
 from malus.scenes.core.remote import is_here
 from malus.scenes.core.result_files import PARTS
+from malus.scenes.random_suite.splits import SplitName
 
 _NAME = re.compile(r"[0-9]+-of-[0-9]+\.jsonl")
+
+
+@dataclass(frozen=True)
+class PlannedScene:
+    """A scene that a dataset shall hold.
+
+    Attributes
+    ----------
+    origin : str
+        Name of the renders that it shall come from.
+    index : int or None
+        Its number in the suite, by which scenes are listed.
+    split : str or None
+    """
+
+    origin: str
+    index: int | None = None
+    split: SplitName | None = None
 
 
 class Part(Model):
@@ -86,6 +105,13 @@ class PartContent:
             self.done[entry.scene] = entry
         else:
             self.failed[entry.scene] = entry
+
+    def add_all(self, failed: Iterable[FailedScene], done: Iterable[SceneEntry]) -> None:
+        """Count scenes as failed, and others as done."""
+        for failure in failed:
+            self.add(failure)
+        for entry in done:
+            self.add(entry)
 
 
 class PartList:

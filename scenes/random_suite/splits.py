@@ -13,7 +13,8 @@ from pydantic import Field, model_validator
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
-from malus.scenes.materials.surface import Measured, Patterned
+from malus.scenes.materials.measured import Measured
+from malus.scenes.materials.surface import Patterned
 from malus.scenes.random_suite.templates import distributions
 from malus.scenes.scene import Scene
 

@@ -22,6 +22,7 @@ from malus.renderers.datasets import dataset as datasets
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.variant import Variant
 from malus.scenes import InputError, Suite, load_suite
+from malus.scenes.core.remote import as_path
 from malus.scenes.random_suite.splits import values_of
 
 NOBODY = Variant("scalar_spectral_polarized", "not used")
@@ -76,6 +77,16 @@ def test_parts_in_one_folder_are_the_whole(whole: Path, tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in whole.iterdir()}
     for name in FILES - {"conventions.png"}:
         assert (tmp_path / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+def test_parts_in_a_store_elsewhere_are_the_whole(whole: Path) -> None:
+    url = "memory://parts/drawn"
+    for number in (2, 1):
+        render_dataset(drawn(), url, NOBODY, part=f"{number}/2")
+    assert status(url).done == 10
+    dataset = open_dataset(url)
+    assert dataset.record == open_dataset(whole).record
+    assert {path.name for path in as_path(url).iterdir()} == {p.name for p in whole.iterdir()}
 
 
 def test_parts_in_several_folders_are_copied_together(whole: Path, tmp_path: Path) -> None:
@@ -176,6 +187,16 @@ def test_what_was_killed_before_it_was_listed_goes_on_by_its_list(tmp_path: Path
     assert status(tmp_path).done == 5
 
 
+def test_a_cluster_shares_out_parts(whole: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    done = render_dataset(drawn(), tmp_path, "scalar", workers=2)
+    assert (done["rendered"], done["taken_over"], done["failed"]) == (10, 0, 0)
+    assert content_of(tmp_path) == content_of(whole)
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in whole.iterdir()}
+    with pytest.raises(InputError, match="no part beside"):
+        render_dataset(drawn(), tmp_path, "scalar", workers=2, part="1/2")
+
+
 @pytest.mark.parametrize("part", ["0/3", "4/3", "1", "1/0", "a/b", "-1/2"])
 def test_a_part_that_is_none_is_refused(tmp_path: Path, part: str) -> None:
     with pytest.raises(InputError, match="a part of several, such as 3/16"):
@@ -234,6 +255,7 @@ def test_the_card_tells_what_the_dataset_is(whole: Path) -> None:
     assert "Not stated" not in licensed
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of rdflib, which mlcroissant reads by
 def test_croissant_metadata_are_valid_and_give_the_scenes(whole: Path) -> None:
     if importlib.util.find_spec("mlcroissant") is None:
         pytest.skip("mlcroissant is not installed: pip install 'malus[dev]'")
