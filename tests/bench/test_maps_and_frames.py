@@ -10,9 +10,11 @@ import pytest
 from rooms import needs_arrays
 from runs import NOBODY, SUITE, run_malus
 
-from malus.bench.datasets.maps_and_frames import seed_of, sensor_truth
+from malus.bench.datasets.maps_and_frames import Additions, seed_of, sensor_truth
 from malus.bench.datasets.render import render_dataset
 from malus.bench.datasets.score import score_dataset
+from malus.bench.public.suites import dataset_bytes
+from malus.bench.running.plan import plan
 from malus.reconstruct.photos.capture import read_capture
 from malus.reconstruct.photos.capture_fit import fit_capture
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
@@ -173,6 +175,18 @@ def test_the_raw_frame_is_read_as_that_of_a_camera(tmp_path: Path) -> None:
     stokes = dataset.frame(truth.scene.id).stokes[:, :, 0]
     bright = truth.mask & (stokes[..., 0] > 0.1 * stokes[..., 0].max())
     assert dolp(fit.stokes[:, :, 0])[bright] == pytest.approx(dolp(stokes)[bright], abs=1e-3)
+
+
+def test_a_plan_tells_what_is_left_out() -> None:
+    bare, full = SUITE, with_sensor(SENSOR, SUITE.camera.resolution)
+    full = full.model_copy(update={"maps": ("depth", "albedo")})
+    pixels = 4 * SUITE.camera.resolution**2  # of four scenes
+    bands = len(SUITE.wavelengths_nm)
+    assert Additions.of(bare).label == "no maps and no frames of a sensor: the suite asks for none"
+    assert Additions.of(full).label == "maps (depth, albedo) and frames of a sensor"
+    more = dataset_bytes(full, plan(full)) - dataset_bytes(bare, plan(bare))
+    # Depth, albedo of all bands, three Stokes components and the raw frame of all bands.
+    assert more == pixels * 4 * (1 + bands + 4 * bands)
 
 
 def test_the_command_lists_maps_and_sensors() -> None:
