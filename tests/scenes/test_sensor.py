@@ -219,6 +219,12 @@ def test_a_malformed_table_ends_in_one_line(tmp_path: Path, lines: str, expected
     assert "\n" not in str(caught.value)
 
 
+def test_maps_that_are_always_there_may_be_named(tmp_path: Path) -> None:
+    path = tmp_path / "suite.toml"
+    path.write_text(f'{SUITE}maps = ["uv", "specular", "standard_error", "depth"]\n', "utf-8")
+    assert load_suite(path).maps == ("depth", "uv")
+
+
 def test_suites_without_them_have_their_old_record() -> None:
     record = load_suite("quick").model_dump(mode="json")
     assert not {"maps", "sensor"} & record.keys()
