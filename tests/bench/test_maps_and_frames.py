@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from rooms import needs_arrays
 from runs import NOBODY, SUITE, run_malus
 
@@ -20,6 +21,7 @@ from malus.reconstruct.photos.capture_fit import fit_capture
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.datasets.dataset_record import CONVENTIONS
+from malus.renderers.datasets.sensor_files import read_frame
 from malus.renderers.mitsuba.surface_maps import render_maps
 from malus.renderers.variant import choose
 from malus.scenes import Camera, InputError
@@ -117,6 +119,27 @@ def test_a_frame_that_is_not_what_its_record_says_is_refused(tmp_path: Path) -> 
     (tmp_path / one / "raw.tiff").write_bytes((tmp_path / other / "raw.tiff").read_bytes())
     with pytest.raises(InputError, match=r"raw.tiff"):
         dataset.frame(one)
+    # Whoever writes a dataset can write hashes that fit.
+    record = dataset.scene(one)
+    good = tifffile.imread(tmp_path / other / "raw.tiff")
+    wrong: list[tuple[np.ndarray, dict[str, object]]] = [
+        (good[:2], {}),
+        (good[:, :11], {}),
+        (good.astype(np.uint8), {}),
+        (good, {"compression": "deflate"}),
+    ]
+    for frames, options in wrong:
+        raw = tmp_path / one / "raw.tiff"
+        tifffile.imwrite(raw, frames, photometric="minisblack", metadata=None, **options)
+        with pytest.raises(InputError, match="expected 3 uncompressed frames"):
+            read_frame(tmp_path / one, record.sensor, record.shape)
+    for content in (b"", b"II*\0", good.tobytes()):
+        raw.write_bytes(content)
+        with pytest.raises(InputError, match="expected a TIFF file of 16-bit frames"):
+            read_frame(tmp_path / one, record.sensor, record.shape)
+    raw.write_bytes((tmp_path / other / "raw.tiff").read_bytes()[:800])
+    with pytest.raises(InputError, match="expected 3 uncompressed frames"):
+        read_frame(tmp_path / one, record.sensor, record.shape)
 
 
 def test_a_file_of_sensitivities_is_not_looked_for_by_readers(tmp_path: Path) -> None:
