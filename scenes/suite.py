@@ -197,21 +197,17 @@ def load_suite(name_or_path: str | Path) -> Suite:
         hint = "code is named among the methods of a run, not in a suite: package.module:object"
         raise InputError(f"{where}, key methods", "names of methods", code[0], hint)
     folder = Path(where).parent
+    if suite.sensor is not None:
+        sensor = located(suite.sensor, folder, where)
+        sensor.check_fits(suite.wavelengths_nm, suite.camera.resolution)
+        suite = suite.model_copy(update={"sensor": sensor})
     shapes = tuple(_with_mesh(shape, folder) for shape in suite.shapes)
     lights = tuple(_with_map(light, folder) for light in suite.lights)
     surfaces = tuple(_with_picture(surface, folder) for surface in suite.surfaces)
     bands = suite.wavelengths_nm
     materials = tuple(_with_measured_table(item, folder, bands) for item in suite.materials)
     around = tuple(_with_files(surroundings, folder) for surroundings in suite.surroundings)
-    files: dict[str, Any] = {
-        "shapes": shapes,
-        "materials": materials,
-        "lights": lights,
-        "surfaces": surfaces,
-    }
-    if suite.sensor is not None:
-        files["sensor"] = located(suite.sensor, folder, where)
-        files["sensor"].check_fits(bands, suite.camera.resolution)
+    files = {"shapes": shapes, "materials": materials, "lights": lights, "surfaces": surfaces}
     return suite.model_copy(update=files | {"surroundings": around})
 
 
