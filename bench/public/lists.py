@@ -146,7 +146,7 @@ def list_maps() -> dict[str, MapDefinition]:
     >>> list_maps()["depth"].unit
     'scene units'
     """
-    return {**ALWAYS, **MAPS}
+    return ALWAYS | {str(name): definition for name, definition in MAPS.items()}
 
 
 def list_sensors() -> dict[str, dict[str, Any]]:
