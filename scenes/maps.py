@@ -96,9 +96,43 @@ MAPS: dict[MapName, MapDefinition] = {
 }  # fmt: skip
 """Every map by its name, in the order in which they are stored."""
 
+_STOKES = "mean over all of the pixel, what lies off the objects being dark"
+
+ALWAYS: dict[str, MapDefinition] = {
+    "stokes": MapDefinition(
+        "linear Stokes vectors, sum of both lobes", "W m^-2 sr^-1 nm^-1", "image", "bands, 3",
+        "float32 or float64", _STOKES,
+    ),
+    "specular": MapDefinition(
+        "those of the light that facets of the surface mirror; all of it where nobody can tell the"
+        " lobes apart",
+        "W m^-2 sr^-1 nm^-1", "image", "bands, 3", "float32 or float64", _STOKES,
+    ),
+    "diffuse": MapDefinition(
+        "those of the light that left the body; 0 where nobody can tell the lobes apart",
+        "W m^-2 sr^-1 nm^-1", "image", "bands, 3", "float32 or float64", _STOKES,
+    ),
+    "standard_error": MapDefinition(
+        "standard error of `stokes`", "W m^-2 sr^-1 nm^-1", "image", "bands, 3",
+        "float32 or float64", _STOKES,
+    ),
+    "normals": MapDefinition(
+        "unit shading normals over the samples of the render, which may be of several objects",
+        "1", "image", "3", "float32 or float64", "the mean over hits, scaled to length 1",
+    ),
+    "mask": MapDefinition(
+        "whether one object covers the pixel entirely", "", "", "", "bool", "False"
+    ),
+}  # fmt: skip
+"""What every dataset holds as a truth's arrays; a suite's `maps` may name them to no effect."""
+
 
 def _all_of(value: Any) -> Any:
-    return tuple(MAPS) if value == "all" else value
+    if value == "all":
+        return tuple(MAPS)
+    if isinstance(value, tuple | list):
+        return tuple(name for name in value if name not in ALWAYS)
+    return value
 
 
 def _once(names: tuple[MapName, ...]) -> tuple[MapName, ...]:

@@ -32,6 +32,13 @@ class SensorFrame:
     channels : Channels
     stokes : (height, width, channels, 3) or None
         The Stokes image that was computed from `raw`, in the units of the scene's radiance.
+
+    Examples
+    --------
+    >>> horizontal = np.tile([1.0, 1.0, 0.0], (4, 4, 1, 1))
+    >>> frame = expose(horizontal, Sensor(exposure=4000.0, full_well=4095.0))
+    >>> frame.raw.shape, frame.raw[0, 0, 0].item()  # behind a polariser at 90 degrees
+    ((1, 4, 4), 0)
     """
 
     sensor: Sensor

@@ -261,6 +261,10 @@ def load_suite(name_or_path: str | Path) -> Suite:
         hint = "code is named among the methods of a run, not in a suite: package.module:object"
         raise InputError(f"{where}, key methods", "names of methods", code[0], hint)
     folder = Path(where).parent
+    if suite.sensor is not None:
+        sensor = located(suite.sensor, folder, where)
+        sensor.check_fits(suite.wavelengths_nm, suite.camera.resolution)
+        suite = suite.model_copy(update={"sensor": sensor})
     shapes = tuple(_with_mesh(shape, folder) for shape in suite.shapes)
     lights = tuple(_with_map(light, folder) for light in suite.lights)
     surfaces = tuple(_with_picture(surface, folder) for surface in suite.surfaces)
@@ -275,9 +279,6 @@ def load_suite(name_or_path: str | Path) -> Suite:
     }
     if suite.random is not None:
         files = {"random": suite.random.with_files(folder)}
-    if suite.sensor is not None:
-        files["sensor"] = located(suite.sensor, folder, where)
-        files["sensor"].check_fits(bands, suite.camera.resolution)
     return suite.model_copy(update=files | {"surroundings": around})
 
 

@@ -154,12 +154,14 @@ def _swatches() -> Table:
 
 def _maps() -> Table:
     from malus.bench.public.lists import list_maps
+    from malus.scenes.maps import ALWAYS
 
-    title = "maps: what a dataset can hold beside its Stokes images"
-    table = _new(title, "name", "unit", "frame", "type", "what it is", "partly covered pixels")
+    title = "maps: what datasets hold; those not always there are asked for with `maps`"
+    table = _new(title, "name", "always", "unit", "frame", "type", "what it is", "partly covered")
     for name, one in list_maps().items():
         kind = f"{one.dtype} × {one.shape}" if one.shape else one.dtype
-        table.add_row(name, one.unit, one.frame, kind, one.summary, one.partly_covered)
+        always = "yes" if name in ALWAYS else ""
+        table.add_row(name, always, one.unit, one.frame, kind, one.summary, one.partly_covered)
     return table
 
 

@@ -33,6 +33,7 @@ def plan_command(suite: str, backend: str) -> None:
     from rich.console import Console
 
     from malus.bench.commands.printing import plain_table
+    from malus.bench.datasets.maps_and_frames import Additions
     from malus.bench.public.suites import plan
 
     planned = plan(suite, backend)
@@ -54,7 +55,8 @@ def plan_command(suite: str, backend: str) -> None:
     console.print(
         f"{planned.renders} renders instead of {planned.renders_without_plan}; about "
         f"{planned.seconds:.0f} s here instead of {planned.seconds_without_plan:.0f} s. A stored "
-        f"dataset: about {planned.bytes / 1e9:.2f} GB before compression",
+        f"dataset: about {planned.bytes / 1e9:.2f} GB before compression, with "
+        f"{Additions.of(planned.suite).label}",
         highlight=False,
     )
 

@@ -51,6 +51,20 @@ class Additions:
         sensor = None if self.sensor is None else self.sensor.model_dump(mode="json")
         return {"maps": list(self.maps), "sensor": sensor, "seed": self.seed}
 
+    @property
+    def label(self) -> str:
+        """What a dataset holds beside its Stokes images, in words."""
+        maps = f"maps ({', '.join(self.maps)})" if self.maps else "no maps"
+        frames = "no frames of a sensor" if self.sensor is None else "frames of a sensor"
+        left = "" if self.asked_for else ": the suite asks for none"
+        return f"{maps} and {frames}{left}"
+
+    def values_of_a_pixel(self, bands: int) -> int:
+        """Numbers of 32 bits in a pixel of a scene of so many bands, before compression."""
+        sizes = {"": 1, "2": 2, "3": 3, "bands": bands}
+        maps = sum(sizes[MAPS[name].shape] for name in self.maps)
+        return maps + (0 if self.sensor is None else 4 * bands)
+
     def added_to(self, truth: Truth, variant: Variant) -> Truth:
         """The truth with its maps and the frame that the sensor takes of it.
 

@@ -14,7 +14,7 @@ from malus.reports.tables.metric_definitions import DEFINITIONS, MetricDefinitio
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 from malus.scenes.lights.lights import Light
-from malus.scenes.maps import MAPS, MapDefinition, MapName
+from malus.scenes.maps import ALWAYS, MAPS, MapDefinition
 from malus.scenes.materials.albedo import swatches
 from malus.scenes.materials.materials import Material, NamedSurface, materials, surfaces
 from malus.scenes.materials.metals import Metal, metals
@@ -152,15 +152,15 @@ def list_lights() -> dict[str, type[Model]]:
     return _kinds(Light)
 
 
-def list_maps() -> dict[MapName, MapDefinition]:
-    """Maps that a suite may ask for beside the Stokes images of a dataset, by name.
+def list_maps() -> dict[str, MapDefinition]:
+    """Maps of a dataset by name: those that every one holds, then those that a suite may ask for.
 
     Examples
     --------
     >>> list_maps()["depth"].unit
     'scene units'
     """
-    return dict(MAPS)
+    return ALWAYS | {str(name): definition for name, definition in MAPS.items()}
 
 
 def list_sensors() -> dict[str, dict[str, Any]]:

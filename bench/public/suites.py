@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+from malus.bench.datasets.maps_and_frames import Additions
 from malus.bench.running import runner
 from malus.bench.running.cluster import engine
 from malus.bench.running.overrides import chosen_suite, chosen_variant
@@ -165,10 +166,10 @@ def _expected_samples(family: FamilyPlan, miniature: Renders, few: Sampling) -> 
 
 
 def dataset_bytes(suite: Suite, families: Sequence[FamilyPlan]) -> int:
-    """Bytes of the Stokes images of every scene, before compression."""
-    scenes = sum(len(family.scenes) for family in families)
-    values = suite.camera.resolution**2 * len(suite.wavelengths_nm) * 3
-    return scenes * values * IMAGES_A_TRUTH * BYTES_A_VALUE
+    """Bytes of the images and maps of every scene, before compression."""
+    scenes, bands = sum(len(family.scenes) for family in families), len(suite.wavelengths_nm)
+    values = bands * 3 * IMAGES_A_TRUTH + Additions.of(suite).values_of_a_pixel(bands)
+    return scenes * suite.camera.resolution**2 * values * BYTES_A_VALUE
 
 
 def run(

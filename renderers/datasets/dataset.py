@@ -156,9 +156,7 @@ class Dataset:
     def maps(
         self, scene_id: str, names: Iterable[MapName] | None = None
     ) -> dict[MapName, AnyArray]:
-        """Read maps (height, width, ...) of a scene by name, by default all that it has.
-
-        `malus.scenes.maps` says what each of them means.
+        """Maps (height, width, ...) of a scene by name, by default all; see `scenes.maps`.
 
         Raises
         ------
@@ -168,13 +166,7 @@ class Dataset:
         return read_maps(self.path / scene_id, self.scene(scene_id), names)
 
     def frame(self, scene_id: str) -> SensorFrame:
-        """Read what a polarisation camera made of a scene: its raw frame and a Stokes image.
-
-        Raises
-        ------
-        InputError
-            No such scene, no frame of it, or a file that is missing, cut or changed.
-        """
+        """What a polarisation camera makes of a scene; raises InputError where it has none."""
         return read_sensor(self.path / scene_id, self.scene(scene_id))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Literal, Self
 
@@ -16,6 +17,8 @@ from malus.scenes.sensor_frame import SensorFrame
 
 RAW: Literal["raw.tiff"] = "raw.tiff"
 DEMOSAICED: Literal["sensor.exr"] = "sensor.exr"
+
+_NOWHERE = logging.NullHandler()
 
 
 class SensorRecord(Model):
@@ -71,16 +74,22 @@ def read_frame(folder: Path, record: SensorRecord, shape: tuple[int, int]) -> Se
     """
     import tifffile
 
+    # What is wrong with a file is told once, by the error below.
+    logging.getLogger("tifffile").addHandler(_NOWHERE)
     path, hint = folder / RAW, "render this scene again"
-    expected = (record.frames, *shape)
+    # Uncompressed, as they are written: no file is smaller than what is decoded of it.
+    expected = {(shape, "uint16", tifffile.COMPRESSION.NONE)}
     with (
         reading(str(path), "a TIFF file of 16-bit frames", hint),
         path.open("rb") as file,
         tifffile.TiffFile(file) as tiff,
     ):
-        sizes = {(page.shape, str(page.dtype)) for page in tiff.pages}
-        if len(tiff.pages) != record.frames or sizes != {(shape, "uint16")}:
-            raise InputError(str(path), f"frames {expected} of 16 bits", str(sizes), hint)
+        kinds = {(page.shape, str(page.dtype), page.compression) for page in tiff.pages}
+        if len(tiff.pages) != record.frames or kinds != expected:
+            wanted = f"{record.frames} uncompressed frames {shape} of 16 bits"
+            raise InputError(str(path), wanted, f"{len(tiff.pages)} of {kinds}", hint)
+        if path.stat().st_size < 2 * record.frames * shape[0] * shape[1]:
+            raise InputError(str(path), "every frame at its full size", "a smaller file", hint)
         raw = np.stack([page.asarray() for page in tiff.pages])
     stokes = None
     if record.demosaiced:

@@ -7,17 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from rooms import needs_arrays
 from runs import NOBODY, SUITE, run_malus
 
-from malus.bench.datasets.maps_and_frames import seed_of, sensor_truth
+from malus.bench.datasets.maps_and_frames import Additions, seed_of, sensor_truth
 from malus.bench.datasets.render import render_dataset
 from malus.bench.datasets.score import score_dataset
+from malus.bench.public.suites import dataset_bytes
+from malus.bench.running.plan import plan
 from malus.reconstruct.photos.capture import read_capture
 from malus.reconstruct.photos.capture_fit import fit_capture
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.datasets.dataset_record import CONVENTIONS
+from malus.renderers.datasets.sensor_files import read_frame
 from malus.renderers.mitsuba.surface_maps import render_maps
 from malus.renderers.variant import choose
 from malus.scenes import Camera, InputError
@@ -115,6 +119,27 @@ def test_a_frame_that_is_not_what_its_record_says_is_refused(tmp_path: Path) -> 
     (tmp_path / one / "raw.tiff").write_bytes((tmp_path / other / "raw.tiff").read_bytes())
     with pytest.raises(InputError, match=r"raw.tiff"):
         dataset.frame(one)
+    # Whoever writes a dataset can write hashes that fit.
+    record = dataset.scene(one)
+    good = tifffile.imread(tmp_path / other / "raw.tiff")
+    wrong: list[tuple[np.ndarray, dict[str, object]]] = [
+        (good[:2], {}),
+        (good[:, :11], {}),
+        (good.astype(np.uint8), {}),
+        (good, {"compression": "deflate"}),
+    ]
+    for frames, options in wrong:
+        raw = tmp_path / one / "raw.tiff"
+        tifffile.imwrite(raw, frames, photometric="minisblack", metadata=None, **options)
+        with pytest.raises(InputError, match="expected 3 uncompressed frames"):
+            read_frame(tmp_path / one, record.sensor, record.shape)
+    for content in (b"", b"II*\0", good.tobytes()):
+        raw.write_bytes(content)
+        with pytest.raises(InputError, match="expected a TIFF file of 16-bit frames"):
+            read_frame(tmp_path / one, record.sensor, record.shape)
+    raw.write_bytes((tmp_path / other / "raw.tiff").read_bytes()[:800])
+    with pytest.raises(InputError, match="expected 3 uncompressed frames"):
+        read_frame(tmp_path / one, record.sensor, record.shape)
 
 
 def test_a_file_of_sensitivities_is_not_looked_for_by_readers(tmp_path: Path) -> None:
@@ -173,6 +198,18 @@ def test_the_raw_frame_is_read_as_that_of_a_camera(tmp_path: Path) -> None:
     stokes = dataset.frame(truth.scene.id).stokes[:, :, 0]
     bright = truth.mask & (stokes[..., 0] > 0.1 * stokes[..., 0].max())
     assert dolp(fit.stokes[:, :, 0])[bright] == pytest.approx(dolp(stokes)[bright], abs=1e-3)
+
+
+def test_a_plan_tells_what_is_left_out() -> None:
+    bare, full = SUITE, with_sensor(SENSOR, SUITE.camera.resolution)
+    full = full.model_copy(update={"maps": ("depth", "albedo")})
+    pixels = 4 * SUITE.camera.resolution**2  # of four scenes
+    bands = len(SUITE.wavelengths_nm)
+    assert Additions.of(bare).label == "no maps and no frames of a sensor: the suite asks for none"
+    assert Additions.of(full).label == "maps (depth, albedo) and frames of a sensor"
+    more = dataset_bytes(full, plan(full)) - dataset_bytes(bare, plan(bare))
+    # Depth, albedo of all bands, three Stokes components and the raw frame of all bands.
+    assert more == pixels * 4 * (1 + bands + 4 * bands)
 
 
 def test_the_command_lists_maps_and_sensors() -> None:

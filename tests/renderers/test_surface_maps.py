@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from rooms import needs_arrays, table
@@ -16,6 +18,7 @@ from malus.scenes import (
     Conductor,
     Dielectric,
     InputError,
+    MeshFile,
     Patterned,
     Sampling,
     Scene,
@@ -100,6 +103,36 @@ def test_coordinates_of_a_sphere_are_longitude_and_latitude() -> None:
     # They are those of one ray, a quarter of a pixel from the centre; steeper towards the rim.
     near = np.hypot(x, y) < 0.8
     assert np.abs(maps["uv"][inner][near] - np.stack([u, v], -1)[near]).max() < 0.02
+
+
+@needs_arrays
+def test_coordinates_of_a_mesh_are_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "square.obj"
+    corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    lines = [f"v {x} {y} 0" for x, y in corners]
+    lines += [f"vt {0.2 + 0.1 * x} {0.6 + 0.3 * y}" for x, y in corners]
+    path.write_text("\n".join([*lines, "f 1/1 2/2 3/3", "f 1/1 3/3 4/4"]), "utf-8")
+    maps = render_maps(
+        scene(Camera(resolution=32), shape=MeshFile(path=str(path))), tuple(MAPS), choose()
+    )
+    inner = maps["coverage"] == 1
+    half = np.sqrt(0.5)  # a mesh fits the unit sphere
+    assert inner.sum() > 300
+    expected = [0.2, 0.6] + [0.1, 0.3] * maps["position"][inner][:, :2] / half
+    # A quarter of a pixel of 32 from the mean of its rays, times the slope.
+    assert np.abs(maps["uv"][inner] - expected).max() < 0.3 / half * 2.1 / 32 / 2
+
+
+@needs_arrays
+def test_coordinates_of_a_plane_are_those_of_its_square() -> None:
+    described = table(Uniform(), resolution=24)
+    maps, floor = render_maps(described, tuple(MAPS), choose()), described.objects[1]
+    inner = (maps["object_id"] == 2) & (maps["coverage"] == 1)
+    own = (maps["position"][inner] - np.array(floor.position)) @ floor.rotation / floor.scale
+    assert np.abs(own[:, 1]).max() < 1e-5  # it lies in its own plane
+    expected = np.stack([0.5 + 0.5 * own[:, 0], 0.5 - 0.5 * own[:, 2]], axis=-1)
+    # A pixel of 0.15 is 0.004 of half the floor, and twice that on its slope of 30 degrees.
+    assert np.abs(maps["uv"][inner] - expected).max() < 0.005
 
 
 @needs_arrays
