@@ -41,7 +41,7 @@ class Sampler:
     def __call__(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
         """Directions, weights and Stokes vectors for a hit, some of them drawn from the BSDF."""
         return [
-            (direction, weight, polarised.stokes(hit.to_world(direction)))
+            (direction, weight, polarised.stokes(hit, direction))
             for part, polarised in zip(self.parts, self.polarised, strict=True)
             for direction, weight in part.draws(hit, bsdf, random, valid)
         ]
@@ -84,7 +84,7 @@ def _polarised(mi: ModuleType, how: Oscillation | None) -> Any:
 
 @dataclass
 class _Unpolarised:
-    def stokes(self, _toward: Any) -> list[Any]:
+    def stokes(self, _hit: Any, _direction: Any) -> list[Any]:
         import mitsuba as mi
 
         return [mi.Float(1.0)]
@@ -97,8 +97,8 @@ class _Filtered:
     axis: Any
     degree: Any
 
-    def stokes(self, toward: Any) -> list[Any]:
-        x, y = _across(toward, self.axis)
+    def stokes(self, hit: Any, direction: Any) -> list[Any]:
+        x, y = _across(hit.to_world(direction), self.axis)
         return _stokes(x, y, self.degree / (x * x + y * y))
 
 
@@ -109,8 +109,8 @@ class _Scattered:
     axis: Any
     degree: Any
 
-    def stokes(self, toward: Any) -> list[Any]:
-        x, y = _across(toward, self.axis)
+    def stokes(self, hit: Any, direction: Any) -> list[Any]:
+        x, y = _across(hit.to_world(direction), self.axis)
         return _stokes(x, y, self.degree / (2.0 - x * x - y * y))
 
 
