@@ -100,8 +100,6 @@ class Suite(Model):
 
     @model_validator(mode="after")
     def _scenes_fit(self) -> Self:
-        if self.views and self.camera.moved:
-            raise ValueError("no azimuth_deg and elevation_deg of the camera beside views")
         axes = self.shapes, self.surroundings or (None,), self.lights, self.surfaces, self.bodies
         count = math.prod(map(len, axes)) * len(self.materials) * len(self._cameras)
         if count > MOST_SCENES:
@@ -133,6 +131,12 @@ class Suite(Model):
                 if scene not in yielded:
                     yielded.add(scene)
                     yield scene
+
+    @model_validator(mode="after")
+    def _views_or_a_moved_camera(self) -> Self:
+        if self.views and self.camera.moved:
+            raise ValueError("no azimuth_deg and elevation_deg of the camera beside views")
+        return self
 
     @property
     def _cameras(self) -> tuple[Camera, ...]:
