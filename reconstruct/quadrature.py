@@ -69,7 +69,9 @@ def quadrature(light: Light, alpha: float) -> Directions:
     if isinstance(light, Area):
         return _cone(light, alpha)
     if isinstance(light, Environment | Sky):
-        return _sphere(radiance_map(light).astype(np.float64), alpha, light.rotation)
+        # From every camera of an orbit a light is turned otherwise, and its map is the same.
+        values = radiance_map(light.unturned).astype(np.float64)
+        return _sphere(values, alpha, light.rotation)
     return _sphere(np.full((512, 1024), light.radiance), alpha)
 
 

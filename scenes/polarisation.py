@@ -75,55 +75,6 @@ def in_turned_frame(stokes: FloatArray, angle: FloatArray) -> FloatArray:
     return np.stack([s0, cosine * s1 + sine * s2, cosine * s2 - sine * s1], axis=-1)
 
 
-def polariser_axis(direction: FloatArray, angle_deg: float) -> Float64Array:
-    """Transmission axis of a polariser in space, unit vector (3,).
-
-    The polariser stands in `direction` from the origin, which it faces, and is turned as one
-    before a camera there: anticlockwise from the vertical as that camera displays it, whose
-    vertical is the y axis. Straight above the vertical is −z, straight below +z.
-
-    Parameters
-    ----------
-    direction : (3,) unit vector
-    angle_deg : float
-
-    Examples
-    --------
-    >>> polariser_axis(np.array([0.0, 0.0, 1.0]), 90.0).tolist()
-    [-1.0, 0.0, 0.0]
-    """
-    right, up = _upright(direction)
-    angle = math.radians(angle_deg)
-    result: Float64Array = math.cos(angle) * up - math.sin(angle) * right
-    return result.round(15) + 0.0  # exact on the axes
-
-
-def polariser_angle_deg(direction: FloatArray, axis: FloatArray) -> float:
-    """Angle in (−90°, 90°] of a polariser in `direction` that transmits along `axis`, both (3,).
-
-    The inverse of `polariser_axis`.
-
-    Examples
-    --------
-    >>> direction = np.array([0.0, 0.6, 0.8])
-    >>> round(polariser_angle_deg(direction, polariser_axis(direction, 30.0)), 9)
-    30.0
-    """
-    right, up = _upright(direction)
-    angle = math.degrees(math.atan2(-float(axis @ right), float(axis @ up)))
-    turned = math.remainder(angle, 180.0)
-    return turned if turned > -90.0 else 90.0
-
-
-def _upright(direction: FloatArray) -> tuple[Float64Array, Float64Array]:
-    """Right and up, unit vectors (3,), of a camera in `direction` that looks at the origin."""
-    x, y, z = map(float, direction)
-    across = math.hypot(x, z)
-    right = np.array([z, 0.0, -x]) / across if across > _STRAIGHT_UP else np.array([1.0, 0.0, 0.0])
-    up: Float64Array = np.cross([x, y, z], right)
-    return right, up
-
-
 def polarised(stokes: FloatArray, angle_deg: float) -> FloatArray:
     """Radiance behind an ideal linear polariser, I(ϑ).
 
@@ -307,3 +258,52 @@ def stokes_from_extremes(i_max: FloatArray, i_min: FloatArray, phase: FloatArray
         ),
         axis=-1,
     )
+
+
+def polariser_axis(direction: FloatArray, angle_deg: float) -> Float64Array:
+    """Transmission axis of a polariser in space, unit vector (3,).
+
+    The polariser stands in `direction` from the origin, which it faces, and is turned as one
+    before a camera there: anticlockwise from the vertical as that camera displays it, whose
+    vertical is the y axis. Straight above the vertical is −z, straight below +z.
+
+    Parameters
+    ----------
+    direction : (3,) unit vector
+    angle_deg : float
+
+    Examples
+    --------
+    >>> polariser_axis(np.array([0.0, 0.0, 1.0]), 90.0).tolist()
+    [-1.0, 0.0, 0.0]
+    """
+    right, up = _upright(direction)
+    angle = math.radians(angle_deg)
+    result: Float64Array = math.cos(angle) * up - math.sin(angle) * right
+    return result.round(15) + 0.0  # exact on the axes
+
+
+def polariser_angle_deg(direction: FloatArray, axis: FloatArray) -> float:
+    """Angle in (−90°, 90°] of a polariser in `direction` that transmits along `axis`, both (3,).
+
+    The inverse of `polariser_axis`.
+
+    Examples
+    --------
+    >>> direction = np.array([0.0, 0.6, 0.8])
+    >>> round(polariser_angle_deg(direction, polariser_axis(direction, 30.0)), 9)
+    30.0
+    """
+    right, up = _upright(direction)
+    angle = math.degrees(math.atan2(-float(axis @ right), float(axis @ up)))
+    turned = math.remainder(angle, 180.0)
+    return turned if turned > -90.0 else 90.0
+
+
+def _upright(direction: FloatArray) -> tuple[Float64Array, Float64Array]:
+    """Right and up, unit vectors (3,), of a camera in `direction` that looks at the origin."""
+    x, y, z = map(float, direction)
+    across = math.hypot(x, z)
+    right = np.array([z, 0.0, -x]) / across if across > _STRAIGHT_UP else np.array([1.0, 0.0, 0.0])
+    up: Float64Array = np.cross([x, y, z], right)
+    return right, up

@@ -144,8 +144,6 @@ class Suite(Model):
                 for placed in self.draws.made(content, key).objects:
                     placed.surface.indices(self.wavelengths_nm)
             return self
-        if self.views and self.camera.moved:
-            raise ValueError("no azimuth_deg and elevation_deg of the camera beside views")
         axes = self.shapes, self.surroundings or (None,), self.lights, self.surfaces, self.bodies
         count = math.prod(map(len, axes)) * len(self.materials) * len(self._cameras)
         if count > MOST_SCENES:
@@ -193,6 +191,12 @@ class Suite(Model):
                 if scene not in yielded:
                     yielded.add(scene)
                     yield scene
+
+    @model_validator(mode="after")
+    def _views_or_a_moved_camera(self) -> Self:
+        if self.views and self.camera.moved:
+            raise ValueError("no azimuth_deg and elevation_deg of the camera beside views")
+        return self
 
     @property
     def _cameras(self) -> tuple[Camera, ...]:

@@ -45,60 +45,6 @@ def _bsdf(scene: Scene, band: int) -> dict[str, Any]:
     return specular | {"diffuse_reflectance": albedo}
 
 
-def lamps(mi: ModuleType, light: Light) -> dict[str, Any]:
-    """The lights of a scene by name; a polarised lamp is one behind Mitsuba's polariser plate.
-
-    Mitsuba finds the lamp through the plate by chance only, along directions drawn from a BSDF.
-
-    Raises
-    ------
-    ValueError
-        A light that no plate makes: of a point, of a sky, or polarised in part.
-    """
-    if not is_polarised(light):
-        return emitters(mi, light)
-    if not isinstance(light, Area) or light.polarised is None or light.polarised.degree != 1.0:
-        raise ValueError(f"light: expected a wholly polarised area light, found {light.label}")
-    # The plate passes half.
-    behind = light.model_copy(update={"polarised": None, "radiance": 2.0 * light.radiance})
-    at = [0.9 * LAMP_DISTANCE * c for c in light.direction]
-    to_world = mi.ScalarTransform4f().look_at(origin=at, target=[0, 0, 0], up=[0, 1, 0])
-    plate = {
-        "type": "rectangle",
-        "to_world": to_world @ mi.ScalarTransform4f().scale(20 * LAMP_DISTANCE),
-        "bsdf": _polariser(light.polarised.angle_deg),
-    }
-    return {"light": emitter(mi, behind), "plate": plate}
-
-
-def _polariser(angle_deg: float) -> dict[str, Any]:
-    """A plate whose front faces the object: its theta counts from its own x axis, horizontal."""
-    return {"type": "polarizer", "theta": {"type": "uniform", "value": angle_deg + 90.0}}
-
-
-def stokes_image(variant: Variant, scene: Scene, band: int, sampling: Sampling) -> Float32Array:
-    """s0, s1, s2 (height, width, 3) of one band of one object by Mitsuba's `stokes` integrator.
-
-    Nothing of malus goes into it but the places of object, camera and lamp. Of bodies it has the
-    polarised one only.
-    """
-    mi = mitsuba(variant)
-    depth = 3 if is_polarised(scene.light) else 2  # the plate counts
-    path = {"type": "path", "max_depth": depth, "hide_emitters": True}
-    loaded = mi.load_dict(
-        {
-            "type": "scene",
-            "sensor": sensor(mi, scene.camera),
-            "shape": shape_object(mi, scene.shape, mi.load_dict(_bsdf(scene, band))),
-            "integrator": {"type": "stokes", "path": path},
-        }
-        | lamps(mi, scene.light)
-    )
-    raw = mi.render(loaded, spp=sampling.samples, seed=sampling.seed)
-    stokes: Float32Array = np.asarray(raw)[..., [-12, -9, -6]]
-    return stokes
-
-
 def plate_image(
     variant: Variant, scene: Scene, band: int, angle_deg: float, sampling: Sampling
 ) -> Float32Array:
@@ -155,3 +101,57 @@ class StokesByHand:
         raw = self.mi.render(self.scene, spp=sampling.samples, seed=sampling.seed)
         stokes = np.asarray(raw)[..., [-12, -9, -6]]
         return [polarised(stokes, angle) for angle in angles_deg]
+
+
+def lamps(mi: ModuleType, light: Light) -> dict[str, Any]:
+    """The lights of a scene by name; a polarised lamp is one behind Mitsuba's polariser plate.
+
+    Mitsuba finds the lamp through the plate by chance only, along directions drawn from a BSDF.
+
+    Raises
+    ------
+    ValueError
+        A light that no plate makes: of a point, of a sky, or polarised in part.
+    """
+    if not is_polarised(light):
+        return emitters(mi, light)
+    if not isinstance(light, Area) or light.polarised is None or light.polarised.degree != 1.0:
+        raise ValueError(f"light: expected a wholly polarised area light, found {light.label}")
+    # The plate passes half.
+    behind = light.model_copy(update={"polarised": None, "radiance": 2.0 * light.radiance})
+    at = [0.9 * LAMP_DISTANCE * c for c in light.direction]
+    to_world = mi.ScalarTransform4f().look_at(origin=at, target=[0, 0, 0], up=[0, 1, 0])
+    plate = {
+        "type": "rectangle",
+        "to_world": to_world @ mi.ScalarTransform4f().scale(20 * LAMP_DISTANCE),
+        "bsdf": _polariser(light.polarised.angle_deg),
+    }
+    return {"light": emitter(mi, behind), "plate": plate}
+
+
+def _polariser(angle_deg: float) -> dict[str, Any]:
+    """A plate whose front faces the object: its theta counts from its own x axis, horizontal."""
+    return {"type": "polarizer", "theta": {"type": "uniform", "value": angle_deg + 90.0}}
+
+
+def stokes_image(variant: Variant, scene: Scene, band: int, sampling: Sampling) -> Float32Array:
+    """s0 to s3 (height, width, 4) of one band of one object by Mitsuba's `stokes` integrator.
+
+    Nothing of malus goes into it but the places of object, camera and lamp. Of bodies it has the
+    polarised one only.
+    """
+    mi = mitsuba(variant)
+    depth = 3 if is_polarised(scene.light) else 2  # the plate counts
+    path = {"type": "path", "max_depth": depth, "hide_emitters": True}
+    loaded = mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": sensor(mi, scene.camera),
+            "shape": shape_object(mi, scene.shape, mi.load_dict(_bsdf(scene, band))),
+            "integrator": {"type": "stokes", "path": path},
+        }
+        | lamps(mi, scene.light)
+    )
+    raw = mi.render(loaded, spp=sampling.samples, seed=sampling.seed)
+    stokes: Float32Array = np.asarray(raw)[..., [-12, -9, -6, -3]]
+    return stokes

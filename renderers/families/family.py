@@ -31,6 +31,7 @@ from malus.renderers.mitsuba.translate import check_tangents
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
+from malus.scenes.lights.lights import Light
 from malus.scenes.lights.polarised import is_polarised
 from malus.scenes.scene import Sampling, Scene
 
@@ -71,6 +72,7 @@ def render_family(
     if len(keys) != 1:
         raise ValueError(f"scenes: expected scenes of one family, found {len(keys)} families")
     key, chosen_variant, options = keys.pop(), variant or choose(), RenderOptions(errors, nodes)
+    _check_light(key.light, chosen_variant)
 
     check_tangents(scenes[0])
     mitsuba(
@@ -95,6 +97,14 @@ def render_family(
         if sampling.target is None
         else render_until(render_once, scenes, sampling)
     )
+
+
+def _check_light(light: Light, variant: Variant) -> None:
+    """Raises InputError for polarised light in the scalar variant, whose lights are Mitsuba's."""
+    if is_polarised(light) and not variant.vectorised:
+        hint = "install LLVM 17 or later (`malus doctor` says how), or leave `polarised` out"
+        where, expected = f"light {light.label}", "LLVM or CUDA for polarised light"
+        raise InputError(where, expected, variant.name, hint)
 
 
 @dataclass(frozen=True)
@@ -162,10 +172,6 @@ def _render(
 ) -> Lobes:
     """Stokes samples of both lobes at every node."""
     if not variant.vectorised:
-        if is_polarised(key.light):
-            hint = "install LLVM 17 or later (`malus doctor` says how), or leave `polarised` out"
-            where, expected = f"light {key.light.label}", "LLVM or CUDA for polarised light"
-            raise InputError(where, expected, variant.name, hint)
         return stokes_integrator.render_lobes(variant, key, nodes, sampling)
     specular, diffuse = bsdfs(variant, nodes, key.facets, key.body, key.measured)
     replay = options.where is None and key.measured is None

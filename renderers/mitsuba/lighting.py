@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -41,10 +41,17 @@ class Sampler:
     def __call__(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Draws:
         """Directions, weights and Stokes vectors for a hit, some of them drawn from the BSDF."""
         return [
-            (direction, weight, polarised.stokes(hit.to_world(direction)))
+            (direction, weight, _arriving(hit, direction, polarised))
             for part, polarised in zip(self.parts, self.polarised, strict=True)
             for direction, weight in part.draws(hit, bsdf, random, valid)
         ]
+
+
+def _arriving(hit: Any, direction: Any, polarised: Any) -> list[Any]:
+    """Stokes vector over s0 of the light from a local direction."""
+    import mitsuba as mi
+
+    return [mi.Float(1.0)] if polarised is None else polarised.stokes(hit.to_world(direction))
 
 
 def sampler(mi: ModuleType, light: Light, scene: Any) -> Sampler:
@@ -54,7 +61,7 @@ def sampler(mi: ModuleType, light: Light, scene: Any) -> Sampler:
     rays in one scene only.
     """
     several = parts(light)
-    polarised = [_polarised(mi, oscillation(part)) for part in several]
+    polarised = [polarised_by(mi, oscillation(part)) for part in several]
     return Sampler([_part(mi, part, scene) for part in several], polarised)
 
 
@@ -69,25 +76,16 @@ def _part(mi: ModuleType, light: Light, scene: Any) -> Any:
     if isinstance(light, Uniform):
         return _Uniform(_constant(mi, light.radiance))
     if isinstance(light, Area):
-        # 1 − cos of the half angle without cancellation, which in 32 bits matters for small lamps.
-        span = _constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
-        return _Area(_vector(mi, light.direction), span, _constant(mi, light.radiance))
+        return _Area(Cone.of(mi, light))
     return _Environment(scene.environment())
 
 
-def _polarised(mi: ModuleType, how: Oscillation | None) -> Any:
+def polarised_by(mi: ModuleType, how: Oscillation | None) -> Any:
+    """What gives the Stokes vector of the light from a direction; None for unpolarised light."""
     if how is None:
-        return _Unpolarised()
+        return None
     kind = _Scattered if how.scattered else _Filtered
     return kind(_vector(mi, how.axis), _constant(mi, how.degree))
-
-
-@dataclass
-class _Unpolarised:
-    def stokes(self, _toward: Any) -> list[Any]:
-        import mitsuba as mi
-
-        return [mi.Float(1.0)]
 
 
 @dataclass
@@ -175,30 +173,64 @@ class _Uniform:
 
 
 @dataclass
-class _Area:
-    direction: Any
+class Cone:
+    """Directions around that of a lamp, of equal radiance; `span` is 1 − cos of the half angle."""
+
+    toward: Any
     span: Any
     radiance: Any
+
+    @classmethod
+    def of(cls, mi: ModuleType, light: Area) -> Self:
+        """The cone of a lamp."""
+        # Without cancellation, which in 32 bits matters for small lamps.
+        span = _constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
+        return cls(_vector(mi, light.direction), span, _constant(mi, light.radiance))
+
+    @property
+    def density(self) -> Any:
+        """Probability density of its directions over solid angle."""
+        import drjit as dr
+
+        return 1.0 / (2.0 * dr.pi * self.span)
+
+    def direction(self, uv: Any) -> Any:
+        """The direction in it for two random numbers."""
+        import drjit as dr
+        import mitsuba as mi
+
+        drop = uv.x * self.span
+        sine = dr.sqrt(drop * (2.0 - drop))
+        sin_phi, cos_phi = dr.sincos(2.0 * dr.pi * uv.y)
+        local = mi.Vector3f(sine * cos_phi, sine * sin_phi, 1.0 - drop)
+        return mi.Frame3f(self.toward).to_world(local)
+
+    def holds(self, direction: Any) -> Any:
+        """Whether a direction is in it."""
+        import drjit as dr
+        import mitsuba as mi
+
+        away = mi.Frame3f(self.toward).to_local(direction) - mi.Vector3f(0, 0, 1)
+        return 0.5 * dr.squared_norm(away) <= self.span
+
+
+@dataclass
+class _Area:
+    cone: Cone
 
     def draws(self, hit: Any, bsdf: Any, random: Any, valid: Any) -> Pairs:
         import drjit as dr
         import mitsuba as mi
 
-        frame = mi.Frame3f(self.direction)
-        density = 1.0 / (2.0 * dr.pi * self.span)
+        cone = self.cone
         uv = mi.Point2f(random.next_float32(), random.next_float32())
-        drop = uv.x * self.span
-        sine = dr.sqrt(drop * (2.0 - drop))
-        sin_phi, cos_phi = dr.sincos(2.0 * dr.pi * uv.y)
-        local = mi.Vector3f(sine * cos_phi, sine * sin_phi, 1.0 - drop)
-        first = hit.to_local(frame.to_world(local))
+        first = hit.to_local(cone.direction(uv))
         other = bsdf.pdf(mi.BSDFContext(), hit, first, valid)
         second, drawn = _from_bsdf(hit, bsdf, random, valid)
-        away = frame.to_local(hit.to_world(second)) - mi.Vector3f(0, 0, 1)
-        inside = (drawn > 0) & (0.5 * dr.squared_norm(away) <= self.span)
+        inside = (drawn > 0) & cone.holds(hit.to_world(second))
         return [
-            (first, dr.select(valid, self.radiance / (density + other), 0.0)),
-            (second, dr.select(inside, self.radiance / (density + drawn), 0.0)),
+            (first, dr.select(valid, cone.radiance / (cone.density + other), 0.0)),
+            (second, dr.select(inside, cone.radiance / (cone.density + drawn), 0.0)),
         ]
 
 

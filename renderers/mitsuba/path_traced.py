@@ -26,9 +26,10 @@ from malus.renderers.mitsuba.lighting import Sampler, sampler
 from malus.renderers.mitsuba.lobe_samples import HALVES, spread_of, unit
 from malus.renderers.mitsuba.patterns import surface_shares
 from malus.renderers.mitsuba.placed import object_bsdf, parts_of, pattern_on, placed_object
+from malus.renderers.mitsuba.polarised_emitters import room_emitters
 from malus.renderers.mitsuba.pooled import pooled
 from malus.renderers.mitsuba.rays import Film, stream_number, streams, to_camera_frame
-from malus.renderers.mitsuba.translate import LAMP_DISTANCE, emitters, sensor
+from malus.renderers.mitsuba.translate import LAMP_DISTANCE, sensor
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.core.arrays import (
@@ -187,7 +188,7 @@ class Room:
         self.ray_length, lamp = away + 2 * reach, max(LAMP_DISTANCE * reach, 10 * away)
         self.scene = mi.load_dict(
             {"type": "scene", "sensor": sensor(mi, scene.camera, 2 * reach)}
-            | emitters(mi, scene.light, lamp)
+            | room_emitters(mi, scene.light, reach, lamp)
             | parts
         )
         self.film = Film.of(self.scene.sensors()[0], scene.camera.resolution, self.ray_length)
@@ -362,7 +363,6 @@ class Room:
         usable = valid & (drawn.pdf > 0)
         ray = mi.RayDifferential3f(hit.spawn_ray(hit.to_world(drawn.wo)))
         radiance, _, _ = self.path.sample(self.scene, path_sampler, ray, None, usable)
-        # The light of lamps that other objects reflect is Mitsuba's, whose lamps are unpolarised.
         stokes = [radiance[row, 0][0] for row in range(4)]
         return [*arriving, (drawn.wo, dr.select(usable, 1.0 / drawn.pdf, 0.0), stokes)]
 

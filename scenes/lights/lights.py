@@ -189,6 +189,17 @@ class AllAround(Model):
     heading_deg: Turn = 0.0
 
     @property
+    def unturned(self) -> Self:
+        """The same light before it is turned: it has the same map, which is read once.
+
+        Examples
+        --------
+        >>> Environment(turn_deg=20, heading_deg=30).unturned == Environment()
+        True
+        """
+        return self.model_copy(update=dict.fromkeys(AllAround.model_fields, 0.0))
+
+    @property
     def rotation(self) -> Float64Array:
         """Rotation matrix (3, 3) from the light's own axes to the world."""
         return _about(2, self.turn_deg) @ _about(0, self.tilt_deg) @ _about(1, self.heading_deg)

@@ -26,7 +26,6 @@ from malus.scenes import (
     Environment,
     Light,
     Placed,
-    Plane,
     Polariser,
     Sampling,
     Scene,
@@ -138,43 +137,6 @@ def test_a_roll_turns_s1_and_s2_by_twice_its_angle() -> None:
     assert rolled[1] == pytest.approx(expected.real, abs=1e-3 * still[0])
     assert rolled[2] == pytest.approx(expected.imag, abs=1e-3 * still[0])
     assert abs(expected) > 0.05 * still[0]
-
-
-@needs_arrays
-@pytest.mark.parametrize("light", LIGHTS[:3], ids=lambda light: light.label)
-def test_with_nothing_near_a_room_is_its_object_alone(light: Light) -> None:
-    """Polarised light at the first hit in rooms, which have another kernel."""
-    far = Placed(shape=Sphere(), surface=CHALK, position=(0, 0, -500))
-    around = Surroundings(name="nothing", objects=(far,))
-    one = render(scene_of(light), Sampling(samples=256))
-    other = render(scene_of(light, surroundings=around), Sampling(samples=256, max_depth=3))
-    mask = one.mask & (other.normals[..., 2] > 0.2)
-    for lobe in ("specular", "diffuse"):
-        a, b = (getattr(truth, lobe)[mask] for truth in (one, other))
-        draws = [getattr(truth, f"{lobe}_noise")[mask] for truth in (one, other)]
-        # As in test_room: five deviations of sums over independent pixels.
-        bound = 5 * np.sqrt(np.square(draws).sum(axis=(0, 1))) + 1e-4 * np.abs(a).sum(axis=0)
-        assert (np.abs((a - b).sum(axis=0)) <= bound).all()
-
-
-@needs_arrays
-def test_light_between_objects_starts_from_unpolarised_lamps() -> None:
-    """What comes by another object is that of the same lamp without its polariser."""
-    floor = Placed(shape=Plane(), surface=CHALK, position=(0, -1, 0), scale=4)
-    around = Surroundings(name="floor", objects=(floor,))
-    lamp = Distant(incidence_deg=50, azimuth_deg=60)
-    behind = lamp.model_copy(update={"polarised": Polariser(angle_deg=30)})
-
-    def indirect(light: Light) -> np.ndarray:
-        scene = scene_of(light, surroundings=around)
-        deep, direct = (render(scene, Sampling(samples=64, max_depth=d)) for d in (3, 2))
-        result: np.ndarray = (deep.stokes - direct.stokes)[deep.mask]
-        return result
-
-    plain, polarised = indirect(lamp), indirect(behind)
-    # The same random numbers: float32 of sums of both.
-    assert polarised == pytest.approx(plain, abs=1e-4)
-    assert np.abs(plain).max() > 0.01
 
 
 @needs_arrays
