@@ -47,7 +47,7 @@ from malus.scenes.core.result_files import EXAMPLES
 EXAMPLE_SIDE = 256
 """Pixels of the longer side of images kept for the page at most: every k-th one is kept."""
 _CHARACTERS = 8
-"""Of a page for a number that it shows."""
+"""Of a page for the Stokes vector of one pixel and channel."""
 
 
 def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Results:
@@ -298,9 +298,9 @@ class Photographed:
 def _example_side(photographed: Photographed, images: int) -> int:
     """Longer side of the images of an example, so that all captures fit one page."""
     height, width = photographed.scored.shape
-    numbers = 3 * photographed.image.shape[2] * images * _CHARACTERS
+    characters = photographed.image.shape[2] * images * _CHARACTERS
     share = float(photographed.scored.mean()) * height * width / max(height, width) ** 2
-    return max(16, min(EXAMPLE_SIDE, int(math.sqrt(0.9 * BUDGET / numbers / share))))
+    return max(16, min(EXAMPLE_SIDE, int(math.sqrt(0.9 * BUDGET / characters / share))))
 
 
 def scene_id(entry: CaptureEntry, capture: Capture) -> str:
