@@ -189,11 +189,9 @@ def _suite(
         expected, hint = "one TOML file, or folders", "name the folders in the TOML file"
         raise InputError(str(folders[0]), expected, f"{len(folders)} arguments", hint)
     allowed = {"folders", "methods", "out", "as_json"}
-    allowed |= (
-        set()
-        if is_file
-        else {*_READING, "offset", *(["mask", "labels"] if len(folders) == 1 else [])}
-    )
+    if not is_file:
+        of_one = {"mask", "labels"} if len(folders) == 1 else set()
+        allowed |= {*_READING, "offset", *of_one}
     for param in ctx.command.params:
         given = ctx.get_parameter_source(str(param.name)) is not ParameterSource.DEFAULT
         if given and param.name not in allowed:
