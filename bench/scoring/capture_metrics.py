@@ -22,8 +22,8 @@ from malus.scenes.colour import (
     RGB,
     ComparedColours,
     channel_weights,
-    compared_colours,
     differences_from,
+    weighted_colours,
 )
 from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
@@ -154,7 +154,7 @@ class CapturedPixels:
     def _true_colours(self) -> ComparedColours | None:
         if self.channels not in (RGB, GREY):
             return None
-        return compared_colours(self.stokes, channel_weights(self.channels))
+        return weighted_colours(self.stokes, channel_weights(self.channels))
 
 
 def _pairs(
