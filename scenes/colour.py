@@ -126,7 +126,7 @@ def channel_weights(channels: tuple[str, ...]) -> Float64Array:
 
     Returns
     -------
-    (channels, 3) array, for `lab` and `compared_colours`.
+    (channels, 3) array, for `lab` and `weighted_colours`.
 
     Raises
     ------
@@ -178,8 +178,7 @@ def delta_e_maps(
     >>> [suffix for suffix, angle, _ in delta_e_maps(stokes, stokes, (450.0, 550.0, 650.0))][:3]
     ['_i_max', '_i_min', '']
     """
-    colours = compared_colours(true, band_weights(wavelengths_nm))
-    yield from differences_from(colours, estimated, method)
+    yield from differences_from(compared_colours(true, wavelengths_nm), estimated, method)
 
 
 @dataclass(frozen=True)
@@ -193,11 +192,19 @@ class ComparedColours:
     weights: Float64Array
 
 
-def compared_colours(stokes: FloatArray, weights: Float64Array) -> ComparedColours:
+def compared_colours(stokes: FloatArray, wavelengths_nm: tuple[float, ...]) -> ComparedColours:
     """Colours of Stokes vectors (pixels, bands, 3) over the radiance of white.
 
-    `weights` are those of `band_weights` or `channel_weights`.
+    Raises
+    ------
+    InputError
+        If no band is visible.
     """
+    return weighted_colours(stokes, band_weights(wavelengths_nm))
+
+
+def weighted_colours(stokes: FloatArray, weights: Float64Array) -> ComparedColours:
+    """The same from what the bands add to X, Y, Z, of `band_weights` or `channel_weights`."""
     labs = (lab(image(stokes), weights) for _, _, image in _compared_images())
     return ComparedColours(tuple(labs), weights)
 

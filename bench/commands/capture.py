@@ -189,7 +189,9 @@ def _suite(
         expected, hint = "one TOML file, or folders", "name the folders in the TOML file"
         raise InputError(str(folders[0]), expected, f"{len(folders)} arguments", hint)
     allowed = {"folders", "methods", "out", "as_json"}
-    allowed |= set() if is_file else {*_READING, "offset", *(["mask"] if len(folders) == 1 else [])}
+    if not is_file:
+        of_one = {"mask", "labels"} if len(folders) == 1 else set()
+        allowed |= {*_READING, "offset", *of_one}
     for param in ctx.command.params:
         given = ctx.get_parameter_source(str(param.name)) is not ParameterSource.DEFAULT
         if given and param.name not in allowed:
@@ -200,8 +202,7 @@ def _suite(
         suite = load_captures(folders[0])
         return suite.model_copy(update={"methods": methods}) if methods else suite
     keys = {name: value for name, value in told.items() if name in allowed and value is not None}
-    if "mask" in keys:
-        keys["mask"] = str(keys["mask"])
+    keys |= {name: str(keys[name]) for name in ("mask", "labels") if name in keys}
     return CaptureSuite.of_folders(folders, methods, **keys)
 
 

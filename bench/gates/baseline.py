@@ -104,9 +104,9 @@ class RunIdentity(Model):
             If their record does not name it.
         """
         if CAPTURES in results.run:
-            scenes = sorted(capture["scene"] for capture in results.run[CAPTURES])
+            read = content_id(sorted(capture["scene"] for capture in results.run[CAPTURES]))
             name = results.run["suite"]["name"]
-            return cls(suite=name, scenes=content_id(scenes), seed=0, variant=CAPTURES)
+            return cls(suite=name, scenes=read, seed=0, variant=CAPTURES)
         try:
             suite, variant = dict(results.run["suite"]), results.run["variant"]["name"]
             sampling = dict(suite["sampling"])

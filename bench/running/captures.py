@@ -47,7 +47,7 @@ from malus.scenes.core.result_files import EXAMPLES
 EXAMPLE_SIDE = 256
 """Pixels of the longer side of images kept for the page at most: every k-th one is kept."""
 _CHARACTERS = 8
-"""Of a page for a number that it shows."""
+"""Of a page for the Stokes vector of one pixel and channel."""
 
 
 def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Results:
@@ -101,13 +101,12 @@ class _Run:
     def score(self, entry: CaptureEntry) -> None:
         """Score one capture; what fails is named and left out."""
         with self._guard(entry.called), self._stage("read and fit"):
-            photographed = Photographed.of(entry)
+            photographed = Photographed.of(entry, self.count * (1 + len(self.methods)))
             for method in self.methods:
                 with self._guard(f"{entry.called}, {method.name}"):
                     self._score_method(photographed, method)
             self.captures.append(photographed.about)
-            side = _example_side(photographed, self.count * (1 + len(self.methods)))
-            content = photographed.example(side)
+            content = photographed.example()
             path = self.folder / EXAMPLES / f"{photographed.about['scene']}.npz"
             write_whole(path, lambda temporary: np.savez_compressed(temporary, **content))
 
@@ -122,7 +121,8 @@ class _Run:
         with self._stage("score"):
             values = list(photographed.values(estimate))
         self.records.append(record(columns, method.name, values, estimate.note))
-        photographed.estimates[method.name] = estimate.stokes
+        step = photographed.step
+        photographed.estimates[method.name] = estimate.stokes[::step, ::step].copy()
 
     def about(self, suite: CaptureSuite) -> dict[str, Any]:
         """Content of `run.json`."""
@@ -210,7 +210,10 @@ def reconstruct(method: Method, image: Float32Array, objects: Sequence[BoolArray
 
 @dataclass
 class Photographed:
-    """A capture that is read and fitted, with the masks of its objects and the estimates so far."""
+    """A capture that is read and fitted, with the masks of its objects and the estimates so far.
+
+    Of `estimates`, the Stokes images of methods, every `step`-th row and column is kept.
+    """
 
     fit: CaptureFit
     image: Float32Array
@@ -218,11 +221,12 @@ class Photographed:
     scored: BoolArray
     pixels: CapturedPixels
     about: dict[str, Any]
+    step: int
     estimates: dict[str, Float32Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, entry: CaptureEntry) -> Photographed:
-        """Read and fit a capture.
+    def of(cls, entry: CaptureEntry, images: int) -> Photographed:
+        """Read and fit a capture; `images` of it and the others share a page.
 
         Raises
         ------
@@ -246,7 +250,8 @@ class Photographed:
             "fit": capture_summary(capture, fit),
         }
         pixels = CapturedPixels.of(capture, fit, scored)
-        return cls(fit, image, objects, scored, pixels, about)
+        step = _step(scored, image.shape[2] * images)
+        return cls(fit, image, objects, scored, pixels, about, step)
 
     @property
     def columns(self) -> dict[str, Any]:
@@ -278,29 +283,26 @@ class Photographed:
                 yield MetricValue(f"nmse_object_{number}", nmse)
                 yield MetricValue(f"skill_object_{number}", skill)
 
-    def example(self, side: int) -> dict[str, Any]:
-        """Arrays of the file for the viewer: every k-th pixel, at most `side` a side."""
-        step = -(-max(self.scored.shape) // side)
+    def example(self) -> dict[str, Any]:
+        """Arrays of the file for the viewer: every `step`-th row and column."""
         meta = {
             "scene": self.about["scene"],
             "label": f"{self.about['name']}, {self.about['group']}",
             "channels": list(self.pixels.channels),
         }
         content: dict[str, Any] = {
-            "truth": self.fit.stokes[::step, ::step],
-            "mask": self.scored[::step, ::step],
+            "truth": self.fit.stokes[:: self.step, :: self.step],
+            "mask": self.scored[:: self.step, :: self.step],
             "meta": np.array(json.dumps(meta)),
         }
-        methods = self.estimates.items()
-        return content | {f"method.{name}": s[::step, ::step] for name, s in methods}
+        return content | {f"method.{name}": stokes for name, stokes in self.estimates.items()}
 
 
-def _example_side(photographed: Photographed, images: int) -> int:
-    """Longer side of the images of an example, so that all captures fit one page."""
-    height, width = photographed.scored.shape
-    numbers = 3 * photographed.image.shape[2] * images * _CHARACTERS
-    share = float(photographed.scored.mean()) * height * width / max(height, width) ** 2
-    return max(16, min(EXAMPLE_SIDE, int(math.sqrt(0.9 * BUDGET / numbers / share))))
+def _step(scored: BoolArray, planes: int) -> int:
+    """Every how many rows and columns of a mask so many planes of all captures fit one page."""
+    pixels = 0.9 * BUDGET / _CHARACTERS / planes
+    fitting = math.ceil(math.sqrt(np.count_nonzero(scored) / pixels))
+    return max(1, fitting, -(-max(scored.shape) // EXAMPLE_SIDE))
 
 
 def scene_id(entry: CaptureEntry, capture: Capture) -> str:

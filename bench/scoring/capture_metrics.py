@@ -22,8 +22,8 @@ from malus.scenes.colour import (
     RGB,
     ComparedColours,
     channel_weights,
-    compared_colours,
     differences_from,
+    weighted_colours,
 )
 from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
@@ -91,8 +91,8 @@ class CapturedPixels:
         the guess I(ϑ) = I/2 too, and not subtracted for the skill: what the fit leaves of the
         pictures is not only noise.
         """
-        estimated = np.asarray(estimated, dtype=np.float64)
-        error = Residuals.of(estimated - self.stokes, 1.0)
+        estimate: Float64Array = np.asarray(estimated, dtype=np.float64)
+        error = Residuals.of(estimate - self.stokes, 1.0)
         residuals = (error, self.noise, self._guess)
         nmse, noise, guess = nmse_by(residuals, _ANGLE_SETS).mean(axis=2)
         skill = skills(nmse, guess, 0.0, error.pixels)
@@ -100,10 +100,10 @@ class CapturedPixels:
             nmse_value, noise_value, skill_value = map(float, row)
             yield MetricValue("nmse", nmse_value, noise_value, None, angle)
             yield MetricValue("skill", skill_value, 0.0, None, angle)
-        yield from self._agreement(estimated, float(guess[0]))
-        yield MetricValue("violations", float(_violations(estimated)))
-        yield from polarisation_values(PolarisationError.of(estimated, self.stokes), self._perfect)
-        yield from self._colours(estimated)
+        yield from self._agreement(estimate, float(guess[0]))
+        yield MetricValue("violations", float(_violations(estimate)))
+        yield from polarisation_values(PolarisationError.of(estimate, self.stokes), self._perfect)
+        yield from self._colours(estimate)
 
     def errors(self, estimated: FloatArray) -> tuple[float, float]:
         """NMSE and skill of estimated Stokes vectors over the peak."""
@@ -154,7 +154,7 @@ class CapturedPixels:
     def _true_colours(self) -> ComparedColours | None:
         if self.channels not in (RGB, GREY):
             return None
-        return compared_colours(self.stokes, channel_weights(self.channels))
+        return weighted_colours(self.stokes, channel_weights(self.channels))
 
 
 def _pairs(

@@ -23,8 +23,8 @@ from malus.scenes.colour import (
     GREY,
     RGB,
     channel_weights,
-    compared_colours,
     differences_from,
+    weighted_colours,
 )
 from malus.scenes.core.arrays import FloatArray
 from malus.scenes.core.files import add_to_folder
@@ -123,7 +123,7 @@ def colour_differences(
     """
     if true.shape[-2] not in (1, 3):
         return {}  # bands of a spectrum, whose light is not that of three primaries
-    colours = compared_colours(true / white, channel_weights(RGB if true.shape[-2] == 3 else GREY))
+    colours = weighted_colours(true / white, channel_weights(RGB if true.shape[-2] == 3 else GREY))
     return {
         suffix.removeprefix("_") or f"{angle:g}": [float(values.mean()), float(values.std())]
         for suffix, angle, values in differences_from(colours, estimated / white)

@@ -19,7 +19,7 @@ def by_group(table: pd.DataFrame) -> TextTable:
     --------
     >>> from malus.reports.tables.sample import captured
     >>> by_group(captured()).lines[1][:4]
-    ['indoor', 'eq8', '3 of 3', '7.4e-5']
+    ['indoor', 'eq8', '3 of 3', '7.4e-5 (1.5e-3)']
     """
     captures = table.groupby("light", sort=False)["scene"].nunique()
     lines = []
@@ -27,14 +27,18 @@ def by_group(table: pd.DataFrame) -> TextTable:
         for method in scored_methods(table):
             rows = table[(table["light"] == group) & (table["method"] == method)]
             nmse = _values(rows, "nmse")
+            scenes = overall_rows(rows, "nmse")["scene"]
+            guess = table[(table["method"] == TRIVIAL) & table["scene"].isin(scenes)]
             if len(nmse):
                 lines.append([
-                    str(group), method, f"{len(nmse)} of {count}", scientific(nmse.mean()),
-                    *_skills(method, rows), *_colours(rows),
+                    str(group), method, f"{len(nmse)} of {count}",
+                    f"{scientific(nmse.mean())} ({scientific(_values(guess, 'nmse').mean())})",
+                    *_skills(method, rows),
+                    *(_colours(rows, guess, name) for name in ("i_max", "i_min")),
                 ])  # fmt: skip
     heads = (
-        "group", "method", "captures", "NMSE mean", "skill median", "skill worst",
-        "skill at the best scale, median", "ΔE76 of I_max", "ΔE76 of I_min",
+        "group", "method", "captures", "NMSE (of the guess there)", "skill median", "skill worst",
+        "skill at the best scale, median", "ΔE76 of I_max (guess)", "ΔE76 of I_min (guess)",
     )  # fmt: skip
     return TextTable(heads, lines)
 
@@ -47,10 +51,10 @@ def _skills(method: str, rows: pd.DataFrame) -> list[str]:
     return [skill_text(value) for value in (skill.median(), skill.min(), scaled.median())]
 
 
-def _colours(rows: pd.DataFrame) -> list[str]:
-    """Mean ΔE76 of I_max and I_min; dashes where the channels have no colour."""
-    means = [_values(rows, f"delta_e76_{name}").mean() for name in ("i_max", "i_min")]
-    return [NO_NUMBER if pd.isna(mean) else f"{mean:.2f}" for mean in means]
+def _colours(rows: pd.DataFrame, guess: pd.DataFrame, name: str) -> str:
+    """Mean ΔE76 of a method, and of the guess; a dash where the channels have no colour."""
+    means = [_values(part, f"delta_e76_{name}").mean() for part in (rows, guess)]
+    return NO_NUMBER if pd.isna(means[0]) else f"{means[0]:.2f} ({means[1]:.2f})"
 
 
 def by_capture(table: pd.DataFrame) -> TextTable:

@@ -164,5 +164,30 @@ def run() -> dict[str, Any]:
     }
 
 
+def run_of_captures() -> dict[str, Any]:
+    """The record of the captures of `captured`.
+
+    Examples
+    --------
+    >>> [capture["name"] for capture in run_of_captures()["captures"]][:2]
+    ['water', 'pmma']
+    """
+    plain = run()
+    fit = {
+        "pictures": 4, "relative_residual": 0.004, "clipped_share": 0.0, "median_dolp": 0.03,
+        "assumption": "values are linear light", "hints": [], "warnings": ["moved by 2 pixels"],
+    }  # fmt: skip
+    captures = [
+        {"name": name, "group": group, "objects": [500, 300], "fit": fit}
+        for group in ("indoor", "outdoor")
+        for name, _ in _MATERIALS
+    ]
+    kept = {key: plain[key] for key in ("finished", "versions", "machine", "seconds")}
+    suite = {"name": "sample", "description": "made up", "methods": ["unpolarised", "eq8"]}
+    failures = ["pot: pot: expected a folder of pictures, found none; check the path"]
+    record = {"suite": suite, "captures": captures, "captures_failed": 1, "failures": failures}
+    return kept | record
+
+
 def _left_out(what: str, done: int, instead_of: int, why: str, renders: int) -> dict[str, Any]:
     return {"what": what, "done": done, "instead_of": instead_of, "why": why, "renders": renders}

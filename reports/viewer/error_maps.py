@@ -20,7 +20,7 @@ from malus.reports.tables.formats import counted
 from malus.reports.templates.render import render
 from malus.reports.viewer.examples import Example
 from malus.scenes import polarisation
-from malus.scenes.colour import JUST_NOTICEABLE, compared_colours, differences_from
+from malus.scenes.colour import JUST_NOTICEABLE, differences_from, weighted_colours
 from malus.scenes.core.arrays import AnyArray, BoolArray, Float64Array
 from malus.scenes.core.errors import InputError
 
@@ -69,7 +69,7 @@ def error_maps(example: Example) -> Iterator[ErrorMap]:
     """
     true = example.truth[example.mask].astype(np.float64)
     peak = float(true[..., 0].max(initial=0.0)) or 1.0
-    colours = compared_colours(true / peak, example.colour_weights)
+    colours = weighted_colours(true / peak, example.colour_weights)
     for method, stokes in example.methods.items():
         estimated = stokes[example.mask].astype(np.float64) / peak
         for suffix, angle, values in differences_from(colours, estimated):

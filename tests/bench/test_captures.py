@@ -15,7 +15,9 @@ import tifffile
 
 import malus
 from malus.bench.running.captures import reconstruct
+from malus.bench.scoring.capture_metrics import CapturedPixels
 from malus.reconstruct import Components, Inapplicable, Method, Observation
+from malus.reports.viewer.error_maps import error_maps
 from malus.reports.viewer.examples import read_example
 from malus.scenes import InputError, polarisation
 from tests.runs import one_line, run_malus
@@ -112,6 +114,31 @@ def test_half_of_the_polarisation_has_the_scores_that_follow(user: Path) -> None
     assert value(table, "scaled_skill", "half") == pytest.approx(1.0, abs=1e-6)
     assert value(table, "skill", "unpolarised") == 0.0
     assert value(table, "violations", "half") == 0.0
+
+
+def test_a_field_against_the_true_one_is_worse_than_none(user: Path) -> None:
+    """Twice the error of the guess is four times its square, and a scale of −1 mends it."""
+    table = malus.run_captures("two.toml", "out", methods=["of_tests:wrong"], report=False).table
+    assert value(table, "skill", "wrong") == pytest.approx(-3.0, abs=1e-4)
+    assert value(table, "scale", "wrong") == pytest.approx(-1.0, abs=1e-5)
+    assert value(table, "scaled_skill", "wrong") == pytest.approx(1.0, abs=1e-6)
+    summary = malus.report("out")[-2].read_text("utf-8")
+    assert "wrong on pot: skill −3.00." in summary
+
+
+def test_rotation_is_positive_anticlockwise(user: Path) -> None:
+    capture = malus.read_capture("pot")
+    pixels = CapturedPixels.of(capture, malus.fit_capture(capture), ~capture.clipped)
+    turn = np.radians(2 * 10.0)
+    s1, s2 = pixels.stokes[..., 1], pixels.stokes[..., 2]
+    turned = pixels.stokes.copy()
+    turned[..., 1] = np.cos(turn) * s1 - np.sin(turn) * s2
+    turned[..., 2] = np.sin(turn) * s1 + np.cos(turn) * s2
+    before, after = (polarisation.aolp(stokes[0, 0]) for stokes in (pixels.stokes, turned))
+    assert np.degrees(after - before) % 180.0 == pytest.approx(10.0)  # an axis, not an arrow
+    values = {row.metric: row.value for row in pixels.values(turned)}
+    assert values["rotation"] == pytest.approx(np.sin(turn))
+    assert values["aolp_mae_deg"] == pytest.approx(10.0)
 
 
 def test_numbers_are_those_of_the_definitions(user: Path) -> None:
@@ -223,6 +250,11 @@ def test_examples_are_pixels_of_the_capture(user: Path) -> None:
     assert example.channels == ("red", "green", "blue")
     np.testing.assert_allclose(example.truth, stokes_image(0), atol=1e-6)  # float32
     assert set(example.methods) == {"unpolarised", "half", "small_only"}
+    # All pixels are kept of so small a picture, so that its error maps have the table's means.
+    maps = {(m.method, m.image): np.nanmean(m.difference) for m in error_maps(example)}
+    for image, metric in (("I_max", "delta_e76_i_max"), ("I_min", "delta_e76_i_min")):
+        mean = value(results.table, metric, "half")
+        assert maps["half", image] == pytest.approx(mean, rel=1e-5)
 
 
 def test_what_fails_is_named_and_the_others_are_scored(user: Path) -> None:

@@ -485,6 +485,30 @@ def test_skill_map_opens_its_example(opened: Browser) -> None:
     assert label in {EVIL, "second"}
 
 
+def test_captures_have_a_page_with_their_colours(browser: Browser, tmp_path: Path) -> None:
+    """Channels in place of bands, pictures above their error maps, Table I by group."""
+    table = sample.captured()
+    scene = table["scene"].iloc[0]
+    truth = np.repeat(stokes_image(1)[:, :, :1], 3, axis=2)
+    meta = {"scene": scene, "label": EVIL, "channels": ["red", "green", "blue"]}
+    (tmp_path / "examples").mkdir()
+    np.savez(tmp_path / "examples" / f"{scene}.npz", truth=truth, mask=disc(),
+             meta=np.array(json.dumps(meta)), **{"method.eq8": 0.9 * truth})  # fmt: skip
+    write_report(SimpleNamespace(table=table, run=sample.run_of_captures()), tmp_path)
+    browser.open(tmp_path / "report.html", 390)
+    assert browser.js("return document.documentElement.scrollWidth") <= 390
+    bands = browser.js("return [...document.querySelectorAll('#band option')].map(o => o.text)")
+    assert bands == ["red", "green", "blue"]
+    rows = "[...document.querySelectorAll('.error-maps tbody th')].map(h => h.textContent)"
+    assert browser.js(f"return {rows}") == ["captured", "eq8", "eq8, ΔE76"]
+    loaded = "[...document.querySelectorAll('.error-maps img')].every(i => i.naturalWidth == 40)"
+    browser.until(loaded)
+    groups = "[...document.querySelectorAll('#colour tbody th')].map(h => h.textContent)"
+    assert browser.js(f"return {groups}") == ["indoor"] * 3 + ["outdoor"] * 3
+    assert "pot: expected a folder" in browser.js("return document.body.textContent")
+    assert browser.logs() == []
+
+
 def test_page_without_examples_has_no_viewer_and_no_error(browser: Browser, tmp_path: Path) -> None:
     write_report(SimpleNamespace(table=sample.table(), run=sample.run()), tmp_path)
     browser.open(tmp_path / "report.html")
