@@ -19,7 +19,9 @@ from malus.scenes.polarisation import PAPER_ANGLES_DEG, polarised
 E, T, EE, TT, ET, E_MIN, E_MAX, T_MIN, T_MAX = range(9)
 """Columns: Σe, Σt, Σe², Σt², Σet of estimate e and truth t, and the least and largest of each."""
 
-ANALYSERS = np.stack([polarised(np.eye(3), angle) for angle in PAPER_ANGLES_DEG])
+ANALYSERS: Float64Array = np.stack(
+    [np.asarray(polarised(np.eye(3), angle), dtype=np.float64) for angle in PAPER_ANGLES_DEG]
+)
 """Weights (angles, 3) of s0, s1 and s2 in the images through the paper's polarisers."""
 
 

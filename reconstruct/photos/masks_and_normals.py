@@ -31,6 +31,8 @@ def read_mask(path: Path | str, shape: tuple[int, int]) -> BoolArray:
 MOST_OBJECTS = 255
 """Most objects that a label image may have: more are a photograph, or the marks of a JPEG."""
 
+_OBJECTS = f"black and 1 to {MOST_OBJECTS} other values, one an object"
+
 
 def read_labels(path: Path | str, shape: tuple[int, int]) -> IntArray:
     """Label image (height, width): 0 where black, and a number from 1 for every other value.
@@ -46,14 +48,25 @@ def read_labels(path: Path | str, shape: tuple[int, int]) -> IntArray:
     path = Path(path)
     values = read_picture(path, linear=True).linear
     _check_shape(path, values.shape[:2], shape)
-    colours, labels = np.unique(values.reshape(-1, values.shape[-1]), axis=0, return_inverse=True)
-    dark = ~colours.any(axis=1)
-    objects = int(np.count_nonzero(~dark))
-    if not 1 <= objects <= MOST_OBJECTS:
-        expected = f"black and 1 to {MOST_OBJECTS} other values, one an object"
-        raise InputError(str(path), expected, f"{objects} others", "write labels as a PNG")
-    numbers = np.where(dark, 0, np.cumsum(~dark))
+    codes = np.zeros(values.shape[:2], np.int64)
+    for channel in np.moveaxis(values, -1, 0):
+        levels, ranks = np.unique(channel, return_inverse=True)
+        _check_objects(path, len(levels) - 1)  # of a photograph, before it is sorted by colour
+        codes = codes * len(levels) + ranks.reshape(codes.shape)
+    distinct, labels = np.unique(codes, return_inverse=True)
+    light = np.zeros(len(distinct), bool)
+    light[labels.ravel()] = values.any(axis=-1).ravel()
+    if not light.any():
+        raise InputError(str(path), _OBJECTS, "black alone", "check the labels")
+    _check_objects(path, int(np.count_nonzero(light)))
+    numbers = np.where(light, np.cumsum(light), 0)
     return np.asarray(numbers[labels.ravel()].reshape(shape))
+
+
+def _check_objects(path: Path, objects: int) -> None:
+    if objects > MOST_OBJECTS:
+        hint = "write labels as a PNG: lossy files mix values"
+        raise InputError(str(path), _OBJECTS, f"more than {MOST_OBJECTS}", hint)
 
 
 def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:

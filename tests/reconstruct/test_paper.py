@@ -90,9 +90,10 @@ def test_equations_7_and_9_to_12_and_the_phase() -> None:
 
 def test_the_light_is_gray_worlds_over_the_whole_picture() -> None:
     truth = sphere(coloured=True)
-    told = Observation(truth.image, truth.mask)
-    result = run_paper(replace(told, specular=truth.specular[..., 0], normals=truth.normals))
-    mean = truth.image.mean(axis=(0, 1))
+    wall = np.where(truth.mask[..., None], truth.image, [0.2, 0.1, 0.1])
+    told = Observation(wall, truth.mask, normals=truth.normals)
+    result = run_paper(replace(told, specular=truth.specular[..., 0]))
+    mean = wall.mean(axis=(0, 1))
     np.testing.assert_allclose(result.observation.illuminant, mean / mean.mean(), rtol=1e-12)
 
 
@@ -189,6 +190,20 @@ def test_label_images_count_from_the_darkest(tmp_path: Path) -> None:
     known = read_knowledge((2, 2), labels=tmp_path / "labels.png")
     assert known.labels.tolist() == [[0, 2], [1, 2]]
     assert known.mask.tolist() == [[False, True], [True, True]]
+
+
+def test_colours_are_labels_and_a_photograph_is_not(tmp_path: Path) -> None:
+    colours = np.zeros((2, 2, 3), np.uint8)
+    colours[0, 1], colours[1] = (0, 0, 9), (9, 0, 0)
+    PIL.Image.fromarray(colours).save(tmp_path / "colours.png")
+    known = read_knowledge((2, 2), labels=tmp_path / "colours.png")
+    assert known.labels.tolist() == [[0, 1], [2, 2]]
+    noise = np.random.default_rng(0).integers(0, 256, (40, 40, 3), dtype=np.uint8)
+    PIL.Image.fromarray(noise).save(tmp_path / "photo.png")
+    with pytest.raises(InputError, match="found more than 255; write labels as a PNG"):
+        read_knowledge((40, 40), labels=tmp_path / "photo.png")
+    with pytest.raises(InputError, match="the picture's size, 3 x 2"):
+        read_knowledge((2, 3), labels=tmp_path / "colours.png")
 
 
 def test_any_method_can_be_named(tmp_path: Path) -> None:
