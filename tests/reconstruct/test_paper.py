@@ -14,6 +14,7 @@ from malus.bench.commands.filter import filter_command
 from malus.bench.scoring.observe import INPUTS, observe
 from malus.reconstruct import Inapplicable, Observation, get_method
 from malus.reconstruct.photos.estimate import Knowledge, estimate, read_knowledge
+from malus.reconstruct.single_image.blind import run_chain
 from malus.reconstruct.single_image.paper import PAPER_SEPARATIONS, STAGES, paper, run_paper
 from malus.reconstruct.single_image.separation import separate
 from malus.renderers import render
@@ -128,10 +129,30 @@ def test_what_each_stage_found_is_told() -> None:
     assert "separated by colour: maximum chromaticity" in " ".join(run_paper(coloured).statements)
 
 
-def test_gray_world_on_one_coloured_object_is_refused_or_told() -> None:
+def test_gray_world_on_one_coloured_object_costs_its_skill_and_is_warned_of() -> None:
     """Its mean is the object's own colour: what is left is no picture of a shape."""
+    truth = sphere(coloured=True)
+    astray = run_paper(observe(truth, frozenset()))
+    assert any("did not converge" in warning for warning in astray.warnings)
+    told = observe(truth, frozenset({"illuminant"}))
     with pytest.raises(Inapplicable, match="no shape explains"):
-        paper(observe(sphere(coloured=True), frozenset()))
+        run_chain(replace(told, image=told.image / astray.observation.illuminant))
+    true, (worse, better) = truth.stokes, (astray.components, paper(told))
+    errors = [np.square((c.stokes - true)[truth.mask]).sum() for c in (worse, better)]
+    assert errors[0] > 2 * errors[1]
+
+
+def test_a_picture_that_nothing_explains_is_not_refused() -> None:
+    """The paper has an answer for every picture."""
+    truth = sphere()
+    noise = 1.0 * (np.random.default_rng(0).random(truth.image.shape) > 0.5)
+    result = run_paper(Observation(noise, truth.mask))
+    assert result.warnings
+    assert not result.components.converged
+    assert any("but no single light explains" in statement for statement in result.statements)
+    dark = Observation(np.zeros_like(truth.image), truth.mask)
+    with pytest.raises(Inapplicable, match="dark"):
+        paper(dark)
 
 
 def two_objects() -> tuple[np.ndarray, np.ndarray]:
@@ -155,7 +176,7 @@ def test_objects_are_estimated_one_by_one() -> None:
 
 def test_an_object_that_fails_costs_itself() -> None:
     picture, labels = two_objects()
-    picture[labels == 2] = np.random.default_rng(0).random((np.sum(labels == 2), 1)) ** 8
+    picture[labels == 2] = 0
     done = estimate(picture, Knowledge(labels=labels, method="paper"), "two")
     assert any(w.startswith("object 2 is left unpolarised") for w in done.warnings)
     assert done.components.s1[labels == 1].any()

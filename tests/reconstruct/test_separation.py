@@ -143,6 +143,15 @@ def test_noise_in_the_dark_is_no_highlight() -> None:
     np.testing.assert_allclose(parts.diffuse + parts.specular, body, rtol=1e-14)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_primaries_and_greys_are_separated(method: str) -> None:
+    """Their chromaticities are 1 and 1/3, or what rounding makes of them."""
+    image = 1.0 * (np.random.default_rng(0).random((24, 24, 3)) > 0.5)
+    light, mask = image.mean(axis=(0, 1)), np.ones((24, 24), bool)
+    parts = separate(image, mask, light / light.mean(), method)
+    np.testing.assert_allclose(parts.diffuse + parts.specular, image, rtol=1e-12)
+
+
 HAND_BODY = np.array([6.0, 3.0, 1.0])
 """Sum 10, largest chromaticity Λ = 0.6."""
 HAND_PIXELS = {
