@@ -134,12 +134,20 @@ def run_paper(
 def paper(observation: Observation, separation: str = TAN) -> Components:
     """Polarisation components by the paper's own chain, from one picture and its mask.
 
-    Parameters, errors and sources as of `run_paper`.
+    Parameters
+    ----------
+    observation, separation
+        As for `run_paper`, which also tells what each stage found.
 
     Returns
     -------
     Components
         (height, width, bands), in the unit of the image.
+
+    Raises
+    ------
+    Inapplicable, InputError
+        As `run_paper` does.
 
     Examples
     --------
