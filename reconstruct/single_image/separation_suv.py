@@ -43,7 +43,9 @@ def suv_diffuse(space: SourceSpace, steps: int | None = None) -> Image:
     limit = steps if steps is not None else min(2 * sum(space.lit.shape), _MAX_STEPS)
     box = _box(space.lit)
     result = space.intensity.copy()
-    result[box] = _eroded(SourceSpace(*(plane[box] for plane in space)), limit)
+    balanced, intensity, chroma, lit = space
+    part = SourceSpace(balanced[box], intensity[box], chroma[box], lit[box])
+    result[box] = _eroded(part, limit)
     return result
 
 
