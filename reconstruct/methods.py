@@ -96,7 +96,10 @@ def methods() -> dict[str, Method]:
     declared = [
         TRIVIAL,
         *(Method(*entry, per_pixel=True, per_band=True) for entry in per_pixel_methods()),
-        *(Method(*entry, optional=stages) for *entry, stages in whole_picture_methods()),
+        *(
+            Method(name, needs, reconstruct, summary, optional=optional)
+            for name, needs, reconstruct, summary, optional in whole_picture_methods()
+        ),
     ]
     by_name = {method.name: method for method in declared}
     for entry_point in importlib.metadata.entry_points(group=ENTRY_POINTS):

@@ -6,7 +6,7 @@ template in `templates/`, and name the function in `SECTIONS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import pandas as pd
@@ -91,7 +91,7 @@ def figures(source: Source) -> Section | None:
     """Every figure with the numbers behind it."""
     if not source.drawings:
         return None
-    content = render("figures.html", explanation="", drawings=source.drawings, origin="")
+    content = render("figures.html", explanation="", lines=[], drawings=source.drawings, origin="")
     return Section("figures", "Errors", content)
 
 
@@ -100,7 +100,11 @@ def ladder(source: Source) -> Section | None:
     if not source.ladders:
         return None
     content = render(
-        "figures.html", explanation=sentences.LADDER, drawings=source.ladders, origin=""
+        "figures.html",
+        explanation=sentences.LADDER,
+        lines=[],
+        drawings=source.ladders,
+        origin="",
     )
     return Section("ladder", "Where the error comes from", content)
 
@@ -201,8 +205,8 @@ def of_study(study: StudyTables) -> list[Section]:
         text = sentences.PRECISION
         sections.append(_figures(study, "precision", "Error against run time", text))
     if study.readings is not None:
-        verdict = " ".join(verdicts(by_dataset(study.readings)))
-        sections.append(_figures(study, "readings", "The paper's numbers", verdict))
+        first, *others = verdicts(by_dataset(study.readings))
+        sections.append(_figures(study, "readings", "The paper's numbers", first, others))
     if study.mismatch is not None:
         text = sentences.PRICES
         sections.append(_figures(study, "prices", "What assumptions cost", text))
@@ -214,11 +218,14 @@ def of_study(study: StudyTables) -> list[Section]:
     return sections
 
 
-def _figures(study: StudyTables, name: str, title: str, explanation: str) -> Section:
+def _figures(
+    study: StudyTables, name: str, title: str, explanation: str, lines: Sequence[str] = ()
+) -> Section:
     """A section of a study that has a figure."""
     content = render(
         "figures.html",
         explanation=explanation,
+        lines=lines,
         drawings=study.drawings,
         origin=_origin(study.run),
     )

@@ -18,6 +18,7 @@ from malus.renderers.families.family import render_family
 from malus.renderers.variant import Variant, choose
 from malus.reports.tables.separation import separation_cells
 from malus.scenes.core.files import write_whole
+from malus.scenes.materials.surface import Dielectric
 from malus.scenes.scene import Sampling, Scene
 
 
@@ -54,6 +55,7 @@ def separation_table(variant: Variant, every: int = 24, resolution: int = 48) ->
 def _rows(scene: Scene, variant: Variant) -> Iterator[dict[str, Any]]:
     family = render_family([scene], Sampling(samples=SAMPLES), variant, errors=False)
     row = separation_row(family.truth(scene, standard_error=False))
+    assert isinstance(scene.surface, Dielectric)
     for name in SEPARATIONS:
         yield {
             "shape": row["shape"],

@@ -324,7 +324,8 @@ def _by_method(
 ) -> tuple[Components, tuple[str, ...]]:
     """Components by the method that is named, and what was assumed."""
     method = get_method(knowledge.method or "")
-    filled, statements = observation, ()
+    filled = observation
+    statements: tuple[str, ...] = ()
     if method.needs & {"specular", "diffuse"}:
         filled, statements = _with_lobes(observation, knowledge)
     _require(filled, method.needs)

@@ -32,21 +32,37 @@ def require_distant(observation: Observation) -> None:
         )
 
 
-def light_of(observation: Observation) -> tuple[Float64Array, float | None, tuple[str, ...]]:
-    """Direction (3,) of the light, its irradiance if given, and what was assumed, in words."""
+def light_of(
+    observation: Observation, refuse: bool = True
+) -> tuple[Float64Array, float | None, tuple[str, ...]]:
+    """Direction (3,) of the light, its irradiance if given, and what was assumed, in words.
+
+    Without `refuse` the best direction is taken, and told of, where none explains the shading.
+    """
     light = observation.light
     if isinstance(light, Distant):
         return np.array(light.direction), light.irradiance, ()
+    pixels, normals = _shaded(observation)
+    but = ""
+    try:
+        direction = estimate_direction(pixels, normals)
+    except Inapplicable as reason:
+        if refuse or not pixels.any():
+            raise
+        direction, but = estimate_direction(pixels, normals, refuse=False), f", but {reason}"
+    incidence = np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0)))
+    return direction, None, (f"one distant light, estimated {incidence:.0f}° from the viewer{but}",)
+
+
+def _shaded(observation: Observation) -> tuple[Float64Array, Float64Array]:
+    """Radiances (n,) and normals (n, 3), those of the outline where none are given."""
     if observation.normals is None:
         reduced = reduce(observation.image, observation.mask, None, 48)
         components = outline_of(reduced.mask).inflated()
         n_z = np.sqrt(np.clip(1.0 - (components**2).sum(axis=1), 0.0, None))
-        direction = estimate_direction(reduced.total, np.column_stack([components, n_z]))
-    else:
-        pixels, normals = _sampled(observation, observation.normals)
-        direction = estimate_direction(pixels.mean(axis=1), normals)
-    incidence = np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0)))
-    return direction, None, (f"one distant light, estimated {incidence:.0f}° from the viewer",)
+        return reduced.total, np.column_stack([components, n_z])
+    pixels, normals = _sampled(observation, observation.normals)
+    return pixels.mean(axis=1), normals
 
 
 def mean_or_none(value: float | NumberArray | None) -> float | None:

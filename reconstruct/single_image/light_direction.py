@@ -17,7 +17,9 @@ _UNEXPLAINED = 0.25
 """Residual over the largest value above which the shading is not that of a single light."""
 
 
-def estimate_direction(pixels: Float64Array, normals: Float64Array) -> Float64Array:
+def estimate_direction(
+    pixels: Float64Array, normals: Float64Array, refuse: bool = True
+) -> Float64Array:
     """Unit vector (3,) towards the one distant light that explains the shading best.
 
     A Lambertian body with a highlight is fitted for directions on a grid; the best of them is
@@ -27,6 +29,8 @@ def estimate_direction(pixels: Float64Array, normals: Float64Array) -> Float64Ar
     ----------
     pixels : (n,) radiances
     normals : (n, 3) unit normals, for example those that the outline suggests
+    refuse : bool
+        False returns the best direction also where it does not explain the shading.
 
     Returns
     -------
@@ -35,7 +39,7 @@ def estimate_direction(pixels: Float64Array, normals: Float64Array) -> Float64Ar
     Raises
     ------
     Inapplicable
-        If the object is dark, or no direction explains its shading.
+        If the object is dark, or no direction explains its shading and `refuse` is true.
 
     Notes
     -----
@@ -66,7 +70,7 @@ def estimate_direction(pixels: Float64Array, normals: Float64Array) -> Float64Ar
     grid = np.radians([(i, a) for i in _INCIDENCES_DEG for a in _AZIMUTHS_DEG])
     start = min(grid, key=cost)
     minimum = minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6})
-    if not minimum.fun < _UNEXPLAINED:
+    if refuse and not minimum.fun < _UNEXPLAINED:
         raise Inapplicable(
             f"no single light explains the shading: residual {minimum.fun:.0%} of its largest value"
         )

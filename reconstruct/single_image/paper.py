@@ -13,7 +13,8 @@ the paper leaves open is decided here, once:
   and Robles-Kelly (2009). It takes the body for Lambertian, as the paper does, and one distant
   light, whose direction is estimated. There is one η and one σ = 1/α² for an object and all its
   bands, and η is assumed (1.5) where nobody tells the light's irradiance, without which no picture
-  shows it.
+  shows it. The paper's chain refuses no picture: the best light and the best smooth shape are used
+  also where they do not explain it, and a warning says so.
 * R. Equation 8 as printed (measure dr dφ), over the facets that the viewer sees.
 * I_max, I_min. Equations 7 and 9 to 12; diffuse light is unpolarised.
 * ψ. The azimuth of the normal.
@@ -82,7 +83,7 @@ def run_paper(
     Raises
     ------
     Inapplicable
-        If a stage fails: a dark picture, no outline, or no shape that explains the picture.
+        If a stage has nothing to work on: a dark picture, no outline, no pixel with a normal.
     InputError
         If there is no such separation.
 
@@ -133,12 +134,20 @@ def run_paper(
 def paper(observation: Observation, separation: str = TAN) -> Components:
     """Polarisation components by the paper's own chain, from one picture and its mask.
 
-    Parameters, errors and sources as of `run_paper`.
+    Parameters
+    ----------
+    observation, separation
+        As for `run_paper`, which also tells what each stage found.
 
     Returns
     -------
     Components
         (height, width, bands), in the unit of the image.
+
+    Raises
+    ------
+    Inapplicable, InputError
+        As `run_paper` does.
 
     Examples
     --------
@@ -200,12 +209,14 @@ def _geometry(balanced: Observation, specular: Image | None, calibrated: bool) -
     normals, eta, alpha = balanced.normals, balanced.eta, balanced.alpha
     if normals is not None and eta is not None and alpha is not None and specular is not None:
         return _Geometry(normals, eta, alpha, balanced.light)
-    direction, irradiance, about_light = light_of(balanced)
+    direction, irradiance, about_light = light_of(balanced, refuse=False)
     irradiance = irradiance if calibrated else None
     given = GivenParameters(irradiance, mean_or_none(eta), mean_or_none(alpha), "unpolarised")
     convergence, about_shape = None, ("normals as given",)
     if normals is None:
-        shape = recover_shape(balanced.image, balanced.mask, direction, given, specular)
+        shape = recover_shape(
+            balanced.image, balanced.mask, direction, given, specular, refuse=False
+        )
         normals, fit, convergence = shape.normals, shape.parameters, shape.convergence
         about_shape = (convergence.statement,)
     else:

@@ -54,6 +54,8 @@ def _diffuse_chromaticity(chromaticity: Image, bands: int) -> float:
     """Λ: the highest bin of the histogram that enough pixels reach."""
     if chromaticity.size == 0:
         return 1.0
+    # Of one primary alone, or of grey, rounding would leave the range of the bins.
+    chromaticity = np.clip(chromaticity, 1.0 / bands, 1.0)
     counts, edges = np.histogram(chromaticity, bins=_BINS, range=(1.0 / bands, 1.0))
     reached = np.cumsum(counts[::-1])[::-1] >= max(1.0, _POPULATED * chromaticity.size)
     last = int(np.flatnonzero(reached)[-1])

@@ -40,11 +40,27 @@ def suv_diffuse(space: SourceSpace, steps: int | None = None) -> Image:
     >>> round(suv_diffuse(space)[2, 2].item(), 3)
     2.0
     """
+    limit = steps if steps is not None else min(2 * sum(space.lit.shape), _MAX_STEPS)
+    box = _box(space.lit)
+    result = space.intensity.copy()
+    balanced, intensity, chroma, lit = space
+    part = SourceSpace(balanced[box], intensity[box], chroma[box], lit[box])
+    result[box] = _eroded(part, limit)
+    return result
+
+
+def _box(lit: BoolArray) -> tuple[slice, slice]:
+    """The part of the picture that holds the object: erosion elsewhere would cost for nothing."""
+    rows, columns = (np.flatnonzero(lit.any(axis=axis)) for axis in (1, 0))
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+
+
+def _eroded(space: SourceSpace, limit: int) -> Image:
+    """Diffuse intensity of a picture that the object fills, by at most `limit` steps."""
     floor = 1e-3 * float(np.quantile(space.chroma[space.lit], 0.98)) + np.finfo(np.float32).tiny
     coloured = space.lit & (space.chroma > floor)
     slope = np.where(coloured, space.intensity, 0) / np.maximum(space.chroma, floor)
     stops = _stopping_functions(space, coloured)
-    limit = steps if steps is not None else min(2 * sum(slope.shape), _MAX_STEPS)
     smallest = float(slope[coloured].min())
     for _ in range(limit):
         decrease = _erosion(slope, stops)

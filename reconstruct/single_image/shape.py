@@ -129,6 +129,7 @@ def recover_shape(
     given: GivenParameters | None = None,
     specular: Image | None = None,
     size: int = 48,
+    refuse: bool = True,
 ) -> RecoveredShape:
     """Recover normals, roughness, index and albedo of one object from its picture.
 
@@ -143,6 +144,9 @@ def recover_shape(
         Specular light, where it was separated by colour.
     size : int
         Pixels along the longer side of the copy on which normals are searched.
+    refuse : bool
+        False returns a smooth shape also where it does not explain the picture; its `convergence`
+        warns of it.
 
     Returns
     -------
@@ -183,12 +187,13 @@ def recover_shape(
         ]
         candidates = _distinct(candidates)
         error = candidates[0].error
-        if smoothness <= JUDGED and not error < FAILED:
+        unexplained = smoothness <= JUDGED and not error < FAILED
+        if unexplained and (refuse or not np.isfinite(error)):
             residual = f"{error:.0%} of" if error < 10.0 else "more than ten times"
             raise Inapplicable(
                 f"no shape explains the picture: residual {residual} its largest value"
             )
-        if error < STOP:
+        if unexplained or error < STOP:
             break
     best, rival = _chosen(candidates)
     starts = sum(c.starts for c in candidates if c.body == best.body)

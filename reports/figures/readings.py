@@ -102,8 +102,6 @@ def _legend(figure: Figure, ax: Axes, albedos: list[float]) -> None:
         f"the paper's Figure 5: {PAPER_RANGE}, whatever the index and roughness": ax.axhspan(
             np.nan, np.nan, color="#f0e3b8"
         ),
-        "▼ below the panel: zero but for rounding": ax.plot([], [], "v", color=INK, markersize=4)[
-            0
-        ],
+        "below the panel: zero but for rounding": ax.plot([], [], "v", color=INK, markersize=4)[0],
     }
     figure.legend([*handles, *more.values()], [*labels, *more], loc="outside lower center", ncols=3)

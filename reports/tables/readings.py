@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from malus.reports.tables.formats import NO_NUMBER, scientific
@@ -111,9 +113,19 @@ def verdicts(datasets: pd.DataFrame) -> list[str]:
         ratio = datasets["alpha_high"] / datasets["alpha_low"]
         nearest = datasets.assign(ratio=ratio)[datasets["height"] & datasets["flat_eta"]]
         lines += [
-            f"Nearest: {_where(row)}; over the roughness it changes {row['ratio']:.2g} times."
+            f"Nearest: {_where(row)}; over the roughness the largest is {row['ratio']:.0f} times"
+            " the least."
             for row in nearest.sort_values("ratio").head(3).to_dict("records")
         ]
+    better = datasets[(datasets["guess"] > datasets["mean"]) & datasets["flat_eta"]]
+    off = np.abs(np.log(better["mean"] / math.sqrt(PAPER_NMSE[0] * PAPER_NMSE[1])))
+    lines += [
+        f"Nearest in height where eq8 beats the guess and is as flat over the index: {_where(row)}."
+        for row in better.assign(off=off)
+        .sort_values("off", kind="stable")
+        .head(1)
+        .to_dict("records")
+    ]
     by_reading = datasets[datasets["height"]].groupby("reading").size()
     counted = [f"{name} ({by_reading[name]})" for name in distinct(datasets["reading"])
                if name in by_reading]  # fmt: skip

@@ -178,3 +178,17 @@ def test_parts_of_a_chain_that_climbs_add_up_from_its_last_rung() -> None:
     ]  # fmt: skip
     assert parts["increment"].tolist() == [0.5, 1.5, 1.0, 2.0, 1.0, 2.0, 1.0]
     assert parts["nmse"].tolist()[-1] == 9.0
+
+
+def test_rungs_keep_their_order_where_the_first_scene_lacks_some() -> None:
+    """A method that did not apply there has no error on them, but a reason."""
+    common = {"body": "unpolarised", "method": "paper", "noise": 0.0, "band_nm": None,
+              "angle_deg": None}  # fmt: skip
+    rows = [
+        common | {"scene": scene, "knowledge": rung, "metric": metric, "value": 1.0}
+        for scene, missing in (("a", {EVERYTHING, "light given"}), ("b", set()))
+        for rung in (EVERYTHING, *GIVEN_RUNGS)
+        for metric in ("inapplicable" if rung in missing else "nmse",)
+    ]
+    sources = ladder_numbers(pd.DataFrame(rows))["source"].tolist()
+    assert sources[2:] == [name.replace("given", "estimated") for name in reversed(GIVEN_RUNGS)]

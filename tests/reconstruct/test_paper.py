@@ -14,6 +14,7 @@ from malus.bench.commands.filter import filter_command
 from malus.bench.scoring.observe import INPUTS, observe
 from malus.reconstruct import Inapplicable, Observation, get_method
 from malus.reconstruct.photos.estimate import Knowledge, estimate, read_knowledge
+from malus.reconstruct.single_image.blind import run_chain
 from malus.reconstruct.single_image.paper import PAPER_SEPARATIONS, STAGES, paper, run_paper
 from malus.reconstruct.single_image.separation import separate
 from malus.renderers import render
@@ -90,9 +91,10 @@ def test_equations_7_and_9_to_12_and_the_phase() -> None:
 
 def test_the_light_is_gray_worlds_over_the_whole_picture() -> None:
     truth = sphere(coloured=True)
-    told = Observation(truth.image, truth.mask)
-    result = run_paper(replace(told, specular=truth.specular[..., 0], normals=truth.normals))
-    mean = truth.image.mean(axis=(0, 1))
+    wall = np.where(truth.mask[..., None], truth.image, [0.2, 0.1, 0.1])
+    told = Observation(wall, truth.mask, normals=truth.normals)
+    result = run_paper(replace(told, specular=truth.specular[..., 0]))
+    mean = wall.mean(axis=(0, 1))
     np.testing.assert_allclose(result.observation.illuminant, mean / mean.mean(), rtol=1e-12)
 
 
@@ -127,10 +129,30 @@ def test_what_each_stage_found_is_told() -> None:
     assert "separated by colour: maximum chromaticity" in " ".join(run_paper(coloured).statements)
 
 
-def test_gray_world_on_one_coloured_object_is_refused_or_told() -> None:
+def test_gray_world_on_one_coloured_object_costs_its_skill_and_is_warned_of() -> None:
     """Its mean is the object's own colour: what is left is no picture of a shape."""
+    truth = sphere(coloured=True)
+    astray = run_paper(observe(truth, frozenset()))
+    assert any("did not converge" in warning for warning in astray.warnings)
+    told = observe(truth, frozenset({"illuminant"}))
     with pytest.raises(Inapplicable, match="no shape explains"):
-        paper(observe(sphere(coloured=True), frozenset()))
+        run_chain(replace(told, image=told.image / astray.observation.illuminant))
+    true, (worse, better) = truth.stokes, (astray.components, paper(told))
+    errors = [np.square((c.stokes - true)[truth.mask]).sum() for c in (worse, better)]
+    assert errors[0] > 2 * errors[1]
+
+
+def test_a_picture_that_nothing_explains_is_not_refused() -> None:
+    """The paper has an answer for every picture."""
+    truth = sphere()
+    noise = 1.0 * (np.random.default_rng(0).random(truth.image.shape) > 0.5)
+    result = run_paper(Observation(noise, truth.mask))
+    assert result.warnings
+    assert not result.components.converged
+    assert any("but no single light explains" in statement for statement in result.statements)
+    dark = Observation(np.zeros_like(truth.image), truth.mask)
+    with pytest.raises(Inapplicable, match="dark"):
+        paper(dark)
 
 
 def two_objects() -> tuple[np.ndarray, np.ndarray]:
@@ -154,7 +176,7 @@ def test_objects_are_estimated_one_by_one() -> None:
 
 def test_an_object_that_fails_costs_itself() -> None:
     picture, labels = two_objects()
-    picture[labels == 2] = np.random.default_rng(0).random((np.sum(labels == 2), 1)) ** 8
+    picture[labels == 2] = 0
     done = estimate(picture, Knowledge(labels=labels, method="paper"), "two")
     assert any(w.startswith("object 2 is left unpolarised") for w in done.warnings)
     assert done.components.s1[labels == 1].any()
@@ -189,6 +211,20 @@ def test_label_images_count_from_the_darkest(tmp_path: Path) -> None:
     known = read_knowledge((2, 2), labels=tmp_path / "labels.png")
     assert known.labels.tolist() == [[0, 2], [1, 2]]
     assert known.mask.tolist() == [[False, True], [True, True]]
+
+
+def test_colours_are_labels_and_a_photograph_is_not(tmp_path: Path) -> None:
+    colours = np.zeros((2, 2, 3), np.uint8)
+    colours[0, 1], colours[1] = (0, 0, 9), (9, 0, 0)
+    PIL.Image.fromarray(colours).save(tmp_path / "colours.png")
+    known = read_knowledge((2, 2), labels=tmp_path / "colours.png")
+    assert known.labels.tolist() == [[0, 1], [2, 2]]
+    noise = np.random.default_rng(0).integers(0, 256, (40, 40, 3), dtype=np.uint8)
+    PIL.Image.fromarray(noise).save(tmp_path / "photo.png")
+    with pytest.raises(InputError, match="found more than 255; write labels as a PNG"):
+        read_knowledge((40, 40), labels=tmp_path / "photo.png")
+    with pytest.raises(InputError, match="the picture's size, 3 x 2"):
+        read_knowledge((2, 3), labels=tmp_path / "colours.png")
 
 
 def test_any_method_can_be_named(tmp_path: Path) -> None:

@@ -143,6 +143,27 @@ def test_noise_in_the_dark_is_no_highlight() -> None:
     np.testing.assert_allclose(parts.diffuse + parts.specular, body, rtol=1e-14)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_primaries_and_greys_are_separated(method: str) -> None:
+    """Their chromaticities are 1 and 1/3, or what rounding makes of them."""
+    image = 1.0 * (np.random.default_rng(0).random((24, 24, 3)) > 0.5)
+    light, mask = image.mean(axis=(0, 1)), np.ones((24, 24), bool)
+    parts = separate(image, mask, light / light.mean(), method)
+    np.testing.assert_allclose(parts.diffuse + parts.specular, image, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_wider_frame_changes_nothing(method: str) -> None:
+    body, glare = dichromatic(side=32)
+    mask = np.ones(body.shape[:2], bool)
+    wide = np.pad(body + glare, ((5, 40), (60, 3), (0, 0)), constant_values=0.3)
+    wide_mask = np.pad(mask, ((5, 40), (60, 3)))
+    alone = separate(body + glare, mask, method=method).specular
+    inside = separate(wide, wide_mask, method=method).specular[wide_mask]
+    # Erosion may take more steps in the wider frame; both have settled to 1e-5.
+    np.testing.assert_allclose(inside, alone[mask], atol=1e-4)
+
+
 HAND_BODY = np.array([6.0, 3.0, 1.0])
 """Sum 10, largest chromaticity Λ = 0.6."""
 HAND_PIXELS = {

@@ -18,7 +18,7 @@ from markupsafe import escape
 
 from malus.reports import write_report
 from malus.reports.figures.drawings import drawings, ladders
-from malus.reports.figures.figure5 import figure5, figure5_by_light, numbers
+from malus.reports.figures.figure5 import both_panels, figure5, figure5_by_light, numbers
 from malus.reports.figures.figure9 import figure9
 from malus.reports.figures.ladder import figure_ladder, ladder_numbers
 from malus.reports.figures.panels import spread
@@ -133,6 +133,34 @@ def test_legend_says_which_lights_a_partial_mean_covers(table: pd.DataFrame) -> 
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "half_vector: only distant 60°" in labels
     assert "eq8" in labels
+
+
+def with_own_range(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with errors in each image's own range: a thousand times the others."""
+    errors = table[table["metric"] == "nmse"]
+    second = errors.assign(metric="nmse_own_range", value=1e3 * errors["value"], noise=math.nan)
+    return pd.concat([table, second[second["angle_deg"].isna()]], ignore_index=True)
+
+
+def test_the_likeliest_reading_is_a_second_curve(table: pd.DataFrame) -> None:
+    plain, both = both_panels(table), both_panels(with_own_range(table))
+    # What was there stays, line by line; the second curve follows.
+    pd.testing.assert_frame_equal(both.iloc[: len(plain)], plain, check_dtype=False)
+    second = both.iloc[len(plain) :]
+    assert set(second["method"]) == {"eq8, each image to [0, 1] by its own range"}
+    eq8 = plain[plain["method"] == "eq8"]
+    np.testing.assert_allclose(second["mean"], 1e3 * eq8["mean"], rtol=1e-12)
+    for draw, by_light in ((figure5, False), (figure5_by_light, True)):
+        figure = draw(with_own_range(table), "unpolarised")
+        labels = [" ".join(text.get_text().split()) for text in figure.legends[0].get_texts()]
+        assert labels[-1] == "eq8, each image to [0, 1] by its own range"
+        values = both_panels(with_own_range(table), by_light)["mean"]
+        assert all(ax.get_ylim()[1] >= values.max() for ax in figure.axes)
+        lines = [line for line in figure.axes[0].get_lines() if line.get_marker() == "*"]
+        assert len(lines) == 1
+    assert not any(
+        line.get_marker() == "*" for line in figure5(table, "unpolarised").axes[0].get_lines()
+    )
 
 
 def test_coverage_of_part_of_a_light(table: pd.DataFrame) -> None:
