@@ -20,6 +20,11 @@ NOISE = (
     "Monte Carlo noise of the truth adds to every NMSE: the expected part stands beside it, and is"
     " subtracted from the method's and the trivial guess's NMSE before their skill is formed."
 )
+CIRCULAR = (
+    "Where a metal mirrors light that is polarised already, the truth has a fourth Stokes"
+    " component, s3. No polariser shows it and no method estimates it; rms over the object, over"
+    " the peak."
+)
 ERROR_MAPS = (
     "Colour difference of every pixel between reconstruction and truth, scaled as in the paper's"
     " Figures 6 to 8: black is no error, white is 10 just noticeable differences of 2.3 each."
