@@ -123,6 +123,7 @@ def export(
 def write_numpy(folder: Path, truth: Truth) -> None:
     """The arrays of a truth as `truth.npz`, without pickle; lobes where they are known."""
     lobes: dict[str, Any] = {"specular": truth.specular, "diffuse": truth.diffuse}
+    circular: dict[str, Any] = {} if truth.s3 is None else {"s3": truth.s3}
     np.savez(
         folder / "truth.npz",
         stokes=truth.stokes,
@@ -136,7 +137,7 @@ def write_numpy(folder: Path, truth: Truth) -> None:
         wavelengths_nm=np.array(truth.scene.wavelengths_nm),
         eta=truth.eta,
         alpha=np.array(truth.alpha),
-        **({} if truth.s3 is None else {"s3": truth.s3}),
+        **circular,
     )
 
 
