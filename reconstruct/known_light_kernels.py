@@ -17,12 +17,14 @@ _LOWEST = -40.0  # exp(−40) = 4e-18 is below every rounding, and leaving it ou
 @compiled
 def facet_weight(n_h: float, n_l: float, inverse_alpha: float, ggx: bool) -> float:
     """Density of facets at N·H, Beckmann's or GGX, times Smith's shadowing of the light at N·L."""
-    if n_l <= 0.0 or n_h <= 1e-3:
+    if n_l <= 0.0 or n_h <= 0.0:
         return 0.0
     squared = n_h * n_h
     if ggx:
         spread = squared + (1.0 - squared) * inverse_alpha * inverse_alpha
         return shadowing_ggx(n_l, inverse_alpha) / (spread * spread)
+    if n_h <= 1e-3:
+        return 0.0
     exponent = (1.0 - 1.0 / squared) * inverse_alpha * inverse_alpha
     if exponent < _LOWEST:
         return 0.0

@@ -135,22 +135,20 @@ class Truth:
     def _shifted(self, sign: float) -> Truth:
         """The truth of the first (sign 1) or the second (sign -1) half of the samples."""
         # An independent half has twice the variance of the mean of two.
-        return replace(
+        shifted = replace(
             self,
             specular=self.specular + sign * self.specular_noise,
             diffuse=self.diffuse + sign * self.diffuse_noise,
             standard_error=self.standard_error * np.sqrt(2.0, dtype=self.standard_error.dtype),
             specular_noise=np.zeros_like(self.specular_noise),
             diffuse_noise=np.zeros_like(self.diffuse_noise),
-            **self._shifted_s3(sign),
         )
-
-    def _shifted_s3(self, sign: float) -> dict[str, FloatArray]:
         if self.s3 is None or self.s3_noise is None or self.s3_standard_error is None:
-            return {}
-        root = np.sqrt(2.0, dtype=self.s3_standard_error.dtype)
-        return {
-            "s3": self.s3 + sign * self.s3_noise,
-            "s3_noise": np.zeros_like(self.s3_noise),
-            "s3_standard_error": self.s3_standard_error * root,
-        }
+            return shifted
+        return replace(
+            shifted,
+            s3=self.s3 + sign * self.s3_noise,
+            s3_noise=np.zeros_like(self.s3_noise),
+            s3_standard_error=self.s3_standard_error
+            * np.sqrt(2.0, dtype=self.s3_standard_error.dtype),
+        )

@@ -153,6 +153,8 @@ def noise(source: Source) -> Section:
         explanations=[sentences.NOISE, sentences.UNMIXED],
         interpolation_rms=scientific(source.run["interpolation_rms"]),
         errors=text_tables.errors(source.table),
+        circular=text_tables.circular(source.table),
+        circular_explanation=sentences.CIRCULAR,
         left_out=[
             f"{method} left out {counted(int(scenes), 'scene')}: {reason}."
             for method, reason, scenes in text_tables.left_out(source.table).lines

@@ -174,6 +174,8 @@ def write_numpy(folder: Path, truth: Truth) -> None:
         known |= {"specular": truth.specular, "diffuse": truth.diffuse}
     if truth.normal_spread is not None:
         known["normal_spread"] = truth.normal_spread
+    if truth.s3 is not None:
+        known["s3"] = truth.s3
     np.savez(
         folder / "truth.npz",
         stokes=truth.stokes,
@@ -187,7 +189,6 @@ def write_numpy(folder: Path, truth: Truth) -> None:
         wavelengths_nm=np.array(truth.scene.wavelengths_nm),
         eta=truth.eta,
         alpha=np.array(truth.alpha),
-        **({} if truth.s3 is None else {"s3": truth.s3}),
     )
 
 

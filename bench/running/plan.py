@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from malus.renderers.families.bounced import needs_paths
 from malus.renderers.families.family import FamilyKey
-from malus.renderers.families.nodes import family_nodes
+from malus.renderers.families.nodes import family_nodes, nodes_by_albedo
 from malus.renderers.families.patterned import with_part
 from malus.scenes.core.model import content_id
 from malus.scenes.lights.lights import Distant, Uniform
 from malus.scenes.materials.surface import Facets
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
-from malus.scenes.scene import Sampling, Scene
+from malus.scenes.scene import Sampling, Scene, may_be_circular
 from malus.scenes.shapes.shapes import CONVEX
 from malus.scenes.suite import Suite
 
@@ -99,6 +100,10 @@ def _family(key: FamilyKey, scenes: Sequence[Scene], sampling: Sampling) -> Fami
     if key.room:  # nothing is interpolated: every band of both lobes is rendered
         bands = len(key.room.wavelengths_nm)
         return FamilyPlan(tuple(scenes), sampling, bands, bands, traces=bands)
+    if needs_paths(scenes[0], sampling):
+        bands = len(scenes) * len(scenes[0].wavelengths_nm)
+        images = bands if key.pattern else len(nodes_by_albedo(scenes).rendered)
+        return FamilyPlan(tuple(scenes), sampling, images, images, traces=images)
     if key.pattern:
         parts = [
             _family(FamilyKey.of(part_scenes[0]), part_scenes, sampling)
@@ -188,7 +193,7 @@ def savings(suite: Suite, families: Sequence[FamilyPlan]) -> list[OmittedWork]:
     )  # fmt: skip
     if suite.renderer == "torrance-sparrow":
         return [exact]
-    return [exact, *_indices(families, images), *_rays(families)]
+    return [exact, *_indices(families, images), *_rays(families), *_paths(families)]
 
 
 def _images(suite: Suite, families: Sequence[FamilyPlan]) -> int:
@@ -200,7 +205,7 @@ def _indices(families: Sequence[FamilyPlan], images: int) -> list[OmittedWork]:
     """Images that are interpolated in the index instead of rendered."""
     specular = sum(family.specular_images for family in families)
     diffuse = sum(family.diffuse_images for family in families)
-    fixed = sum(_has_fixed_body(family.scenes[0]) for family in families)
+    fixed = sum(_has_fixed_body(family) for family in families)
     return [
         OmittedWork(
             "interface images", specular, images,
@@ -237,8 +242,37 @@ def _rays(families: Sequence[FamilyPlan]) -> list[OmittedWork]:
     ]  # fmt: skip
 
 
-def _has_fixed_body(scene: Scene) -> bool:
-    return scene.surroundings is None and scene.surface.body != "polarised"
+def _paths(families: Sequence[FamilyPlan]) -> list[OmittedWork]:
+    """Reflections that are not traced, and Stokes components that are not kept."""
+    count, scenes = len(families), [family.scenes[0] for family in families]
+    depths = [family.sampling.depth(scene) for family, scene in zip(families, scenes, strict=True)]
+    bouncing = [scene for scene, depth in zip(scenes, depths, strict=True) if depth > 2]
+    by_band = sum(not _is_interpolated(scene) for scene in bouncing)
+    why = "light is reflected once unless max_depth is larger, and a sphere lights no other point"
+    if bouncing:
+        why += (
+            f"; {len(bouncing) - by_band} of them are interpolated in the index, at every albedo: "
+            f"their images are smooth in it; {by_band} are rendered by band: several objects, "
+            "patterns and metals have no one real index"
+        )
+    circular = sum(map(may_be_circular, scenes, depths))
+    return [
+        OmittedWork("families whose light bounces", len(bouncing), count, why),
+        OmittedWork(
+            "families with s3", circular, count,
+            "zero unless a metal mirrors light that is polarised already",
+        ),
+    ]  # fmt: skip
+
+
+def _is_interpolated(scene: Scene) -> bool:
+    return scene.surroundings is None and scene.surface.kind == "dielectric"
+
+
+def _has_fixed_body(family: FamilyPlan) -> bool:
+    scene = family.scenes[0]
+    direct = scene.surroundings is None and not needs_paths(scene, family.sampling)
+    return direct and scene.surface.body != "polarised"
 
 
 def _is_convex(scene: Scene) -> bool:

@@ -49,6 +49,8 @@ _FAR_TAIL = 1e10
 _THIN_LAYER = 0.1
 # |δ| above which Brewster's angle lies within cos γ = 1/|η| of grazing, another thin layer.
 _MIRROR = 64.0
+# σ above which GGX facets have so long a tail that two rungs can agree too early.
+_NEARLY_SMOOTH = 1e5
 # σ below which G1 ≈ 3.5 a falls off from a spike at L = N like the inverse distance from it.
 _SPIKED = 1.0
 
@@ -171,6 +173,8 @@ def _stiff(surfaces: Surfaces, measure: Measure) -> BoolArray:
     within = nearest * np.sqrt(surfaces.sigma) < _reach(surfaces, measure)
     kinked = (surfaces.critical > 0.0) & within
     stiff |= kinked  # F leaves 1 like a square root at the critical angle
+    if measure == "shadowed_ggx":
+        stiff |= surfaces.sigma > _NEARLY_SMOOTH
     return np.asarray(stiff | (surfaces.sigma < _SPIKED) if measure in SHADOWED else stiff)
 
 

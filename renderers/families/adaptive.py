@@ -62,7 +62,7 @@ class RepeatedRenders:
         def mean(name: str) -> AnyArray:
             return self._mean([getattr(truth, name) for truth in truths])
 
-        return replace(
+        averaged = replace(
             truths[0],
             specular=mean("specular"),
             diffuse=mean("diffuse"),
@@ -73,22 +73,17 @@ class RepeatedRenders:
             normal_spread=spread_of(self._mean([_mean_normals(truth) for truth in truths])),
             mask=np.logical_and.reduce([truth.mask for truth in truths]),
             samples=self.samples,
-            **self._s3(truths),
         )
-
-    def _s3(self, truths: Sequence[Truth]) -> dict[str, AnyArray]:
-        """The mean of the fourth Stokes component, where the truths have one."""
         if truths[0].s3 is None:
-            return {}
-        images = {
-            name: self._mean([getattr(truth, name) for truth in truths])
-            for name in ("s3", "s3_noise")
-        }
+            return averaged
         errors = [np.asarray(truth.s3_standard_error) for truth in truths]
-        weights = [count / self.samples for count in self.counts]
         squares = [(weight * error) ** 2 for weight, error in zip(weights, errors, strict=True)]
-        total = np.sum(squares, axis=0, dtype=errors[0].dtype)
-        return images | {"s3_standard_error": np.sqrt(total)}
+        return replace(
+            averaged,
+            s3=mean("s3"),
+            s3_noise=mean("s3_noise"),
+            s3_standard_error=np.sqrt(np.sum(squares, axis=0, dtype=errors[0].dtype)),
+        )
 
     def _mean(self, images: Sequence[AnyArray]) -> AnyArray:
         """Mean of the passes' images weighted by their samples, in the images' type."""

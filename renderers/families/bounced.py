@@ -94,7 +94,7 @@ def _lobes(images: RoomImages, samples: int) -> Lobes:
 
     variance = chosen(images.variance)
     none = np.zeros((count, len(pixels), 3), np.float32)
-    circular = images.s3 is not None and images.s3_variance is not None
+    s3, s3_variance = images.s3, images.s3_variance
     return Lobes(
         specular=halves(images.specular),
         diffuse=halves(images.diffuse),
@@ -106,8 +106,8 @@ def _lobes(images: RoomImages, samples: int) -> Lobes:
         normals=unit(images.normals[pixels]),
         normal_spread=spread_of(images.normals[pixels] / np.float32(samples)),
         covered=images.owner.ravel()[pixels] >= 0,
-        s3=halves(images.s3) if circular else None,
-        s3_variance=chosen(images.s3_variance) if circular else None,
+        s3=None if s3 is None else halves(s3),
+        s3_variance=None if s3_variance is None else chosen(s3_variance),
     )
 
 

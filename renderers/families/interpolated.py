@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -83,7 +83,7 @@ class Family:
         error = np.zeros((side, side, bands, 3), np.float32)  # untouched memory costs nothing
         if standard_error:
             error = self._image(self._error(weights, albedo))
-        return Truth(
+        truth = Truth(
             scene=scene,
             specular=self._image(specular),
             diffuse=self._image(diffuse * albedo),
@@ -94,21 +94,22 @@ class Family:
             specular_noise=self._image(specular_noise),
             diffuse_noise=self._image(diffuse_noise * albedo),
             interpolation_error=self.interpolation_error,
-            **self._s3(weights, standard_error),
         )
+        return self._with_s3(truth, weights, standard_error)
 
-    def _s3(self, weights: Float32Array, standard_error: bool) -> dict[str, Float32Array]:
-        """The fourth Stokes component of a truth, where the renders have one."""
+    def _with_s3(self, truth: Truth, weights: Float32Array, standard_error: bool) -> Truth:
+        """The truth with its fourth Stokes component, where the renders have one."""
         lobes = self.lobes
         if lobes.s3 is None or lobes.s3_variance is None:
-            return {}
+            return truth
         first, second = (self._image((weights @ half).T) for half in lobes.s3)
         variance = np.maximum((weights @ lobes.s3_variance).T, 0) * np.float32(standard_error)
-        return {
-            "s3": np.float32(0.5) * (first + second),
-            "s3_noise": np.float32(0.5) * (first - second),
-            "s3_standard_error": self._image(np.sqrt(variance)),
-        }
+        return replace(
+            truth,
+            s3=np.float32(0.5) * (first + second),
+            s3_noise=np.float32(0.5) * (first - second),
+            s3_standard_error=self._image(np.sqrt(variance)),
+        )
 
     def weights_of(
         self, scenes: Sequence[Scene]

@@ -125,7 +125,8 @@ class RoomImages:
         def mean(part: slice) -> Float32Array:
             # (channels, halves, pixels, settings) -> (halves, height, width, settings, channels)
             channels = np.moveaxis(sums[part], 0, -1)
-            return channels.reshape(HALVES, side, side, *channels.shape[2:]) / (samples // HALVES)
+            means: Float32Array = channels.reshape(HALVES, side, side, *channels.shape[2:])
+            return means / np.float32(samples // HALVES)
 
         specular, diffuse, squares = (mean(part) for part in (_SPECULAR, _DIFFUSE, _SQUARES))
         hits = sums[_HITS, :, :, 0].sum(axis=0)
@@ -135,7 +136,7 @@ class RoomImages:
         def variance(squares: Float32Array, means: Float32Array) -> Float32Array:
             # Rounding can leave a tiny negative variance where all samples are equal.
             of_one = np.maximum(squares.mean(axis=0) - means.mean(axis=0) ** 2, 0)
-            return pooled(of_one, owner) / np.float32(samples - 1)
+            return np.asarray(pooled(of_one, owner) / np.float32(samples - 1), np.float32)
 
         images = cls(
             specular=specular,

@@ -94,8 +94,9 @@ def check_tangents(scene: Scene) -> None:
     """
     for placed in scene.objects:
         shape = placed.shape
-        on_a_mesh = isinstance(shape, MeshFile) and anisotropic(placed.surface)
-        if on_a_mesh and tessellated(shape).uv is None:
+        if not (isinstance(shape, MeshFile) and anisotropic(placed.surface)):
+            continue
+        if tessellated(shape).uv is None:
             hint = "export them with the mesh, or give one number as alpha"
             expected = "texture coordinates, as two alphas need them"
             raise InputError(shape.path, expected, "a mesh without", hint)

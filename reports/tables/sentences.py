@@ -24,6 +24,11 @@ UNMIXED = (
     "Unmixed is the skill without the pixels that see more than one normal, as at the sharp edges"
     " of a part: a method is told one normal there, which belongs to neither face."
 )
+CIRCULAR = (
+    "Where a metal mirrors light that is polarised already, the truth has a fourth Stokes"
+    " component, s3. No polariser shows it and no method estimates it; rms over the object, over"
+    " the peak."
+)
 ERROR_MAPS = (
     "Colour difference of every pixel between reconstruction and truth, scaled as in the paper's"
     " Figures 6 to 8: black is no error, white is 10 just noticeable differences of 2.3 each."

@@ -128,6 +128,24 @@ def _error_line(row: dict[str, Any]) -> list[str]:
     return [*names, str(row["scenes"] - row["inapplicable"]), *numbers, *skills, *counts]
 
 
+def circular(table: pd.DataFrame) -> TextTable:
+    """Circular polarisation of the truths that have any, in the mean over scenes and at most.
+
+    It does not depend on the method; a scene that several scored counts once.
+    """
+    rows = overall_rows(table, "s3_rmse").drop_duplicates("scene")
+    groups = rows.groupby(["light", "material", "surface"], sort=False)
+    lines = [
+        [
+            *map(str, names), str(len(group)), scientific(float(group["value"].mean())),
+            scientific(float(group["value"].max())), scientific(float(group["noise"].mean())),
+        ]
+        for names, group in groups
+    ]  # fmt: skip
+    heads = ("light", "material", "surface", "scenes", "rms s3", "largest", "noise")
+    return TextTable(heads, lines)
+
+
 def left_out(table: pd.DataFrame) -> TextTable:
     """Methods that could not work on some scenes, and why."""
     groups = overall_rows(table, "inapplicable").groupby(["method", "note"], sort=False)["scene"]

@@ -13,14 +13,15 @@ import pytest
 
 from malus.bench import score
 from malus.bench.public import suites
-from malus.bench.running.plan import plan
+from malus.bench.running.plan import plan, savings
 from malus.bench.running.runner import run
 from malus.renderers import Truth
 from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba import wavefront
 from malus.renderers.variant import choose
-from malus.scenes import Scene, Suite, load_suite
+from malus.scenes import Scene, Sphere, Suite, Torus, Uniform, load_suite
 from malus.scenes.core.result_files import RUN
+from malus.scenes.suite_surfaces import Roughness
 
 SUITE = Suite.model_validate(
     {
@@ -131,3 +132,30 @@ def test_a_run_records_what_it_left_out(tmp_path: Path) -> None:
     assert json.loads((tmp_path / RUN).read_text("utf-8"))["plan"] == first
     # Taken over, the seconds are still those of the renders.
     assert run(suite, tmp_path).run["plan"] == first
+
+
+def test_the_plan_says_whose_light_bounces_and_what_is_interpolated() -> None:
+    suite = SUITE.model_copy(
+        update={
+            "shapes": (Sphere(), Torus()),
+            "materials": ("water", "gold"),
+            "bodies": ("polarised",),
+            "surfaces": (Roughness(alpha=0.2, albedo="red"),),
+            "lights": (Uniform(),),
+            "sampling": SUITE.sampling.model_copy(update={"max_depth": 4}),
+        }
+    )
+    families = plan(suite)
+    omitted = {saving.what: saving for saving in savings(suite, families)}
+    bouncing, circular = omitted["families whose light bounces"], omitted["families with s3"]
+    assert (bouncing.done, bouncing.instead_of, circular.done) == (2, 4, 1)
+    assert "1 of them are interpolated in the index, at every albedo" in bouncing.why
+    assert "1 are rendered by band" in bouncing.why
+    images = {
+        (f.scenes[0].shape.kind, f.scenes[0].surface.kind): f.specular_images for f in families
+    }
+    # Water in three bands, each of another albedo.
+    assert images["torus", "dielectric"] == len(suite.wavelengths_nm)
+    assert images["torus", "conductor"] == len(suite.wavelengths_nm)
+    once = {saving.what: saving.done for saving in savings(SUITE, plan(SUITE))}
+    assert once["families whose light bounces"] == once["families with s3"] == 0

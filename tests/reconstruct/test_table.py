@@ -11,7 +11,7 @@ from malus.reconstruct.facets.ratio import Measure, specular_dolp
 from malus.reconstruct.facets.table import DiffuseTable, DolpTable, SmoothTable
 from malus.reconstruct.fresnel import smooth_dolp, transmission_dolp
 
-MEASURES = ("eq8", "visible", "shadowed")
+MEASURES = ("eq8", "visible", "shadowed", "shadowed_ggx")
 PROMISED = 1e-6  # of a table against the integral
 SURFACES = [(1.5, 11.1), (1.33, 400.0), (2.4, 1e10), (0.2 + 3.4j, 44.4), (1.0001, 100.0)]
 COSINES = np.concatenate(

@@ -28,6 +28,7 @@ from malus.renderers.mitsuba.translate import (
 )
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere, Uniform
+from malus.scenes.materials.surface import Facets
 
 CAMERA = Camera(resolution=32)
 WIDE = {"resolution": 32, "projection": "perspective", "fov_deg": 62.0, "distance": 2.0}
@@ -92,7 +93,7 @@ def seen_through_a_plate(
     scene = {
         "type": "scene",
         "sensor": sensor(mi, camera) | ({} if variant.vectorised else {"srf": window}),
-        "sphere": shape_object(mi, Sphere(), mi.load_dict(specular_bsdf(1.5, 0.3))),
+        "sphere": shape_object(mi, Sphere(), mi.load_dict(specular_bsdf(1.5, Facets((0.3, 0.3))))),
         "light": emitter(mi, LIGHT),
         "integrator": {"type": "path", "max_depth": 3, "hide_emitters": True},
     }

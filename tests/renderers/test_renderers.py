@@ -37,6 +37,7 @@ from malus.scenes import (
 )
 from malus.scenes.lights.lights import Light
 from malus.scenes.materials.materials import surfaces
+from malus.scenes.materials.surface import Facets
 from malus.scenes.polarisation import dolp
 from malus.scenes.shapes.shapes import Shape
 
@@ -47,6 +48,7 @@ LIGHTS = (
     Area(incidence_deg=45),
     Environment(),
 )
+
 TINY = Camera(resolution=16)
 FEW = Sampling(samples=16, seed=3)
 
@@ -164,7 +166,9 @@ def test_lobes_add_up_to_the_full_render() -> None:
     light = Distant(incidence_deg=60)
     scene = scene_at(1.5, light, albedo=0.4)
     truth = render_family([scene], Sampling(samples=64), variant).truth(scene)
-    both = specular_bsdf(1.5, 0.3) | {"diffuse_reflectance": {"type": "uniform", "value": 0.4}}
+    both = specular_bsdf(1.5, Facets((0.3, 0.3))) | {
+        "diffuse_reflectance": {"type": "uniform", "value": 0.4}
+    }
     window = {"type": "uniform", "wavelength_min": 554.5, "wavelength_max": 555.5, "value": 1.0}
     full = mi.load_dict(
         {
@@ -351,7 +355,7 @@ def test_bodies_are_linear_in_the_albedo(body: str) -> None:
     wo = mi.Vector3f(-0.48, 0.36, 0.8)
     values = []
     for albedo in (1.0, 0.3):
-        description = diffuse_bsdf(1.5, 0.3, body)  # type: ignore[arg-type]
+        description = diffuse_bsdf(1.5, Facets((0.3, 0.3)), body)  # type: ignore[arg-type]
         key = "reflectance" if body == "unpolarised" else "diffuse_reflectance"
         description[key] = {"type": "uniform", "value": albedo}
         mueller = mi.load_dict(description).eval(mi.BSDFContext(), hit, wo)

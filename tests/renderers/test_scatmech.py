@@ -15,6 +15,7 @@ import pytest
 
 from malus.renderers.mitsuba.translate import specular_bsdf
 from malus.renderers.variant import choose, mitsuba
+from malus.scenes.materials.surface import Facets
 
 ALPHA, ETA, GEOMETRIES = 0.3, 1.5, 100
 
@@ -55,7 +56,9 @@ def mitsuba_column(light: np.ndarray, viewer: np.ndarray) -> np.ndarray:
     hit = mi.SurfaceInteraction3f()
     hit.wi = mi.Vector3f(*map(float, viewer))
     towards = mi.Vector3f(*map(float, light))
-    mueller = mi.load_dict(specular_bsdf(ETA, ALPHA)).eval(mi.BSDFContext(), hit, towards)
+    mueller = mi.load_dict(specular_bsdf(ETA, Facets((ALPHA, ALPHA)))).eval(
+        mi.BSDFContext(), hit, towards
+    )
     s_axis = np.cross([0, 0, 1], viewer)
     s_axis /= np.linalg.norm(s_axis)
     current = mi.mueller.stokes_basis(hit.wi)

@@ -47,6 +47,7 @@ from malus.scenes import (
     Uniform,
     load_suite,
 )
+from malus.scenes.materials.surface import Facets
 
 TABLE_NM = (450, 500, 550, 600, 650)
 ETAS = (1.40, 1.45, 1.50, 1.55, 1.60)
@@ -84,7 +85,8 @@ def mueller(mi: Any, eta: float, light: np.ndarray, viewer: np.ndarray, axis: np
         return mi.Vector3f(values.reshape(-1, 3).T.astype(np.float32))
 
     bsdf = mi.load_dict(
-        specular_bsdf(eta, ALPHA) | {"diffuse_reflectance": {"type": "uniform", "value": ALBEDO}}
+        specular_bsdf(eta, Facets((ALPHA, ALPHA)))
+        | {"diffuse_reflectance": {"type": "uniform", "value": ALBEDO}}
     )
     hit = mi.SurfaceInteraction3f()
     hit.wi, to_light, across = vectors(viewer), vectors(light), vectors(axis)

@@ -29,6 +29,7 @@ from malus.scenes import (
 )
 from malus.scenes.lights.environment import radiance_map
 from malus.scenes.lights.sky import radiance, sun
+from malus.scenes.materials.surface import Facets
 
 CAMERA = Camera(resolution=24)
 SKIES = (
@@ -39,6 +40,8 @@ SKIES = (
         sun_elevation_deg=30, turbidity=10, wavelength_nm=700, sun_azimuth_deg=180
     ),  # Mitsuba reads past its table at 720
 )
+
+FACETS = Facets((0.2, 0.2))
 
 
 @pytest.fixture
@@ -117,11 +120,13 @@ def test_a_ball_under_the_sky_looks_as_under_mitsubas_own(mi: Any) -> None:
 
     one = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
     unit = float(
-        seen(one, diffuse_bsdf(1.5, 0.2, "unpolarised"))[[0, 0, -1, -1], [0, -1, 0, -1], 0].mean()
+        seen(one, diffuse_bsdf(1.5, FACETS, "unpolarised"))[
+            [0, 0, -1, -1], [0, -1, 0, -1], 0
+        ].mean()
     )
     for lobe, bsdf in (
-        (ours.specular, specular_bsdf(1.5, 0.2)),
-        (ours.diffuse, diffuse_bsdf(1.5, 0.2, "unpolarised")),
+        (ours.specular, specular_bsdf(1.5, FACETS)),
+        (ours.diffuse, diffuse_bsdf(1.5, FACETS, "unpolarised")),
     ):
         theirs = seen(mitsubas(mi, sky), bsdf)[ours.mask] / unit
         mine = lobe[:, :, 0][ours.mask]

@@ -14,6 +14,7 @@ from malus.scenes import (
     InputError,
     Scene,
     Sphere,
+    Suite,
     Uniform,
     load_suite,
     suite_names,
@@ -358,3 +359,75 @@ def test_files_are_known_by_content(
         (tmp_path / name).write_text(content, "utf-8")
         ids.append(next(load_suite(suite_file).scenes()).id)
     assert ids[0] != ids[1]
+
+
+METALS = GOOD.replace('"water"', '"gold"')
+BRUSHED = METALS.replace('"carbon"', "{ alpha = [0.1, 0.4] }")
+
+
+def test_beckmanns_facets_are_the_default_and_no_part_of_ids() -> None:
+    plain, named = (
+        Dielectric(eta=1.5, alpha=0.3, **more) for more in ({}, {"distribution": "beckmann"})
+    )
+    assert plain.id == named.id
+    assert "distribution" not in plain.model_dump()
+    ggx = Dielectric(eta=1.5, alpha=0.3, distribution="ggx")
+    assert ggx.id != plain.id
+    assert (plain.label, ggx.label) == ("alpha 0.3", "ggx alpha 0.3")
+    assert Dielectric.model_validate(ggx.model_dump()) == ggx
+
+
+def test_metals_may_have_two_roughnesses(suite_file: Path) -> None:
+    suite_file.write_text(BRUSHED, "utf-8")
+    (scene,) = load_suite(suite_file).scenes()
+    assert scene.surface.alphas == (0.1, 0.4)
+    assert scene.surface.label == "alpha 0.1 x 0.4"
+    assert scene.surface.isotropic_alpha == pytest.approx(0.2)  # √(0.1 · 0.4)
+    assert Scene.parse(scene.model_dump(mode="json"), "here") == scene
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (BRUSHED.replace('"gold"', '"gold", "water"'), "expected metals only, found a dielectric"),
+        (
+            BRUSHED.replace('{ kind = "sphere" }', '{ kind = "torus" }'),
+            "expected two alphas on one of sphere, plane, mesh, found torus",
+        ),
+        (BRUSHED.replace("[0.1, 0.4]", "[0.1]"), "surfaces.0.alpha"),
+        (BRUSHED.replace("[0.1, 0.4]", "[0.1, 2.0]"), "surfaces.0.alpha.1"),
+        (
+            GOOD.replace('"carbon"', '{ alpha = 0.3, distribution = "phong" }'),
+            "surfaces.0.distribution",
+        ),
+    ],
+)
+def test_facets_that_cannot_be_are_told_in_one_line(
+    suite_file: Path, text: str, message: str
+) -> None:
+    suite_file.write_text(text, "utf-8")
+    with pytest.raises(InputError) as error:
+        load_suite(suite_file)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_the_usual_depth_is_no_part_of_ids_where_it_means_the_same(suite_file: Path) -> None:
+    """Among objects 5 is what is meant without it; for one object it is not."""
+    around = """
+    [[surroundings]]
+    name = "desk"
+    objects = [{ shape = { kind = "plane" }, surface = { eta = 1.5, alpha = 0.3 } }]
+    """
+
+    def suite(depth: int | None, more: str = "") -> Suite:
+        sampling = "" if depth is None else f"sampling = {{ max_depth = {depth} }}"
+        suite_file.write_text(GOOD.replace("# more", sampling + more), "utf-8")
+        return load_suite(suite_file)
+
+    assert suite(5, around).id == suite(None, around).id
+    assert suite(4, around).id != suite(None, around).id
+    assert suite(5).id != suite(None).id
+    assert [family.id for family in plan(suite(5, around))] == [
+        family.id for family in plan(suite(None, around))
+    ]
