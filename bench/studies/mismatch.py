@@ -41,6 +41,7 @@ from malus.scenes import (
 from malus.scenes.core.arrays import FloatArray
 from malus.scenes.core.files import write_whole
 from malus.scenes.lights.lights import Light
+from malus.scenes.materials.surface import Distribution
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes.shapes import Shape
 
@@ -70,11 +71,16 @@ class Effort:
         return render_family([scene], sampling, self.variant).truth(scene)
 
     def scene(
-        self, shape: Shape, alpha: float, light: Light, side: int | None = None, **more: str
+        self,
+        shape: Shape,
+        alpha: float,
+        light: Light,
+        side: int | None = None,
+        distribution: Distribution = "beckmann",
     ) -> Scene:
         """A scene of one dielectric."""
-        surface = Dielectric.parse(
-            {"eta": ETA, "alpha": alpha, "body": "polarised", "albedo": ALBEDO, **more}, "surface"
+        surface = Dielectric(
+            eta=ETA, alpha=alpha, body="polarised", albedo=ALBEDO, distribution=distribution
         )
         camera = Camera(resolution=side or self.resolution)
         return Scene(shape=shape, surface=surface, light=light, camera=camera)
@@ -151,21 +157,21 @@ def _of_inputs(truth: Truth, *wrong: Callable[[Observation], Observation]) -> It
             continue
 
 
-def _plain_truths(effort: Effort, **surface: str) -> Iterator[Truth]:
+def _plain_truths(effort: Effort, distribution: Distribution = "beckmann") -> Iterator[Truth]:
     """Truths of every shape, roughness and light."""
     for shape in SHAPES:
         for alpha in ALPHAS:
             for light in LIGHTS:
-                yield effort.truth(effort.scene(shape, alpha, light, **surface))
+                yield effort.truth(effort.scene(shape, alpha, light, distribution=distribution))
 
 
-def _untold(name: str) -> Callable[[Observation], Observation]:
-    return lambda observation: replace(observation, **{name: None})
+def _untold(observation: Observation) -> Observation:
+    return replace(observation, distribution=None)
 
 
 def _ggx(effort: Effort) -> Iterator[Skills]:
-    for truth in _plain_truths(effort, distribution="ggx"):
-        yield from _of_inputs(truth, _untold("distribution"))
+    for truth in _plain_truths(effort, "ggx"):
+        yield from _of_inputs(truth, _untold)
 
 
 def _anisotropic(effort: Effort) -> Iterator[Skills]:

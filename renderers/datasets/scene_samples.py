@@ -88,7 +88,8 @@ class SceneFolders:
             arrays |= _read(folder / file, record, [name for name in own if own[name] == file])
         others = [name for name in record.maps if name in maps]
         if others:
-            arrays.update(read_maps(folder, record, others))
+            stored_maps = read_maps(folder, record, others)
+            arrays |= {str(name): array for name, array in stored_maps.items()}
         return {name: np.ascontiguousarray(arrays[name][window]) for name in maps}
 
 
