@@ -1,5 +1,7 @@
 """Suites: lists of shapes, materials, lights, ... whose product is the scenes, and the methods.
 
+A random suite has ranges and choices in place of lists: see `malus.scenes.random_suite`.
+
 A suite is a TOML file; files that it names are found from its folder and become part of its id by
 their content.
 """
@@ -70,8 +72,9 @@ class ScalarSizes(Model):
 class Suite(Model):
     """Lists whose product is the scenes, and the methods and metrics that score them.
 
-    `"all"` as `materials` or `surfaces` stands for every one that malus brings. `maps` and `sensor`
-    say what a dataset holds beside its Stokes images; runs ignore them.
+    `"all"` as `materials` or `surfaces` stands for every one that malus brings. With `random` the
+    scenes are drawn instead, and may belong to `splits`. `maps` and `sensor` say what a dataset
+    holds beside its Stokes images, `licence` is that of a dataset; runs ignore them.
 
     Examples
     --------

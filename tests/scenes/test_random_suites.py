@@ -250,6 +250,37 @@ disjoint = ["shape"]
     assert load_suite(tmp_path / "s.toml").id != made.id, "the id follows the files' content"
 
 
+def test_radiance_maps_of_a_folder_are_one_light_however_they_are_turned(tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    for number in range(4):
+        (tmp_path / "maps" / f"{number}.hdr").write_bytes(bytes([number]))  # drawn, not read
+    lights = [
+        {
+            "kind": "environment",
+            "turn_deg": {"uniform": [0, 360]},
+            "name": {"folder": "maps"},
+            "weight": 3,
+        },
+        {"kind": "environment", "name": "studio", "turn_deg": {"choice": [0, 90]}},
+    ]
+    halves = {"train": 0.5, "test": 0.5, "disjoint": ["light"]}
+    made = suite(halves, lights=lights, count=60)
+    assert made.random is not None
+    made = made.model_copy(update={"random": made.random.with_files(tmp_path)})
+    assert made.draws is not None
+    by_split: dict[str, set[str]] = {"train": set(), "test": set()}
+    for index, scene in enumerate(made.scenes()):
+        by_split[str(made.draws.split(index))].add(scene.light.digest or scene.light.name)
+    assert not by_split["train"] & by_split["test"]
+    assert len(by_split["train"] | by_split["test"]) == 5
+    (tmp_path / "empty").mkdir()
+    lights[0]["name"] = {"folder": "empty"}
+    empty = suite(lights=lights).random
+    assert empty is not None
+    with pytest.raises(InputError, match="files for kind environment"):
+        empty.with_files(tmp_path)
+
+
 def test_clutter_touches_nothing_and_leaves_the_camera_clear() -> None:
     floor = {"shape": {"kind": "plane"}, "position": [0, -1, 0], "scale": 20}
     ball = {"shape": {"kind": "sphere"}, "position": [2, -0.5, 0], "scale": 0.5}
