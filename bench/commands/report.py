@@ -19,7 +19,8 @@ from malus.bench.commands.options import FOLDER, command
     metavar="DIR",
     help="Show the study in DIR (of `malus run precision` or `stress`) too; may be given twice.",
 )
-def report_command(results: Path, beside: tuple[Path, ...]) -> None:
+@click.option("--png", is_flag=True, help="Write every figure as PNG too.")
+def report_command(results: Path, beside: tuple[Path, ...], png: bool) -> None:
     """Make the figures, summary and page of a finished run again, from its folder RESULTS.
 
     \b
@@ -30,5 +31,5 @@ def report_command(results: Path, beside: tuple[Path, ...]) -> None:
 
     from malus.bench.public.suites import report
 
-    written = report(results, beside)
+    written = report(results, beside, png)
     Console().print(f"{len(written)} files written to {results}", highlight=False)

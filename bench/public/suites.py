@@ -235,13 +235,15 @@ def run(
     return results
 
 
-def report(folder: Path | str, beside: Sequence[Path | str] = ()) -> list[Path]:
+def report(folder: Path | str, beside: Sequence[Path | str] = (), png: bool = False) -> list[Path]:
     """Write the figures, summary and page of a finished run or study again.
 
     Parameters
     ----------
     folder : path or URL of a folder that `run` or `run_study` wrote
     beside : paths of folders of studies that a run's page shall show too
+    png : bool
+        Write every figure as PNG too.
 
     Returns
     -------
@@ -263,5 +265,6 @@ def report(folder: Path | str, beside: Sequence[Path | str] = ()) -> list[Path]:
     """
     where = as_path(folder)
     if is_study(where):
-        return write_study(where)
-    return write_report(read_results(where), where, tuple(as_path(study) for study in beside))
+        return write_study(where, png)
+    studies = tuple(as_path(study) for study in beside)
+    return write_report(read_results(where), where, studies, png)

@@ -13,18 +13,16 @@ from matplotlib.figure import Figure
 
 from malus.reports.figures.panels import bars, label_above, name_paper, shade_paper, share_height
 from malus.reports.figures.style import INK, MethodStyle, drawable, method_styles, style
+from malus.reports.tables.figure_numbers import X_ALPHA, X_ETA, numbers
 from malus.reports.tables.rows import (
     TRIVIAL,
     coverage,
     distinct,
-    overall_rows,
     rows_of_body,
     scored_methods,
     unverified_surfaces,
 )
 
-X_ETA, X_ALPHA = "eta", "alpha"
-_NAMES = {X_ETA: "material", X_ALPHA: "surface"}
 _AXES = {
     X_ETA: "refractive index η, mean over the bands (relative to air)",
     X_ALPHA: "Beckmann roughness α (rms slope)",
@@ -53,55 +51,6 @@ class FigureContent:
         """The rows of one body, and looks for its methods."""
         rows = rows_of_body(table, body)
         return cls(rows, method_styles(scored_methods(rows)))
-
-
-def numbers(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame:
-    """Mean and standard deviation of NMSE over the dataset at every x.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Of a run.
-    x : "eta" or "alpha"
-    by_light : bool
-        Every light for itself instead of all together.
-
-    Returns
-    -------
-    DataFrame
-        One row a method and x: panel, light, method, name, x, mean, std (of the population),
-        noise (expected Monte Carlo part of the mean) and scenes.
-
-    Examples
-    --------
-    >>> from malus.reports.tables.sample import table
-    >>> numbers(table(), "alpha")[["method", "name", "scenes"]].values.tolist()[0]
-    ['unpolarised', 'obsidian', 6]
-    """
-    rows = overall_rows(table, "nmse")
-    if not by_light:
-        rows = rows.assign(light="all")
-    groups = rows.groupby(["light", "method", _NAMES[x], x], sort=False)
-    result = groups.agg(
-        mean=("value", "mean"),
-        std=("value", _population_std),
-        noise=("noise", "mean"),
-        scenes=("value", "size"),
-    ).reset_index()
-    order = {name: number for number, name in enumerate(scored_methods(table))}
-    result = result.rename(columns={_NAMES[x]: "name", x: "x"})
-    result = result.assign(panel=x, order=result["method"].map(order))
-    columns = ["panel", "light", "method", "name", "x", "mean", "std", "noise", "scenes"]
-    return result.sort_values(["light", "order", "x"], kind="stable")[columns]
-
-
-def _population_std(values: pd.Series[float]) -> float:
-    return float(values.std(ddof=0))
-
-
-def both_panels(table: pd.DataFrame, by_light: bool = False) -> pd.DataFrame:
-    """The numbers behind both panels of Figure 5, as one table."""
-    return pd.concat([numbers(table, x, by_light) for x in (X_ETA, X_ALPHA)])
 
 
 def figure5(table: pd.DataFrame, body: str) -> Figure:

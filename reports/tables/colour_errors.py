@@ -48,6 +48,9 @@ def table1(table: pd.DataFrame) -> pd.DataFrame:
     >>> errors[["method", "formula", "image", "mean", "std", "scene_std"]].values.tolist()[0]
     ['unpolarised', 'ΔE76', 'I_max', 3.0, 1.0, 0.0]
     """
+    differences = {name + ending for name in _COLOURS for ending in _IMAGES}
+    if not table["metric"].isin(differences).any():
+        return pd.DataFrame(columns=_COLUMNS)
     errors = pd.concat(
         _pooled(table, overall_rows, name + ending, ["body", "method"]).assign(
             formula=formula, image=image
@@ -55,8 +58,6 @@ def table1(table: pd.DataFrame) -> pd.DataFrame:
         for name, formula in (*_COLOURS.items(), ("nmse", _ERROR))
         for ending, image in _IMAGES.items()
     )
-    if not errors["formula"].isin(_COLOURS.values()).any():
-        return pd.DataFrame(columns=_COLUMNS)
     order = {name: number for number, name in enumerate(scored_methods(table))}
     errors = errors.assign(order=errors["method"].map(order))
     errors = errors.sort_values(["body", "order"], kind="stable", ignore_index=True)
@@ -103,9 +104,8 @@ def _pooled(
     return result.assign(std=std).drop(columns="variance")
 
 
-def table1_text(table: pd.DataFrame) -> TextTable:
+def table1_text(errors: pd.DataFrame) -> TextTable:
     """Table I as text, the paper's own numbers last; without a line where no colour was scored."""
-    errors = table1(table)
     pairs = list(dict.fromkeys(zip(errors["formula"], errors["image"], strict=True)))
     heads = ("body", "method", "scenes", *(f"{formula} of {image}" for formula, image in pairs))
     lines = []
