@@ -34,6 +34,8 @@ class FamilyTask:
         Scenes whose images are kept for people to look at.
     ladder : bool
         Whether methods are scored on every rung of the ladder of knowledge.
+    following : FamilyPlan, optional
+        The family that is probably next, whose kernels can run while this one is scored.
     """
 
     id: str
@@ -43,6 +45,7 @@ class FamilyTask:
     metrics: tuple[str, ...] = ()
     examples: frozenset[str] = frozenset()
     ladder: bool = False
+    following: FamilyPlan | None = None
 
 
 @dataclass

@@ -6,11 +6,12 @@ Nothing that scores is imported here: making a dataset needs none of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
+from contextlib import suppress
+from functools import cache, lru_cache, partial
 
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.plan import FamilyPlan
-from malus.renderers.families.family import render_family
+from malus.renderers.families.family import RenderedFamily, begin_family
 from malus.renderers.families.interpolated import Family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.truth import Truth
@@ -53,6 +54,22 @@ def renderer_of(
     if renderer == "torrance-sparrow":
         return RENDERING[0], render_torrance_sparrow, None
     with result.stage(RENDERING[0]):
-        rendered = render_family(family.scenes, family.sampling, variant, errors=errors)
+        rendered = _begun(family, variant, errors)()
     family_of_one_surface = rendered if isinstance(rendered, Family) else None
     return RENDERING[1], partial(rendered.truth, standard_error=errors), family_of_one_surface
+
+
+def begin_ahead(family: FamilyPlan, renderer: str, variant: Variant, errors: bool) -> None:
+    """Begin to render a family, so that `renderer_of` finds it in work or done.
+
+    What goes wrong is told by that.
+    """
+    if renderer == "mitsuba":
+        with suppress(Exception):
+            _begun(family, variant, errors)
+
+
+@lru_cache(maxsize=1)
+def _begun(family: FamilyPlan, variant: Variant, errors: bool) -> Callable[[], RenderedFamily]:
+    """Renders of a family that were begun; the last one is kept."""
+    return cache(begin_family(family.scenes, family.sampling, variant, errors=errors))

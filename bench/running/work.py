@@ -10,6 +10,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
@@ -18,8 +19,8 @@ from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import Failure
 from malus.bench.running.results import Record, table_of
 from malus.bench.running.scene_scores import SceneResult, ScoringPlan, score_together
-from malus.bench.running.truths import RENDERING, renderer_of
-from malus.bench.running.worker_process import Died, WorkerProcess, retried
+from malus.bench.running.truths import RENDERING, begin_ahead, renderer_of
+from malus.bench.running.worker_process import ATTEMPTS, Died, WorkerProcess, retried
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.bench.scoring.family_scores import groups
 from malus.reconstruct import get_method
@@ -38,7 +39,7 @@ def in_this_process(variant: Variant) -> Engine:
         tasks: Iterable[FamilyTask],
     ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         for task in tasks:
-            yield task, work(task, variant, usable_cores())
+            yield task, work(task, variant, usable_cores(), ahead=True)
 
     return results_of
 
@@ -61,21 +62,24 @@ def in_worker_process(variant: Variant, worker: WorkerProcess) -> Engine:
 def _in_worker(worker: WorkerProcess, task: FamilyTask, variant: Variant) -> FamilyResult:
     result: FamilyResult
     try:
-        (result,) = retried(lambda: worker.stream(_one_result, task, variant))
+        # What is rendered ahead may be what kills a worker: the second time this task is alone.
+        attempts = iter([task, *[replace(task, following=None)] * (ATTEMPTS - 1)])
+        (result,) = retried(lambda: worker.stream(_one_result, next(attempts), variant))
     except Died as death:
         return FamilyResult(failures=[Failure(None, None, str(death))])
     return result
 
 
 def _one_result(task: FamilyTask, variant: Variant) -> Iterator[FamilyResult]:
-    yield work(task, variant, usable_cores())
+    yield work(task, variant, usable_cores(), ahead=True)
 
 
-def work(task: FamilyTask, variant: Variant, threads: int = 1) -> FamilyResult:
+def work(task: FamilyTask, variant: Variant, threads: int = 1, ahead: bool = False) -> FamilyResult:
     """Render a family and score every method on each of its scenes.
 
     Scenes are shared out among `threads` where every method allows it. The seconds of a stage are
-    then its part of the time that passed.
+    then its part of the time that passed. With `ahead`, the kernels of the family that follows run
+    meanwhile.
     """
     result = FamilyResult()
     methods = [get_method(reference) for reference in task.methods.values()]
@@ -83,7 +87,8 @@ def work(task: FamilyTask, variant: Variant, threads: int = 1) -> FamilyResult:
     scene_results: list[SceneResult] = []
     with result.guard():
         stage, truth_of, family = renderer_of(task.family, task.renderer, variant, result, False)
-
+        if ahead and task.following is not None:
+            begin_ahead(task.following, task.renderer, variant, False)
         together = threads if all(method.per_pixel for method in methods) else 1
         # Threads wait for each other in Python: the work of each is measured by its own clock.
         clock = time.perf_counter if together == 1 else time.thread_time
