@@ -1,7 +1,7 @@
 """The methods that malus brings: a specular model each, with and without polarised diffuse light.
 
-Importing this module imports scipy and all lobe models, which takes long: `methods` does so when a
-method is first asked for.
+Importing this module imports all lobe models, which takes long: `methods` does so when a method is
+first asked for. Methods that look at the picture as a whole import scipy too, and only then.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from malus.reconstruct.image import from_lobes
 from malus.reconstruct.known_lights import known_lights
 from malus.reconstruct.lobe_models import LobeModel
 from malus.reconstruct.observation import Components, Observation
-from malus.reconstruct.single_image.blind import BLIND_METHODS
 
 Reconstruction = Callable[[Observation], Components]
 
@@ -64,4 +63,6 @@ def per_pixel_methods() -> Iterator[tuple[str, frozenset[str], Reconstruction, s
 
 def whole_picture_methods() -> Iterator[tuple[str, frozenset[str], Reconstruction, str]]:
     """Name, needs, function and summary of each method that looks at the picture as a whole."""
+    from malus.reconstruct.single_image.blind import BLIND_METHODS
+
     yield from BLIND_METHODS

@@ -10,7 +10,6 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-from scipy.optimize import isotonic_regression
 
 from malus.reports.figures.style import BAND, SOFT, MethodStyle, drawable, power_of_ten
 from malus.reports.tables.formats import scientific
@@ -138,6 +137,10 @@ def spread(positions: Float64Array, gap: float) -> Float64Array:
     >>> spread(np.array([0.0, 0.0, 5.0]), 1.0).tolist()
     [-0.5, 0.5, 5.0]
     """
+    if np.all(np.diff(positions) >= gap):
+        return positions
+    from scipy.optimize import isotonic_regression
+
     # Less their number times the gap, the positions only have to be in order.
     steps = gap * np.arange(len(positions))
     result: Float64Array = isotonic_regression(positions - steps).x + steps

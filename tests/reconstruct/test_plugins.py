@@ -53,11 +53,15 @@ def test_what_is_no_method_is_said_in_one_line(module: Path, name: str) -> None:
 
 
 def test_entry_points_are_methods(module: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = importlib.metadata.EntryPoint("theirs", "my_methods:mine", "malus.methods")
-    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry])
+    entries = [
+        importlib.metadata.EntryPoint(name, "my_methods:mine", "malus.methods")
+        for name in ("theirs", "visible")
+    ]
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: entries)
     methods.cache_clear()
     try:
         assert get_method("theirs").summary == "a tenth, vertical"
+        assert get_method("visible").summary == "a tenth, vertical"  # in place of malus's own
         assert "eq8" in methods()
     finally:
         methods.cache_clear()
