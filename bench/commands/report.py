@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -27,9 +28,16 @@ def report_command(results: Path, beside: tuple[Path, ...], png: bool) -> None:
     Example:
       malus report results/fig5
     """
+    from malus.bench.running.worker_process import WorkerProcess, import_all
+
+    with WorkerProcess() as worker:
+        several_cores = (os.cpu_count() or 1) > 1
+        if several_cores:  # it imports what draws figures while this process reads
+            worker.begin(import_all, "malus.reports.figures.figure5")
+        from malus.bench.public.suites import report
+
+        written = report(results, beside, png, worker if several_cores else None)
+
     from rich.console import Console
 
-    from malus.bench.public.suites import report
-
-    written = report(results, beside, png)
     Console().print(f"{len(written)} files written to {results}", highlight=False)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 
 from malus.bench.running import runner
 from malus.bench.running.cluster import engine
+from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.plan import FamilyPlan, OmittedWork, plan_record, savings
 from malus.bench.running.plan import plan as families_of
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results, read_results
-from malus.bench.running.worker_process import TIMEOUT_SECONDS
+from malus.bench.running.work import in_worker_process
+from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, import_all
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
 from malus.renderers.families.adaptive import Renders, first_samples, relative_error
@@ -172,6 +175,7 @@ def run(
     retry_failed: bool = False,
     report: bool = True,
     progress: Progress = silent,
+    worker: WorkerProcess | None = None,
 ) -> Results:
     """Render, reconstruct, score and report a suite; write everything to a folder.
 
@@ -201,6 +205,9 @@ def run(
     report : bool
         Write the figures, the summary and the page too.
     progress : function of (families done, families in all, label of the next)
+    worker : WorkerProcess, optional
+        A process that does the work, and draws figures too, where neither `workers` nor `scheduler`
+        is given; its own timeout holds.
 
     Returns
     -------
@@ -226,6 +233,8 @@ def run(
         suite, variant, samples=samples, resolution=resolution, seed=seed, methods=methods
     )
     folder = as_path(out) if out is not None else Path("results") / chosen.name
+    if worker is not None and workers is None and scheduler is None:
+        return _run_in(worker, chosen, folder, variant, progress, retry_failed, report)
     apart = timeout is not None or workers is not None or scheduler is not None
     seconds = TIMEOUT_SECONDS if timeout is None else timeout
     with engine(variant, workers, scheduler, seconds) if apart else nullcontext() as work:
@@ -235,7 +244,40 @@ def run(
     return results
 
 
-def report(folder: Path | str, beside: Sequence[Path | str] = (), png: bool = False) -> list[Path]:
+DRAWING = ("malus.reports.figures.figure5", "malus.reports.figures.angles")
+"""Modules that load all that most figures need: Matplotlib takes its time."""
+
+
+def _run_in(
+    worker: WorkerProcess,
+    suite: Suite,
+    folder: Path,
+    variant: Variant,
+    progress: Progress,
+    retry_failed: bool,
+    report: bool,
+) -> Results:
+    """Run a suite in a worker process; while that works, this one loads what draws figures."""
+
+    def engine(tasks: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
+        if report:
+            Thread(target=import_all, args=DRAWING, daemon=True).start()
+        yield from in_worker_process(variant, worker)(tasks)
+        if report:
+            worker.begin(import_all, *DRAWING)
+
+    results = runner.run(suite, folder, variant, progress, engine, retry_failed)
+    if report:
+        write_report(results, folder, elsewhere=worker.stream)
+    return results
+
+
+def report(
+    folder: Path | str,
+    beside: Sequence[Path | str] = (),
+    png: bool = False,
+    worker: WorkerProcess | None = None,
+) -> list[Path]:
     """Write the figures, summary and page of a finished run or study again.
 
     Parameters
@@ -244,6 +286,8 @@ def report(folder: Path | str, beside: Sequence[Path | str] = (), png: bool = Fa
     beside : paths of folders of studies that a run's page shall show too
     png : bool
         Write every figure as PNG too.
+    worker : WorkerProcess, optional
+        A process that draws some of the figures.
 
     Returns
     -------
@@ -267,4 +311,5 @@ def report(folder: Path | str, beside: Sequence[Path | str] = (), png: bool = Fa
     if is_study(where):
         return write_study(where, png)
     studies = tuple(as_path(study) for study in beside)
-    return write_report(read_results(where), where, studies, png)
+    elsewhere = None if worker is None else worker.stream
+    return write_report(read_results(where), where, studies, png, elsewhere)

@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import chain, repeat
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
@@ -20,7 +21,7 @@ from malus.bench.running.parts import Failure
 from malus.bench.running.results import Record, table_of
 from malus.bench.running.scene_scores import SceneResult, ScoringPlan, score_together
 from malus.bench.running.truths import RENDERING, begin_ahead, renderer_of
-from malus.bench.running.worker_process import ATTEMPTS, Died, WorkerProcess, retried
+from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.bench.scoring.family_scores import groups
 from malus.reconstruct import get_method
@@ -63,7 +64,7 @@ def _in_worker(worker: WorkerProcess, task: FamilyTask, variant: Variant) -> Fam
     result: FamilyResult
     try:
         # What is rendered ahead may be what kills a worker: the second time this task is alone.
-        attempts = iter([task, *[replace(task, following=None)] * (ATTEMPTS - 1)])
+        attempts = chain([task], repeat(replace(task, following=None)))
         (result,) = retried(lambda: worker.stream(_one_result, next(attempts), variant))
     except Died as death:
         return FamilyResult(failures=[Failure(None, None, str(death))])
