@@ -36,7 +36,8 @@ if TYPE_CHECKING:
         list_surfaces as list_surfaces,
         list_swatches as list_swatches,
     )
-    from malus.bench.public.suites import Plan as Plan, plan as plan, report as report, run as run
+    from malus.bench.public.report import report as report
+    from malus.bench.public.suites import Plan as Plan, plan as plan, run as run
     from malus.bench.running.results import Results as Results, read_results as read_results
     from malus.bench.running.status import Status as Status, status as status
     from malus.bench.scoring.capture_score import score_capture as score_capture
@@ -143,7 +144,8 @@ _NAMES = {
     "malus.bench.public.gates": "BaselineUpdate GateResult gate update_baseline",
     "malus.bench.public.lists": "list_lights list_materials list_metals list_methods list_patterns"
     " list_shapes list_studies list_suites list_surfaces list_swatches",
-    "malus.bench.public.suites": "Plan plan report run",
+    "malus.bench.public.report": "report",
+    "malus.bench.public.suites": "Plan plan run",
     "malus.bench.running.results": "Results read_results",
     "malus.bench.running.status": "Status status",
     "malus.bench.scoring.capture_score": "score_capture",

@@ -144,7 +144,9 @@ def take_pictures(folder: Path) -> None:
 @pytest.fixture
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures take seconds a run: `finished` writes a report once."""
-    monkeypatch.setattr("malus.bench.public.suites.write_report", lambda *_: [])
+    for module in ("suites", "report"):
+        name = f"malus.bench.public.{module}.write_report"
+        monkeypatch.setattr(name, lambda *_, **__: [])
 
 
 def follow(document: Path, folder: Path) -> dict[str, Any]:

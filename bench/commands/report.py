@@ -34,7 +34,7 @@ def report_command(results: Path, beside: tuple[Path, ...], png: bool) -> None:
         several_cores = (os.cpu_count() or 1) > 1
         if several_cores:  # it imports what draws figures while this process reads
             worker.begin(import_all, "malus.reports.figures.figure5")
-        from malus.bench.public.suites import report
+        from malus.bench.public.report import report
 
         written = report(results, beside, png, worker if several_cores else None)
 

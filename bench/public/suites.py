@@ -1,4 +1,4 @@
-"""Plan a suite, run it, and write its report."""
+"""Plan a suite, and run it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.plan import FamilyPlan, OmittedWork, plan_record, savings
 from malus.bench.running.plan import plan as families_of
 from malus.bench.running.progress import Progress, silent
-from malus.bench.running.results import Results, read_results
+from malus.bench.running.results import Results
 from malus.bench.running.work import in_worker_process
 from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, import_all
 from malus.bench.scoring.extra_metrics import get_metrics
@@ -25,8 +25,7 @@ from malus.renderers.families.adaptive import Renders, first_samples, relative_e
 from malus.renderers.families.family import render_family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.variant import Variant
-from malus.reports.source import is_study
-from malus.reports.write import write_report, write_study
+from malus.reports.write import write_report
 from malus.scenes.core.remote import as_path
 from malus.scenes.scene import Sampling
 from malus.scenes.suite import Suite, load_suite
@@ -270,46 +269,3 @@ def _run_in(
     if report:
         write_report(results, folder, elsewhere=worker.stream)
     return results
-
-
-def report(
-    folder: Path | str,
-    beside: Sequence[Path | str] = (),
-    png: bool = False,
-    worker: WorkerProcess | None = None,
-) -> list[Path]:
-    """Write the figures, summary and page of a finished run or study again.
-
-    Parameters
-    ----------
-    folder : path or URL of a folder that `run` or `run_study` wrote
-    beside : paths of folders of studies that a run's page shall show too
-    png : bool
-        Write every figure as PNG too.
-    worker : WorkerProcess, optional
-        A process that draws some of the figures.
-
-    Returns
-    -------
-    list of Path
-        The files, in the order in which they were written.
-
-    Raises
-    ------
-    InputError
-        If the folder holds neither, or its files cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> folder = tempfile.mkdtemp()
-    >>> _ = run("quick", folder, resolution=8, samples=2, methods=["eq8"], report=False)
-    >>> [path.name for path in report(folder)][-1]
-    'report.html'
-    """
-    where = as_path(folder)
-    if is_study(where):
-        return write_study(where, png)
-    studies = tuple(as_path(study) for study in beside)
-    elsewhere = None if worker is None else worker.stream
-    return write_report(read_results(where), where, studies, png, elsewhere)

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 import pandas as pd
 
-from malus.bench.scoring.judge import MetricValue
+from malus.bench.scoring.metric_value import MetricValue
 from malus.scenes.core.errors import InputError, first_line
 from malus.scenes.core.files import open_regular, write_whole
 from malus.scenes.core.remote import as_path

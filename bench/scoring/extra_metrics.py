@@ -14,7 +14,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from malus.bench.scoring.colour_error import delta_e
-from malus.bench.scoring.judge import Metric, MetricValue, StokesMetric
+from malus.bench.scoring.judge import Metric, StokesMetric
+from malus.bench.scoring.metric_value import MetricValue
 from malus.bench.scoring.metrics import PixelSums, cos_zenith, peak, skills
 from malus.bench.scoring.polarisation_error import (
     PolarisationError,

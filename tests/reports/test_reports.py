@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import statistics
@@ -10,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pandas as pd
 import pytest
@@ -38,7 +40,7 @@ from malus.reports.tables.skills import (
     unreported_skills,
 )
 from malus.reports.tables.text_tables import savings
-from malus.reports.templates.render import render
+from malus.reports.templates.render import asset, render
 from malus.reports.write import write_study
 from malus.scenes.core.errors import InputError, printable
 
@@ -475,3 +477,13 @@ def test_report_is_written_whole(table: pd.DataFrame, tmp_path: Path) -> None:
     behind = pd.read_csv(tmp_path / "report" / "figure5.csv")
     eta = numbers(table, "eta")
     np.testing.assert_allclose(behind.loc[behind["panel"] == "eta", "mean"], eta["mean"])
+
+
+def test_the_viewers_colour_maps_are_those_of_matplotlib() -> None:
+    tables = json.loads(asset("colour_maps.json"))
+    for name, theirs in (
+        ("diverging", "RdBu_r"), ("sequential", "cividis"), ("cyclic", "twilight"),
+    ):  # fmt: skip
+        stored = np.frombuffer(base64.b64decode(tables[name]), np.uint8).reshape(256, 3)
+        expected = 255 * matplotlib.colormaps[theirs](np.linspace(0.0, 1.0, 256))[:, :3]
+        np.testing.assert_array_equal(stored, np.rint(expected))
