@@ -16,13 +16,12 @@ from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.parts import Failure
-from malus.bench.running.plan import FamilyPlan, plan
+from malus.bench.running.plan import FamilyPlan, by_stage, plan
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.truths import truths
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.renderers.datasets.dataset import DatasetWriter
 from malus.renderers.datasets.dataset_record import FailedScene
-from malus.renderers.mitsuba.lighting import radiance_map_of
 from malus.renderers.mitsuba.translate import tessellated_ahead
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
@@ -182,7 +181,7 @@ def _tasks(
 ) -> list[RenderTask]:
     """Tasks of the scenes that are left, those of one shape together: its tree is built once."""
     tasks = []
-    for family in sorted(families, key=_by_stage(families)):
+    for family in by_stage(families):
         scenes = [scene for scene in family.scenes if is_left(scene)]
         if scenes:
             tasks.append(RenderTask(family, scenes, suite.renderer, variant))
@@ -191,21 +190,6 @@ def _tasks(
         replace(task, next_shape=following if following != own else None)
         for task, (own, following) in zip(tasks, pairwise(shapes), strict=True)
     ]
-
-
-def _by_stage(families: Sequence[FamilyPlan]) -> Callable[[FamilyPlan], int]:
-    """Sorting key: families of one shape, camera and radiance map stand where the first does."""
-    order: dict[Any, int] = {}
-
-    def key(family: FamilyPlan) -> int:
-        scene = family.scenes[0]
-        return order.setdefault(
-            (scene.shape, scene.camera, radiance_map_of(scene.light)), len(order)
-        )
-
-    for family in families:
-        key(family)
-    return key
 
 
 def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 from malus.renderers.families.family import FamilyKey
 from malus.renderers.families.nodes import family_nodes
 from malus.renderers.families.patterned import with_part
+from malus.renderers.mitsuba.lighting import radiance_map_of
 from malus.renderers.mitsuba.translate import CONVEX
 from malus.scenes.core.model import content_id
 from malus.scenes.lights.lights import Distant, Uniform
@@ -65,6 +66,20 @@ def plan(suite: Suite) -> list[FamilyPlan]:
         groups.setdefault(FamilyKey.of(scene), []).append(scene)
     ordered = sorted(groups.items(), key=lambda group: (group[0].alpha, _measured_file(group[0])))
     return [_family(key, scenes, suite.sampling) for key, scenes in ordered]
+
+
+def stages(families: Sequence[FamilyPlan]) -> list[int]:
+    """Number of the stage of each family: its shape, camera and radiance map, loaded once."""
+    numbers: dict[Any, int] = {}
+    first_scenes = (family.scenes[0] for family in families)
+    keys = [(scene.shape, scene.camera, radiance_map_of(scene.light)) for scene in first_scenes]
+    return [numbers.setdefault(key, len(numbers)) for key in keys]
+
+
+def by_stage(families: Sequence[FamilyPlan]) -> list[FamilyPlan]:
+    """Families of one stage together, in the order in which the stages first come."""
+    numbered = sorted(enumerate(stages(families)), key=lambda pair: pair[1])
+    return [families[position] for position, _ in numbered]
 
 
 def _measured_file(key: FamilyKey) -> str:

@@ -15,12 +15,13 @@ from malus.bench.running.examples import example_ids
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
-from malus.bench.running.plan import FamilyPlan, plan, plan_record
+from malus.bench.running.plan import FamilyPlan, by_stage, plan, plan_record, stages
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results, origin, read_results, write_run, write_tables
 from malus.bench.running.work import Engine, in_this_process
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
+from malus.renderers.mitsuba.wavefront import STAGES
 from malus.renderers.variant import Variant, choose
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import owned, write_whole
@@ -104,7 +105,8 @@ class SuiteRun:
     def tasks(self) -> Iterator[FamilyTask]:
         """Tasks that are left; each is looked up when it is its turn, as others may do it too."""
         examples = example_ids(self.families)
-        for family, following in zip(self.families, [*self.families[1:], None], strict=True):
+        families = in_working_order(self.families)
+        for family, following in zip(families, [*families[1:], None], strict=True):
             name = part_id(family, self.suite, self.variant.name)
             missing = self._missing_methods(name)
             if not missing:
@@ -207,6 +209,15 @@ class SuiteRun:
             "samples": {"least": min(totals.samples), "most": max(totals.samples)},
             "plan": plan_record(self.suite, totals.families, totals.render_seconds),
         }
+
+
+def in_working_order(families: Sequence[FamilyPlan]) -> Sequence[FamilyPlan]:
+    """Families in the order of the plan, or by stage where there are more than stay loaded.
+
+    The tables of dozens of roughnesses are kept, and one costs less than a tree.
+    """
+    several = len(set(stages(families))) > STAGES
+    return by_stage(families) if several else families
 
 
 def _whole_methods(table: pd.DataFrame | None) -> set[str]:

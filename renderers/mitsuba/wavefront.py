@@ -41,12 +41,16 @@ RECORDINGS = 16
 """Most recorded calls that a stage keeps: one for each kind of light, body and number of nodes."""
 
 
+STAGES = 4
+"""Stages that stay loaded: what makes one is building the ray tracer's tree."""
+
+
 def stage(variant: Variant, shape: Shape, camera: Camera, light: Light) -> Stage:
-    """The stage for a shape, a camera and a light; the last four stay loaded."""
+    """The stage for a shape, a camera and a light; the last ones stay loaded."""
     return cached_stage(variant, shape, camera, radiance_map_of(light))
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=STAGES)
 def cached_stage(
     variant: Variant, shape: Shape, camera: Camera, around: Environment | Sky | None
 ) -> Stage:

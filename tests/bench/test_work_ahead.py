@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -12,8 +13,10 @@ import pytest
 from malus.bench.running import truths
 from malus.bench.running.family_task import FamilyTask
 from malus.bench.running.plan import FamilyPlan, plan
+from malus.bench.running.runner import in_working_order
 from malus.bench.running.work import work
 from malus.renderers.families.family import begin_family
+from malus.renderers.mitsuba.wavefront import STAGES
 from malus.renderers.variant import choose
 from malus.scenes import Suite
 
@@ -29,7 +32,11 @@ def nothing_begun() -> Iterator[None]:
 
 @pytest.fixture
 def families() -> list[FamilyPlan]:
-    data = {
+    return planned()
+
+
+def planned(**more: Any) -> list[FamilyPlan]:
+    data: dict[str, Any] = {
         "name": "ahead",
         "shapes": [{"kind": "sphere"}, {"kind": "torus"}],
         "materials": [{"eta": 1.3}, {"eta": 1.5}],
@@ -40,7 +47,7 @@ def families() -> list[FamilyPlan]:
         "camera": {"resolution": 12},
         "sampling": {"samples": 4},
     }
-    return plan(Suite.model_validate(data))
+    return plan(Suite.model_validate(data | more))
 
 
 def tasks(families: list[FamilyPlan]) -> list[FamilyTask]:
@@ -91,3 +98,20 @@ def test_a_fault_ahead_is_told_by_the_family_that_it_concerns(
     (failure,) = work(second, choose(), ahead=True).failures
     assert "no such kernel" in failure.reason
     table(third, ahead=True)
+
+
+def test_shapes_that_do_not_all_stay_loaded_come_one_after_the_other(
+    families: list[FamilyPlan],
+) -> None:
+    """A tree costs more than a table, and tables are kept; the results keep the plan's order."""
+    assert in_working_order(families) == families
+    many = planned(
+        shapes=[{"kind": "blob", "seed": seed} for seed in range(STAGES + 1)],
+        surfaces=["obsidian", "carbon"],
+    )
+    worked = in_working_order(many)
+    assert sorted(family.id for family in worked) == sorted(family.id for family in many)
+    shapes = [family.scenes[0].shape for family in worked]
+    changes = sum(one != other for one, other in itertools.pairwise(shapes))
+    assert changes == STAGES
+    assert worked != many
