@@ -13,12 +13,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import chain, repeat
 
-import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import Failure
-from malus.bench.running.results import Record, table_of
 from malus.bench.running.scene_scores import SceneResult, ScoringPlan, score_together
 from malus.bench.running.truths import RENDERING, begin_ahead, renderer_of
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
@@ -68,15 +66,25 @@ def _in_worker(worker: WorkerProcess, task: FamilyTask, variant: Variant) -> Fam
         (result,) = retried(lambda: worker.stream(_one_result, next(attempts), variant))
     except Died as death:
         return FamilyResult(failures=[Failure(None, None, str(death))])
-    return result
+    return result.tabled(task.renderer)
 
 
 def _one_result(task: FamilyTask, variant: Variant) -> Iterator[FamilyResult]:
-    yield work(task, variant, usable_cores(), ahead=True)
+    yield scored(task, variant, usable_cores(), ahead=True)
 
 
 def work(task: FamilyTask, variant: Variant, threads: int = 1, ahead: bool = False) -> FamilyResult:
-    """Render a family and score every method on each of its scenes.
+    """Render a family and score every method on each of its scenes; the result has a table.
+
+    Parameters as those of `scored`.
+    """
+    return scored(task, variant, threads, ahead).tabled(task.renderer)
+
+
+def scored(
+    task: FamilyTask, variant: Variant, threads: int = 1, ahead: bool = False
+) -> FamilyResult:
+    """Render a family and score every method on each of its scenes; the result has records.
 
     Scenes are shared out among `threads` where every method allows it. The seconds of a stage are
     then its part of the time that passed. With `ahead`, the kernels of the family that follows run
@@ -110,24 +118,15 @@ def work(task: FamilyTask, variant: Variant, threads: int = 1, ahead: bool = Fal
                 result.failures += scene_result.outcome.failures
                 result.examples |= scene_result.outcome.examples
         _add_seconds(result, scene_results, time.perf_counter() - started)
-    records = [record for scene_result in scene_results for record in scene_result.records]
-    if records:
-        with result.stage("score"):
-            result.table = _table(task, records, scene_results)
-        result.table.attrs["render_seconds"] = sum(result.seconds[name] for name in RENDERING)
+    result.records = [record for scene_result in scene_results for record in scene_result.records]
+    if result.records:
+        samples = (scene_result.samples for scene_result in scene_results if scene_result.samples)
+        result.attributes = {
+            "interpolation_rms": max(one.interpolation_rms for one in scene_results),
+            "samples": next(samples, task.family.sampling.samples),
+            "render_seconds": sum(result.seconds[name] for name in RENDERING),
+        }
     return result
-
-
-def _table(
-    task: FamilyTask, records: Sequence[Record], scene_results: Sequence[SceneResult]
-) -> pd.DataFrame:
-    """Table of a family; its attributes tell the samples and the error of the interpolation."""
-    table = table_of(records)
-    table.insert(table.columns.get_loc("method"), "renderer", task.renderer)
-    table.attrs["interpolation_rms"] = max(result.interpolation_rms for result in scene_results)
-    samples = (result.samples for result in scene_results if result.samples)
-    table.attrs["samples"] = next(samples, task.family.sampling.samples)
-    return table
 
 
 def _in_threads(
