@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from malus.bench.running.results import Results
     from malus.bench.running.worker_process import WorkerProcess
 
+NEEDED = ("malus.bench.running.scored_family", "malus.reconstruct.builtin_methods")
+"""Modules that a worker needs for its first family."""
+
 SHARED = ("suite", "out", "backend", "timeout")
 """Options that every study accepts, also where it has no use for them."""
 
@@ -99,7 +102,9 @@ def _run(name: str, out: Path | None, as_json: bool, options: dict[str, Any]) ->
         return _run_with(None, name, out, as_json, options)
     with WorkerProcess(options["timeout"]) as worker:
         # It imports what it needs while this process does, which has imported little so far.
-        worker.begin(import_all, "malus.bench.running.work", "malus.reconstruct.builtin_methods")
+        worker.begin(
+            import_all, "malus.bench.running.scored_family", "malus.reconstruct.builtin_methods"
+        )
         return _run_with(worker, name, out, as_json, options)
 
 

@@ -19,13 +19,11 @@ from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results
 from malus.bench.running.work import in_worker_process
 from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, import_all
-from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
 from malus.renderers.families.adaptive import Renders, first_samples, relative_error
 from malus.renderers.families.family import render_family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.variant import Variant
-from malus.reports.write import write_report
 from malus.scenes.core.remote import as_path
 from malus.scenes.scene import Sampling
 from malus.scenes.suite import Suite, load_suite
@@ -104,7 +102,10 @@ def plan(suite: Suite | str | Path, backend: str | Variant = "auto") -> Plan:
     loaded = suite if isinstance(suite, Suite) else load_suite(suite)
     for reference in loaded.methods:
         get_method(reference)
-    get_metrics(loaded.metrics)
+    if loaded.metrics:
+        from malus.bench.scoring.extra_metrics import get_metrics
+
+        get_metrics(loaded.metrics)
     families = families_of(loaded)
     seconds = predicted_seconds(families, variant, loaded.renderer)
     record = plan_record(loaded, families, seconds)
@@ -238,13 +239,11 @@ def run(
     seconds = TIMEOUT_SECONDS if timeout is None else timeout
     with engine(variant, workers, scheduler, seconds) if apart else nullcontext() as work:
         results = runner.run(chosen, folder, variant, progress, work, retry_failed)
-    if report:
-        write_report(results, folder)
-    return results
+    return _reported(results, folder) if report else results
 
 
-DRAWING = ("malus.reports.figures.figure5", "malus.reports.figures.angles")
-"""Modules that load all that most figures need: Matplotlib takes its time."""
+REPORT = ("malus.reports.write", "malus.reports.figures.figure5", "malus.reports.figures.angles")
+"""Modules that load all that most reports need: Matplotlib takes its time."""
 
 
 def _run_in(
@@ -260,12 +259,17 @@ def _run_in(
 
     def engine(tasks: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         if report:
-            Thread(target=import_all, args=DRAWING, daemon=True).start()
+            Thread(target=import_all, args=REPORT, daemon=True).start()
         yield from in_worker_process(variant, worker)(tasks)
         if report:
-            worker.begin(import_all, *DRAWING)
+            worker.begin(import_all, *REPORT)
 
     results = runner.run(suite, folder, variant, progress, engine, retry_failed)
-    if report:
-        write_report(results, folder, elsewhere=worker.stream)
+    return _reported(results, folder, worker) if report else results
+
+
+def _reported(results: Results, folder: Path, worker: WorkerProcess | None = None) -> Results:
+    from malus.reports.write import write_report
+
+    write_report(results, folder, elsewhere=None if worker is None else worker.stream)
     return results

@@ -7,9 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from malus.bench.running.examples import example_ids
 from malus.bench.running.family_task import FamilyResult, FamilyTask
@@ -19,7 +17,6 @@ from malus.bench.running.plan import FamilyPlan, by_stage, plan, plan_record, st
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results, origin, read_results, write_run, write_tables
 from malus.bench.running.work import Engine, in_this_process
-from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
 from malus.renderers.mitsuba.wavefront import STAGES
 from malus.renderers.variant import Variant, choose
@@ -28,6 +25,9 @@ from malus.scenes.core.files import owned, write_whole
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.result_files import EXAMPLES
 from malus.scenes.suite import Suite
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def run(
@@ -67,7 +67,10 @@ def run(
     chosen_variant = variant or choose()
     families = plan(suite)
     methods = {get_method(reference).name: reference for reference in suite.methods}
-    get_metrics(suite.metrics)  # whose names are checked before anything is rendered
+    if suite.metrics:
+        from malus.bench.scoring.extra_metrics import get_metrics
+
+        get_metrics(suite.metrics)  # whose names are checked before anything is rendered
     folder = prepare_folder(as_path(out), "a run")
     suite_run = SuiteRun(suite, families, methods, folder, chosen_variant, progress, retry_failed)
     with owned(folder, suite.id):

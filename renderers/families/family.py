@@ -98,8 +98,9 @@ def begin_family(
     )  # loaded first: what it prints of missing libraries is no warning of a render
 
     def begun(sampling: Sampling) -> Callable[[], RenderedOnce]:
-        if key.room:
-            return lambda: RenderedScene(render_room(key.room, sampling, chosen_variant))
+        room = key.room
+        if room:
+            return lambda: RenderedScene(render_room(room, sampling, chosen_variant))
         if key.pattern:
             return lambda: _patterned(key, scenes, sampling, chosen_variant, options)
         return _begin_plain(key, scenes, sampling, chosen_variant, options)
