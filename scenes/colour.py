@@ -140,40 +140,6 @@ def lab_of_linear_srgb(linear: FloatArray, white: float) -> Float64Array:
     return np.asarray(colour.XYZ_to_Lab(xyz, space.whitepoint))
 
 
-def delta_e_maps(
-    estimated: FloatArray,
-    true: FloatArray,
-    wavelengths_nm: tuple[float, ...],
-    method: str = "CIE 1976",
-) -> DifferenceMaps:
-    """Colour difference (pixels,) of I_max, I_min and every I(ϑ).
-
-    Parameters
-    ----------
-    estimated, true : (pixels, bands, 3)
-        Stokes vectors over the radiance of white.
-    wavelengths_nm : (bands,)
-    method : str
-        "CIE 1976" or "CIE 2000", as colour-science names them.
-
-    Yields
-    ------
-    (suffix, polariser angle in degrees or None, (pixels,) differences)
-
-    Raises
-    ------
-    InputError
-        If no band is visible.
-
-    Examples
-    --------
-    >>> stokes = np.full((4, 3, 3), 0.2)
-    >>> [suffix for suffix, angle, _ in delta_e_maps(stokes, stokes, (450.0, 550.0, 650.0))][:3]
-    ['_i_max', '_i_min', '']
-    """
-    yield from differences_from(compared_colours(true, wavelengths_nm), estimated, method)
-
-
 @dataclass(frozen=True)
 class ComparedColours:
     """CIELAB (pixels, 3) of I_max, I_min and every I(ϑ) of one Stokes image.
@@ -201,7 +167,27 @@ def compared_colours(stokes: FloatArray, wavelengths_nm: tuple[float, ...]) -> C
 def differences_from(
     true: ComparedColours, estimated: FloatArray, method: str = "CIE 1976"
 ) -> DifferenceMaps:
-    """As `delta_e_maps`, from colours of the truth that are known already."""
+    """Colour difference (pixels,) of I_max, I_min and every I(ϑ).
+
+    Parameters
+    ----------
+    true : ComparedColours
+    estimated : (pixels, bands, 3)
+        Stokes vectors over the radiance of white.
+    method : str
+        "CIE 1976" or "CIE 2000", as colour-science names them.
+
+    Yields
+    ------
+    (suffix, polariser angle in degrees or None, (pixels,) differences)
+
+    Examples
+    --------
+    >>> stokes = np.full((4, 3, 3), 0.2)
+    >>> true = compared_colours(stokes, (450.0, 550.0, 650.0))
+    >>> [suffix for suffix, angle, _ in differences_from(true, stokes)][:3]
+    ['_i_max', '_i_min', '']
+    """
     for (suffix, angle, image), colours in zip(_compared_images(), true.labs, strict=True):
         estimate = lab(image(estimated), true.weights)
         yield suffix, angle, _difference(colours, estimate, method)

@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from itertools import pairwise
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,7 +22,6 @@ from malus.bench.running.truths import truths
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.renderers.datasets.dataset import DatasetWriter
 from malus.renderers.datasets.dataset_record import FailedScene
-from malus.renderers.mitsuba.translate import tessellated_ahead
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
@@ -31,7 +30,6 @@ from malus.scenes.core.model import content_id
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.versions import versions
 from malus.scenes.scene import Scene
-from malus.scenes.shapes.shapes import Shape
 from malus.scenes.suite import Suite
 
 
@@ -162,15 +160,15 @@ class RenderTask:
 
     Attributes
     ----------
-    next_shape : Shape or None
-        Of the family after this one, whose mesh can be made meanwhile.
+    following : FamilyPlan or None
+        The family after this one, which can be begun meanwhile.
     """
 
     family: FamilyPlan
     scenes: Sequence[Scene]
     renderer: str
     variant: Variant
-    next_shape: Shape | None = None
+    following: FamilyPlan | None = None
 
 
 def _tasks(
@@ -185,11 +183,8 @@ def _tasks(
         scenes = [scene for scene in family.scenes if is_left(scene)]
         if scenes:
             tasks.append(RenderTask(family, scenes, suite.renderer, variant))
-    shapes = [*(task.family.scenes[0].shape for task in tasks), None]
-    return [
-        replace(task, next_shape=following if following != own else None)
-        for task, (own, following) in zip(tasks, pairwise(shapes), strict=True)
-    ]
+    following = [*(task.family for task in tasks[1:]), None]
+    return [replace(task, following=family) for task, family in zip(tasks, following, strict=False)]
 
 
 def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
@@ -200,10 +195,15 @@ def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
 def _rendered(task: RenderTask) -> Iterator[Truth | Failure]:
     """The truth of each scene, or why there is none."""
     result = FamilyResult()
-    ahead = task.next_shape if task.renderer == "mitsuba" else None
-    with result.guard(), tessellated_ahead(ahead):
+    with result.guard():
         rendered = truths(
-            task.family, task.scenes, task.renderer, task.variant, result, errors=True
+            task.family,
+            task.scenes,
+            task.renderer,
+            task.variant,
+            result,
+            errors=True,
+            following=task.following,
         )
         for _, truth in rendered:
             yield truth
@@ -219,9 +219,12 @@ def _outcomes(task: RenderTask, worker: WorkerProcess | None) -> Iterator[Truth 
         yield from _rendered(task)
         return
     left = {scene.id: scene for scene in task.scenes}
+    # What is rendered ahead may be what kills a worker: the second time this task is alone.
+    following = chain([task.following], repeat(None))
 
     def attempt() -> Iterator[Truth | Failure]:
-        return worker.stream(_rendered, replace(task, scenes=tuple(left.values())))
+        scenes = tuple(left.values())
+        return worker.stream(_rendered, replace(task, scenes=scenes, following=next(following)))
 
     try:
         for outcome in retried(attempt):

@@ -13,6 +13,7 @@ from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.plan import FamilyPlan
 from malus.renderers.families.family import RenderedFamily, begin_family
 from malus.renderers.families.interpolated import Family
+from malus.renderers.mitsuba.translate import tessellated_ahead
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
@@ -29,13 +30,21 @@ def truths(
     variant: Variant,
     result: FamilyResult,
     errors: bool = False,
+    following: FamilyPlan | None = None,
 ) -> Iterator[tuple[Scene, Truth]]:
     """Truths of some scenes of a family; those that fail are recorded in `result` and left out.
 
     All of the family is rendered, because its nodes in η follow from all of its scenes. Standard
-    errors cost time, and no score needs them: they are zero without `errors`.
+    errors cost time, and no score needs them: they are zero without `errors`. The mesh of the
+    family that is `following` is made while this one is rendered, and its kernels run while truths
+    are made.
     """
-    stage, truth_of, _ = renderer_of(family, renderer, variant, result, errors)
+    next_shape = following.scenes[0].shape if following and renderer == "mitsuba" else None
+    another = next_shape if next_shape != family.scenes[0].shape else None
+    with tessellated_ahead(another):
+        stage, truth_of, _ = renderer_of(family, renderer, variant, result, errors)
+    if following is not None:
+        begin_ahead(following, renderer, variant, errors)
     for scene in scenes:
         truth = None
         with result.guard(scene), result.stage(stage):
