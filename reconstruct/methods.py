@@ -106,8 +106,10 @@ def _per_pixel() -> dict[str, Method]:
     return {method.name: method for method in (TRIVIAL, *declared)}
 
 
-def _installed() -> importlib.metadata.EntryPoints:
-    return importlib.metadata.entry_points(group=ENTRY_POINTS)
+@functools.cache
+def _installed() -> tuple[importlib.metadata.EntryPoint, ...]:
+    """Entry points of methods; kept, because looking them up takes as long as scoring a method."""
+    return tuple(importlib.metadata.entry_points(group=ENTRY_POINTS))
 
 
 def get_method(name: str) -> Method:
