@@ -119,6 +119,7 @@ class WorkerProcess:
             self._connection.send((function, arguments, self.timeout))
             while self._begun:
                 self._begun -= self._connection.recv()[0] in (_END, _ERROR)
+            started = time.monotonic()
             while True:
                 kind, item = self._connection.recv()
                 if kind == _ERROR:
@@ -149,7 +150,9 @@ class WorkerProcess:
             if self._process is None:
                 self._start()
             assert self._connection is not None
-            self._connection.send((_without_results, (function, *arguments), self.timeout))
+            # Imports may take longer than tasks that are given little time.
+            seconds = max(self.timeout, _START_SECONDS)
+            self._connection.send((_without_results, (function, *arguments), seconds))
             self._begun += 1
 
     def _start(self) -> None:
