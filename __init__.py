@@ -41,7 +41,8 @@ if TYPE_CHECKING:
         list_surfaces as list_surfaces,
         list_swatches as list_swatches,
     )
-    from malus.bench.public.suites import Plan as Plan, plan as plan, report as report, run as run
+    from malus.bench.public.report import report as report
+    from malus.bench.public.suites import Plan as Plan, plan as plan, run as run
     from malus.bench.public.tables import compare as compare, table as table
     from malus.bench.running.capture_suite import (
         CaptureEntry as CaptureEntry,
@@ -168,7 +169,8 @@ _NAMES = {
     "malus.bench.public.lists": "list_lights list_maps list_materials list_metals list_methods"
     " list_metrics list_patterns list_sensors list_shapes list_studies list_suites list_surfaces"
     " list_swatches",
-    "malus.bench.public.suites": "Plan plan report run",
+    "malus.bench.public.report": "report",
+    "malus.bench.public.suites": "Plan plan run",
     "malus.bench.public.tables": "compare table",
     "malus.bench.running.capture_suite": "CaptureEntry CaptureSuite load_captures",
     "malus.bench.running.results": "Results read_results",

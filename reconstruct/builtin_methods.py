@@ -1,7 +1,7 @@
 """The methods that malus brings: a specular model each, with and without polarised diffuse light.
 
-Importing this module imports scipy and all lobe models, which takes long: `methods` does so when a
-method is first asked for.
+Importing this module imports all lobe models, which takes long: `methods` does so when a method is
+first asked for. Methods that look at the picture as a whole import scipy too, and only then.
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ from malus.reconstruct.image import from_lobes
 from malus.reconstruct.known_lights import known_lights
 from malus.reconstruct.lobe_models import LobeModel
 from malus.reconstruct.observation import Components, Observation
-from malus.reconstruct.single_image.blind import BLIND_METHODS
-from malus.reconstruct.single_image.paper import PAPER_METHODS, STAGES
 
 Reconstruction = Callable[[Observation], Components]
 
@@ -67,6 +65,9 @@ def whole_picture_methods() -> Iterator[
     tuple[str, frozenset[str], Reconstruction, str, frozenset[str]]
 ]:
     """Name, needs, function, summary and replaceable stages of methods that see whole pictures."""
+    from malus.reconstruct.single_image.blind import BLIND_METHODS
+    from malus.reconstruct.single_image.paper import PAPER_METHODS, STAGES
+
     for entry in BLIND_METHODS:
         yield *entry, frozenset()
     for entry in PAPER_METHODS:

@@ -91,20 +91,31 @@ def methods() -> dict[str, Method]:
     True
     """
     # Imported only now, because it takes long and `import malus.reconstruct` does not need it.
-    from malus.reconstruct.builtin_methods import per_pixel_methods, whole_picture_methods
+    from malus.reconstruct.builtin_methods import whole_picture_methods
 
-    declared = [
-        TRIVIAL,
-        *(Method(*entry, per_pixel=True, per_band=True) for entry in per_pixel_methods()),
-        *(
-            Method(name, needs, reconstruct, summary, optional=optional)
-            for name, needs, reconstruct, summary, optional in whole_picture_methods()
-        ),
-    ]
-    by_name = {method.name: method for method in declared}
-    for entry_point in importlib.metadata.entry_points(group=ENTRY_POINTS):
-        by_name[entry_point.name] = _loaded(f"entry point {entry_point.name}", entry_point.value)
-    return by_name
+    whole_picture = {
+        name: Method(name, needs, reconstruct, summary, optional=optional)
+        for name, needs, reconstruct, summary, optional in whole_picture_methods()
+    }
+    installed = {
+        entry.name: _loaded(f"entry point {entry.name}", entry.value) for entry in _installed()
+    }
+    return _per_pixel() | whole_picture | installed
+
+
+@functools.cache
+def _per_pixel() -> dict[str, Method]:
+    """Methods of malus that work pixel by pixel, by name."""
+    from malus.reconstruct.builtin_methods import per_pixel_methods
+
+    declared = (Method(*entry, per_pixel=True, per_band=True) for entry in per_pixel_methods())
+    return {method.name: method for method in (TRIVIAL, *declared)}
+
+
+@functools.cache
+def _installed() -> tuple[importlib.metadata.EntryPoint, ...]:
+    """Entry points of methods; kept, because looking them up takes as long as scoring a method."""
+    return tuple(importlib.metadata.entry_points(group=ENTRY_POINTS))
 
 
 def get_method(name: str) -> Method:
@@ -132,6 +143,8 @@ def get_method(name: str) -> Method:
     """
     if ":" in name:
         return _loaded(f"method {name}", name)
+    if name in _per_pixel() and all(entry.name != name for entry in _installed()):
+        return _per_pixel()[name]  # without those of whole pictures, which take longer to import
     by_name = methods()
     if name not in by_name:
         hint = near(name, by_name) or "`malus list methods` shows them; your own is module:object"

@@ -11,7 +11,7 @@ from malus.reports.page import Section
 from malus.reports.sections import figures, image_viewer, maps, of_study
 from malus.reports.source import Source, read_study
 from malus.reports.tables import captures, sentences, text_tables
-from malus.reports.tables.colour_errors import table1_text
+from malus.reports.tables.colour_errors import table1, table1_text
 from malus.reports.tables.formats import markdown
 from malus.reports.tables.text_tables import as_markdown
 from malus.reports.templates.render import render
@@ -37,7 +37,7 @@ def _headline(source: Source) -> Section:
 
 
 def _colour(source: Source) -> Section | None:
-    colours = table1_text(source.table)
+    colours = table1_text(source.colours)
     if not colours:
         return None
     explanation = sentences.CAPTURED_TABLE1
@@ -74,12 +74,23 @@ def _provenance(source: Source) -> Section:
     return Section("provenance", "How this came about", content)
 
 
-def capture_summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = ()) -> str:
-    """The summary of captures as Markdown text; `figures` are names of image files beside it."""
-    return "\n\n".join(filter(None, _blocks(table, run, figures))) + "\n"
+def capture_summary(
+    table: pd.DataFrame,
+    run: dict[str, Any],
+    figures: Sequence[str] = (),
+    colours: pd.DataFrame | None = None,
+) -> str:
+    """The summary of captures as Markdown text; `figures` are names of image files beside it.
+
+    `colours` are those of `table1`, where they are known.
+    """
+    known = table1(table) if colours is None else colours
+    return "\n\n".join(filter(None, _blocks(table, run, figures, known))) + "\n"
 
 
-def _blocks(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str]) -> Iterator[str]:
+def _blocks(
+    table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str], known: pd.DataFrame
+) -> Iterator[str]:
     yield f"# Results of the captures {markdown(run['suite']['name'])}"
     yield markdown(run["suite"].get("description", ""))
     yield from (f"![{markdown(name)}]({name})" for name in figures)
@@ -87,7 +98,7 @@ def _blocks(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str]) ->
     yield sentences.SKILL
     yield as_markdown(captures.by_group(table))
     yield _list(captures.doubts(run))
-    if colours := table1_text(table):
+    if colours := table1_text(known):
         yield "## Table I: colour differences"
         yield sentences.CAPTURED_TABLE1
         yield as_markdown(colours)

@@ -6,11 +6,10 @@ import base64
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 
 from markupsafe import Markup
 
-from malus.reports.templates.render import render
+from malus.reports.templates.render import asset, render
 
 PAGE = "report.html"
 
@@ -45,14 +44,14 @@ def page(name: str, description: str, sections: Sequence[Section]) -> str:
         description=description,
         sections=sections,
         policy=_policy(script),
-        style=Markup(_asset("page.css")),
+        style=Markup(asset("page.css")),
         script=Markup(script),
     )
 
 
 def script_text() -> str:
     """The page's script; its parts share one scope that no other script sees."""
-    parts = "\n".join(_asset(name) for name in _SCRIPTS)
+    parts = "\n".join(asset(name) for name in _SCRIPTS)
     return f'(() => {{\n"use strict";\n{parts}}})();\n'
 
 
@@ -60,7 +59,3 @@ def _policy(script: str) -> str:
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     allowed = ("default-src 'none'", f"script-src 'sha256-{digest}'", "img-src data:")
     return "; ".join((*allowed, "style-src 'unsafe-inline'", "base-uri 'none'"))
-
-
-def _asset(name: str) -> str:
-    return (resources.files("malus.reports") / "assets" / name).read_text("utf-8")

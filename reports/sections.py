@@ -111,7 +111,7 @@ def ladder(source: Source) -> Section | None:
 
 def colour(source: Source) -> Section | None:
     """Table I, where the run scored colours."""
-    colours = table1_text(source.table)
+    colours = table1_text(source.colours)
     if not colours:
         return None
     content = render("colour.html", explanation=sentences.TABLE1, colours=colours)

@@ -17,6 +17,7 @@ from malus.reports.figures.study_drawings import (
     readings_drawing,
     separation_drawing,
 )
+from malus.reports.tables.colour_errors import table1
 from malus.reports.viewer.examples import Example, read_examples
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.result_files import EXAMPLES, RUN
@@ -59,6 +60,11 @@ class Source:
     drawings: tuple[Drawing, ...]
     ladders: tuple[Drawing, ...] = ()
     beside: tuple[Path, ...] = ()
+
+    @cached_property
+    def colours(self) -> pd.DataFrame:
+        """Table I; empty where the run scored no colours."""
+        return table1(self.table)
 
     @cached_property
     def examples(self) -> tuple[Example, ...]:

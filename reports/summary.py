@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from malus.reports.tables import sentences, text_tables
-from malus.reports.tables.colour_errors import table1_text
+from malus.reports.tables.colour_errors import table1, table1_text
 from malus.reports.tables.formats import counted, markdown
 from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.rows import PAPER_METHOD, distinct
@@ -16,7 +16,12 @@ from malus.reports.tables.skills import negative_skills
 from malus.reports.tables.text_tables import as_markdown
 
 
-def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = ()) -> str:
+def summary(
+    table: pd.DataFrame,
+    run: dict[str, Any],
+    figures: Sequence[str] = (),
+    colours: pd.DataFrame | None = None,
+) -> str:
     """The summary of a run as Markdown text.
 
     Parameters
@@ -25,6 +30,8 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
         Of the results.
     figures : sequence of str
         Names of image files beside the summary.
+    colours : DataFrame, optional
+        Table I, where it is known already.
 
     Examples
     --------
@@ -40,7 +47,7 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
         sentences.PAPER,
         as_markdown(text_tables.beside_paper(table)),
         sentences.SKILL,
-        *_colours(table),
+        *_colours(table1(table) if colours is None else colours),
         "## Errors and skill",
         as_markdown(text_tables.errors(table)),
         sentences.NOISE,
@@ -58,8 +65,8 @@ def summary(table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str] = (
     return "\n\n".join(filter(None, blocks)) + "\n"
 
 
-def _colours(table: pd.DataFrame) -> Iterator[str]:
-    colours = table1_text(table)
+def _colours(errors: pd.DataFrame) -> Iterator[str]:
+    colours = table1_text(errors)
     if colours:
         yield "## Table I: colour differences"
         yield sentences.TABLE1

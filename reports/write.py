@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from malus.reports.capture_report import capture_summary, of_captures
-from malus.reports.figures.drawings import Drawing, drawings, ladders
+from malus.reports.figures.beside import Draughtsman, Elsewhere
+from malus.reports.figures.drawings import Drawing, drawings, ladders, picture
 from malus.reports.page import PAGE, page
 from malus.reports.sections import comparison as compared_section
 from malus.reports.sections import of_run, of_study
 from malus.reports.source import Source, read_study
 from malus.reports.summary import summary
-from malus.reports.tables.colour_errors import table1
 from malus.reports.tables.compared_runs import RunComparison
 from malus.reports.tables.metric_definitions import definition_of
 from malus.reports.tables.rows import ResultsLike, distinct
@@ -22,7 +22,13 @@ from malus.reports.tables.skills import by_light_and_body
 from malus.scenes.core.files import write_whole
 
 
-def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -> list[Path]:
+def write_report(
+    results: ResultsLike,
+    out: Path,
+    beside: Sequence[Path] = (),
+    png: bool = False,
+    elsewhere: Elsewhere | None = None,
+) -> list[Path]:
     """Write the report of a run into its folder: page, summary, figures, the CSV behind each.
 
     Every file is written whole or not at all. The images in its `examples/` are shown on
@@ -33,6 +39,11 @@ def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -
     results : pair of table and run
     out : path of a folder; made if missing
     beside : paths of folders of studies that the page shall show too
+    png : bool
+        Write every figure as PNG too.
+    elsewhere : function, optional
+        Draws figures in another process meanwhile: it is called with a function and its arguments,
+        and yields what that yields there.
 
     Returns
     -------
@@ -48,36 +59,38 @@ def write_report(results: ResultsLike, out: Path, beside: Sequence[Path] = ()) -
     ...     results = SimpleNamespace(table=sample.table(), run=sample.run())
     ...     names = [path.name for path in write_report(results, Path(folder))]
     >>> names[:3], names[-2:]
-    (['figure5.svg', 'figure5.png', 'figure5.csv'], ['summary.md', 'report.html'])
+    (['errors.csv', 'figure5.svg', 'figure5.csv'], ['summary.md', 'report.html'])
     """
     files = _Files(out)
-    figures = tuple(drawings(results.table))
-    budget = tuple(ladders(results.table))
-    for drawing in (*figures, *budget):
-        files.keep_drawing(drawing)
-    files.keep("errors.csv", by_light_and_body(results.table).to_csv(index=False))
-    known = [asdict(definition_of(name)) for name in distinct(results.table["metric"])]
+    table, run = results.table, results.run
+    budget = tuple(ladders(table))
+    drawn = Draughtsman([*drawings(table), *budget], png, elsewhere).drawings
+    figures = drawn[: len(drawn) - len(budget)]
+    files.keep("errors.csv", by_light_and_body(table).to_csv(index=False))
+    source = Source(table, run, out, figures, drawn[len(figures) :], tuple(beside))
+    if len(source.colours):
+        files.keep("table1.csv", source.colours.to_csv(index=False))
+    known = [asdict(definition_of(name)) for name in distinct(table["metric"])]
     files.keep("metrics.json", json.dumps(known, indent=1, ensure_ascii=False) + "\n")
-    colours = table1(results.table)
-    if len(colours):
-        files.keep("table1.csv", colours.to_csv(index=False))
-    names = [f"{drawing.name}.png" for drawing in (*figures, *budget)]
-    is_captures = "captures" in results.run
-    summarise = capture_summary if is_captures else summary
-    files.keep("summary.md", summarise(results.table, results.run, names))
-    suite = results.run["suite"]
-    source = Source(results.table, results.run, out, figures, budget, tuple(beside))
-    sections = of_captures(source) if is_captures else of_run(source)
+    summarise, parts = (capture_summary, of_captures) if "captures" in run else (summary, of_run)
+    text = summarise(table, run, [f"{drawing.name}.svg" for drawing in drawn], source.colours)
+    sections = parts(source)  # what shows no figure first: meanwhile those are drawn
+    for drawing in drawn:
+        files.keep_drawing(drawing)
+    files.keep("summary.md", text)
+    suite = run["suite"]
     files.keep(PAGE, page(suite["name"], suite.get("description", ""), sections))
     return files.written
 
 
-def write_study(out: Path) -> list[Path]:
+def write_study(out: Path, png: bool = False) -> list[Path]:
     """Write the page of a study into its folder, and its figure if it has one.
 
     Parameters
     ----------
     out : path of a folder that `malus run precision` or `malus run stress` made
+    png : bool
+        Write the figure as PNG too.
 
     Raises
     ------
@@ -88,6 +101,8 @@ def write_study(out: Path) -> list[Path]:
     study = read_study(out)
     for drawing in study.drawings:
         files.keep_drawing(drawing)
+        if png:
+            files.keep(f"{drawing.name}.png", picture(drawing.draw, with_png=True).png or b"")
     files.keep(PAGE, page(study.run["study"], study.run["description"], of_study(study)))
     return files.written
 
@@ -115,6 +130,7 @@ class _Files:
         self.written.append(self.folder / name)
 
     def keep_drawing(self, drawing: Drawing) -> None:
-        self.keep(f"{drawing.name}.svg", drawing.svg)
-        self.keep(f"{drawing.name}.png", drawing.png)
+        self.keep(f"{drawing.name}.svg", drawing.picture.svg)
+        if drawing.picture.png is not None:
+            self.keep(f"{drawing.name}.png", drawing.picture.png)
         self.keep(f"{drawing.name}.csv", drawing.numbers.to_csv(index=False))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import resources
 from typing import Literal
 
 import numpy as np
@@ -44,21 +45,27 @@ def matching_functions(
     >>> matching_functions((555.0, 1000.0))[:, 1].tolist()
     [1.0, 0.0]
     """
-    # colour-science takes a second to import, and most of malus never needs it.
-    import colour
-
-    observer = colour.MSDS_CMFS[_OBSERVER]
+    table_nm, *functions = _observer()
     wavelengths = np.asarray(wavelengths_nm, dtype=np.float64)
-    table_nm = observer.wavelengths
-    # Outside its table colour-science extrapolates.
     visible = (wavelengths >= table_nm[0]) & (wavelengths <= table_nm[-1])
     responses = np.zeros((len(wavelengths), 3))
     if between == "sprague":
-        responses[visible] = observer[wavelengths[visible]]
+        # colour-science takes a second to import, and most of malus never needs it.
+        import colour
+
+        responses[visible] = colour.MSDS_CMFS[_OBSERVER][wavelengths[visible]]
         return responses
-    for axis, values in enumerate(observer.values.T):
+    for axis, values in enumerate(functions):
         responses[visible, axis] = np.interp(wavelengths[visible], table_nm, values)
     return responses
+
+
+@functools.cache
+def _observer() -> Float64Array:
+    """Wavelengths in nm and the three colour matching functions, shape (4, rows)."""
+    entry = resources.files("malus.scenes") / "data" / "cie_1931_observer.txt"
+    with entry.open("r", encoding="utf-8") as lines:
+        return np.loadtxt(lines).T
 
 
 def cell_widths(wavelengths_nm: tuple[float, ...]) -> Float64Array:
@@ -101,19 +108,20 @@ def band_weights(wavelengths_nm: tuple[float, ...]) -> Float64Array:
 def lab(radiance: FloatArray, weights: Float64Array) -> Float64Array:
     """CIELAB (..., 3) of radiance (..., bands) over that of white; `weights` of `band_weights`.
 
+    CIE 015:2018, Equations 8.3 to 8.8; colour-science has the same, and its import takes a second.
+
     Examples
     --------
     >>> lab(np.ones(3), band_weights((450.0, 550.0, 650.0))).round(6).tolist()
     [100.0, 0.0, 0.0]
     """
-    import colour
-
     # Negative radiance is a violation and counted as such; it looks black.
-    xyz = np.maximum(radiance.astype(np.float64), 0.0) @ weights / 100.0
-    white = weights.sum(axis=0) / 100.0
-    coordinates = colour.XYZ_to_Lab(xyz, colour.XYZ_to_xy(white))
-    # Zero up to the rounding of the chromaticity's round trip.
-    return np.asarray(coordinates, dtype=np.float64) + 0.0
+    xyz = np.maximum(radiance.astype(np.float64), 0.0) @ weights
+    ratio = xyz / weights.sum(axis=0)
+    bright = ratio > (24 / 116) ** 3
+    f = np.where(bright, ratio ** (1 / 3), (841 / 108) * ratio + 16 / 116)
+    fx, fy, fz = np.moveaxis(f, -1, 0)
+    return np.stack([116 * fy - 16, 500 * (fx - fy), 200 * (fy - fz)], axis=-1)
 
 
 GREY = ("grey",)
@@ -147,40 +155,6 @@ def channel_weights(channels: tuple[str, ...]) -> Float64Array:
     return np.asarray(of_primaries if channels == RGB else of_primaries.sum(axis=0)[None])
 
 
-def delta_e_maps(
-    estimated: FloatArray,
-    true: FloatArray,
-    wavelengths_nm: tuple[float, ...],
-    method: str = "CIE 1976",
-) -> DifferenceMaps:
-    """Colour difference (pixels,) of I_max, I_min and every I(ϑ).
-
-    Parameters
-    ----------
-    estimated, true : (pixels, bands, 3)
-        Stokes vectors over the radiance of white.
-    wavelengths_nm : (bands,)
-    method : str
-        "CIE 1976" or "CIE 2000", as colour-science names them.
-
-    Yields
-    ------
-    (suffix, polariser angle in degrees or None, (pixels,) differences)
-
-    Raises
-    ------
-    InputError
-        If no band is visible.
-
-    Examples
-    --------
-    >>> stokes = np.full((4, 3, 3), 0.2)
-    >>> [suffix for suffix, angle, _ in delta_e_maps(stokes, stokes, (450.0, 550.0, 650.0))][:3]
-    ['_i_max', '_i_min', '']
-    """
-    yield from differences_from(compared_colours(true, wavelengths_nm), estimated, method)
-
-
 @dataclass(frozen=True)
 class ComparedColours:
     """CIELAB (pixels, 3) of I_max, I_min and every I(ϑ) of one Stokes image.
@@ -212,12 +186,38 @@ def weighted_colours(stokes: FloatArray, weights: Float64Array) -> ComparedColou
 def differences_from(
     true: ComparedColours, estimated: FloatArray, method: str = "CIE 1976"
 ) -> DifferenceMaps:
-    """As `delta_e_maps`, from colours of the truth that are known already."""
-    import colour
+    """Colour difference (pixels,) of I_max, I_min and every I(ϑ).
 
+    Parameters
+    ----------
+    true : ComparedColours
+    estimated : (pixels, bands, 3)
+        Stokes vectors over the radiance of white.
+    method : str
+        "CIE 1976" or "CIE 2000", as colour-science names them.
+
+    Yields
+    ------
+    (suffix, polariser angle in degrees or None, (pixels,) differences)
+
+    Examples
+    --------
+    >>> stokes = np.full((4, 3, 3), 0.2)
+    >>> true = compared_colours(stokes, (450.0, 550.0, 650.0))
+    >>> [suffix for suffix, angle, _ in differences_from(true, stokes)][:3]
+    ['_i_max', '_i_min', '']
+    """
     for (suffix, angle, image), colours in zip(_compared_images(), true.labs, strict=True):
         estimate = lab(image(estimated), true.weights)
-        yield suffix, angle, np.asarray(colour.delta_E(colours, estimate, method=method))
+        yield suffix, angle, _difference(colours, estimate, method)
+
+
+def _difference(true: Float64Array, estimated: Float64Array, method: str) -> Float64Array:
+    if method == "CIE 1976":
+        return np.sqrt(np.square(true - estimated).sum(axis=-1))
+    import colour
+
+    return np.asarray(colour.delta_E(true, estimated, method=method))
 
 
 def _compared_images() -> Iterator[tuple[str, float | None, Callable[[FloatArray], FloatArray]]]:

@@ -149,7 +149,8 @@ def take_pictures(folder: Path) -> None:
 @pytest.fixture
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures take seconds a run: `finished` writes a report once."""
-    monkeypatch.setattr("malus.bench.public.suites.write_report", lambda *_: [])
+    for module in ("malus.reports.write", "malus.bench.public.report"):
+        monkeypatch.setattr(f"{module}.write_report", lambda *_, **__: [])
 
 
 def follow(document: Path, folder: Path) -> dict[str, Any]:

@@ -42,16 +42,24 @@ def render_command(suite: str, out: Path, as_json: bool, **options: Any) -> None
       malus render quick --out quick-dataset
       malus render quick --part 2/4 --out quick-parts
     """
-    from rich.console import Console
+    from malus.bench.running.worker_process import WorkerProcess, import_all
 
-    from malus.bench.commands.printing import print_json
-    from malus.bench.datasets.render import render_dataset
-    from malus.bench.running.progress import peak_memory, with_progress
+    with WorkerProcess(options.pop("timeout")) as worker:
+        # It imports what it needs while this process does, which has imported little so far.
+        worker.begin(import_all, "malus.bench.datasets.render")
 
-    console = Console(stderr=True)
-    done = with_progress(
-        console, "scenes", lambda show: render_dataset(suite, out, progress=show, **options)
-    )
+        from rich.console import Console
+
+        from malus.bench.commands.printing import print_json
+        from malus.bench.datasets.render import render_dataset
+        from malus.bench.running.progress import peak_memory, with_progress
+
+        console = Console(stderr=True)
+        done = with_progress(
+            console,
+            "scenes",
+            lambda show: render_dataset(suite, out, progress=show, worker=worker, **options),
+        )
     done["peak_memory_bytes"] = peak_memory()
     if as_json:
         print_json(done)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -31,8 +32,9 @@ from malus.bench.commands.options import FOLDER, command
     multiple=True,
     help="With --table: a metric to show [default: NMSE, skill and what the suite asked for].",
 )
+@click.option("--png", is_flag=True, help="Write every figure as PNG too.")
 def report_command(
-    results: Path, beside: tuple[Path, ...], form: str | None, metrics: tuple[str, ...]
+    results: Path, beside: tuple[Path, ...], form: str | None, metrics: tuple[str, ...], png: bool
 ) -> None:
     """Make the figures, summary and page of a finished run again, from its folder RESULTS.
 
@@ -51,11 +53,18 @@ def report_command(
         from malus.scenes.core.errors import InputError
 
         raise InputError("--metric", "--table beside it", "no --table", "give both or neither")
+    from malus.bench.running.worker_process import WorkerProcess, import_all
+
+    with WorkerProcess() as worker:
+        several_cores = (os.cpu_count() or 1) > 1
+        if several_cores:  # it imports what draws figures while this process reads
+            worker.begin(import_all, "malus.reports.figures.figure5")
+        from malus.bench.public.report import report
+
+        written = report(results, beside, png, worker if several_cores else None)
+
     from rich.console import Console
 
-    from malus.bench.public.suites import report
-
-    written = report(results, beside)
     Console().print(f"{len(written)} files written to {results}", highlight=False)
 
 

@@ -23,7 +23,13 @@ from malus.bench.commands.options import (
 from malus.bench.studies.registry import STUDIES, run_study
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from malus.bench.running.results import Results
+    from malus.bench.running.worker_process import WorkerProcess
+
+NEEDED = ("malus.bench.running.scored_family", "malus.reconstruct.builtin_methods")
+"""Modules that a worker needs for its first family."""
 
 CHANGES = ("samples", "resolution", "seed", "methods", "metrics")
 """Options that replace or add to values of the suite."""
@@ -96,18 +102,41 @@ def _refuse(name: str, option: str, allowed: set[str]) -> None:
 
 def _run(name: str, out: Path | None, as_json: bool, options: dict[str, Any]) -> int:
     """Run a suite, and return the number of families with a failure."""
-    from rich.console import Console
+    from malus.bench.running.worker_process import WorkerProcess, import_all
 
-    from malus.bench.commands.printing import print_json, results_table
-    from malus.bench.public.suites import run
+    if options["workers"] is not None or options["scheduler"] is not None:
+        return _run_with(None, name, out, as_json, options)
+    with WorkerProcess(options["timeout"]) as worker:
+        # It imports what it needs while this process does, which has imported little so far.
+        worker.begin(
+            import_all, "malus.bench.running.scored_family", "malus.reconstruct.builtin_methods"
+        )
+        return _run_with(worker, name, out, as_json, options)
+
+
+def _run_with(
+    worker: WorkerProcess | None,
+    name: str,
+    out: Path | None,
+    as_json: bool,
+    options: dict[str, Any],
+) -> int:
+    """Run a suite, in a worker process where one is given."""
     from malus.bench.running.overrides import chosen_suite, chosen_variant
-    from malus.bench.running.progress import with_progress
-    from malus.bench.running.results import headline
+    from malus.renderers.variant import mitsuba
 
     options["metrics"] = asked_metrics(options["metrics"], options.pop("profiles"))
     changes = {key: options.pop(key) for key in CHANGES}
     variant = chosen_variant(options.pop("backend"))
+    if worker is not None:
+        worker.begin(mitsuba, variant)
     suite = chosen_suite(name, variant, **changes)
+
+    from rich.console import Console
+
+    from malus.bench.public.suites import run
+    from malus.bench.running.progress import with_progress
+
     folder = out if out is not None else Path("results") / suite.name
     console = Console(stderr=True)
     console.print(f"{suite.name}: {suite.description}", highlight=False)
@@ -119,8 +148,18 @@ def _run(name: str, out: Path | None, as_json: bool, options: dict[str, Any]) ->
     results = with_progress(
         console,
         "families",
-        lambda show: run(suite, folder, backend=variant, progress=show, **options),
+        lambda show: run(suite, folder, backend=variant, progress=show, worker=worker, **options),
     )
+    return _tell(results, folder, as_json, console)
+
+
+def _tell(results: Results, folder: Path, as_json: bool, console: Console) -> int:
+    """Print what came of a run, and return the number of families with a failure."""
+    from rich.console import Console
+
+    from malus.bench.commands.printing import print_json, results_table
+    from malus.bench.running.results import headline
+
     failed = int(results.run["families_failed"])
     if as_json:
         methods = headline(results)

@@ -35,7 +35,7 @@ from malus.bench.running.results import (
 )
 from malus.bench.scoring.capture_metrics import CapturedPixels
 from malus.bench.scoring.extra_metrics import with_guess
-from malus.bench.scoring.judge import MetricValue
+from malus.bench.scoring.metric_value import MetricValue
 from malus.bench.scoring.metrics import Residuals, brightest
 from malus.bench.scoring.profiles import PROFILES
 from malus.reconstruct import Inapplicable, Method, get_method

@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,7 +20,7 @@ from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.parts import Failure
-from malus.bench.running.plan import FamilyPlan
+from malus.bench.running.plan import FamilyPlan, by_stage
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.truths import truths
 from malus.bench.running.worker_process import (
@@ -34,8 +34,6 @@ from malus.bench.running.worker_process import (
 from malus.renderers.datasets.dataset_record import FailedScene
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.listed_scenes import listed_of
-from malus.renderers.mitsuba.lighting import radiance_map_of
-from malus.renderers.mitsuba.translate import tessellated_ahead
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
@@ -43,7 +41,6 @@ from malus.scenes.core.files import owned
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.versions import versions
 from malus.scenes.scene import Scene
-from malus.scenes.shapes.shapes import Shape
 from malus.scenes.suite import Suite
 
 
@@ -235,8 +232,8 @@ class RenderTask:
 
     Attributes
     ----------
-    next_shape : Shape or None
-        Of the family after this one, whose mesh can be made meanwhile.
+    following : FamilyPlan or None
+        The family after this one, which can be begun meanwhile.
     additions : Additions
         What is stored beside the truths.
     """
@@ -245,7 +242,7 @@ class RenderTask:
     scenes: Sequence[Scene]
     renderer: str
     variant: Variant
-    next_shape: Shape | None = None
+    following: FamilyPlan | None = None
     additions: Additions = NOTHING
 
 
@@ -257,31 +254,13 @@ def _tasks(
 ) -> list[RenderTask]:
     """Tasks of the scenes that are left, those of one shape together: its tree is built once."""
     tasks = []
-    for family in sorted(families, key=_by_stage(families)):
+    for family in by_stage(families):
         scenes = [scene for scene in family.scenes if is_left(scene)]
         if scenes:
             added = Additions.of(suite)
             tasks.append(RenderTask(family, scenes, suite.renderer, variant, additions=added))
-    shapes = [*(task.family.scenes[0].shape for task in tasks), None]
-    return [
-        replace(task, next_shape=following if following != own else None)
-        for task, (own, following) in zip(tasks, pairwise(shapes), strict=True)
-    ]
-
-
-def _by_stage(families: Sequence[FamilyPlan]) -> Callable[[FamilyPlan], int]:
-    """Sorting key: families of one shape, camera and radiance map stand where the first does."""
-    order: dict[Any, int] = {}
-
-    def key(family: FamilyPlan) -> int:
-        scene = family.scenes[0]
-        return order.setdefault(
-            (scene.shape, scene.camera, radiance_map_of(scene.light)), len(order)
-        )
-
-    for family in families:
-        key(family)
-    return key
+    following = [*(task.family for task in tasks[1:]), None]
+    return [replace(task, following=family) for task, family in zip(tasks, following, strict=False)]
 
 
 def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
@@ -292,10 +271,15 @@ def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
 def _rendered(task: RenderTask) -> Iterator[Truth | Failure]:
     """The truth of each scene, or why there is none."""
     result = FamilyResult()
-    ahead = task.next_shape if task.renderer == "mitsuba" else None
-    with result.guard(), tessellated_ahead(ahead):
+    with result.guard():
         rendered = truths(
-            task.family, task.scenes, task.renderer, task.variant, result, errors=True
+            task.family,
+            task.scenes,
+            task.renderer,
+            task.variant,
+            result,
+            errors=True,
+            following=task.following,
         )
         for scene, truth in rendered:
             whole = None
@@ -315,9 +299,12 @@ def _outcomes(task: RenderTask, worker: WorkerProcess | None) -> Iterator[Truth 
         yield from _rendered(task)
         return
     left = {scene.id: scene for scene in task.scenes}
+    # What is rendered ahead may be what kills a worker: the second time this task is alone.
+    following = chain([task.following], repeat(None))
 
     def attempt() -> Iterator[Truth | Failure]:
-        return worker.stream(_rendered, replace(task, scenes=tuple(left.values())))
+        scenes = tuple(left.values())
+        return worker.stream(_rendered, replace(task, scenes=scenes, following=next(following)))
 
     try:
         for outcome in retried(attempt):

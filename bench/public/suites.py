@@ -1,30 +1,30 @@
-"""Plan a suite, run it, and write its report."""
+"""Plan a suite, and run it."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 
 from malus.bench.datasets.maps_and_frames import Additions
 from malus.bench.running import runner
 from malus.bench.running.cluster import engine
+from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.plan import FamilyPlan, OmittedWork, plan_record, savings
 from malus.bench.running.plan import plan as families_of
 from malus.bench.running.progress import Progress, silent
-from malus.bench.running.results import Results, read_results
-from malus.bench.running.worker_process import TIMEOUT_SECONDS
-from malus.bench.scoring.extra_metrics import get_metrics
+from malus.bench.running.results import Results
+from malus.bench.running.work import in_worker_process
+from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, import_all
 from malus.reconstruct import get_method
 from malus.renderers.families.adaptive import Renders, first_samples, relative_error
 from malus.renderers.families.family import render_family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.variant import Variant
-from malus.reports.source import is_study
-from malus.reports.write import write_report, write_study
 from malus.scenes.core.remote import as_path
 from malus.scenes.scene import Sampling
 from malus.scenes.suite import Suite, load_suite
@@ -103,7 +103,10 @@ def plan(suite: Suite | str | Path, backend: str | Variant = "auto") -> Plan:
     loaded = suite if isinstance(suite, Suite) else load_suite(suite)
     for reference in loaded.methods:
         get_method(reference)
-    get_metrics(loaded.metrics)
+    if loaded.metrics:
+        from malus.bench.scoring.extra_metrics import get_metrics
+
+        get_metrics(loaded.metrics)
     families = families_of(loaded)
     seconds = predicted_seconds(families, variant, loaded.renderer, loaded.random is not None)
     record = plan_record(loaded, families, seconds)
@@ -188,6 +191,7 @@ def run(
     retry_failed: bool = False,
     report: bool = True,
     progress: Progress = silent,
+    worker: WorkerProcess | None = None,
 ) -> Results:
     """Render, reconstruct, score and report a suite; write everything to a folder.
 
@@ -219,6 +223,9 @@ def run(
     report : bool
         Write the figures, the summary and the page too.
     progress : function of (families done, families in all, label of the next)
+    worker : WorkerProcess, optional
+        A process that does the work, and draws figures too, where neither `workers` nor `scheduler`
+        is given; its own timeout holds.
 
     Returns
     -------
@@ -250,42 +257,43 @@ def run(
         metrics=metrics,
     )
     folder = as_path(out) if out is not None else Path("results") / chosen.name
+    if worker is not None and workers is None and scheduler is None:
+        return _run_in(worker, chosen, folder, variant, progress, retry_failed, report)
     apart = timeout is not None or workers is not None or scheduler is not None
     seconds = TIMEOUT_SECONDS if timeout is None else timeout
     with engine(variant, workers, scheduler, seconds) if apart else nullcontext() as work:
         results = runner.run(chosen, folder, variant, progress, work, retry_failed)
-    if report:
-        write_report(results, folder)
+    return _reported(results, folder) if report else results
+
+
+REPORT = ("malus.reports.write", "malus.reports.figures.figure5", "malus.reports.figures.angles")
+"""Modules that load all that most reports need: Matplotlib takes its time."""
+
+
+def _run_in(
+    worker: WorkerProcess,
+    suite: Suite,
+    folder: Path,
+    variant: Variant,
+    progress: Progress,
+    retry_failed: bool,
+    report: bool,
+) -> Results:
+    """Run a suite in a worker process; while that works, this one loads what draws figures."""
+
+    def engine(tasks: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
+        if report:
+            Thread(target=import_all, args=REPORT, daemon=True).start()
+        yield from in_worker_process(variant, worker)(tasks)
+        if report:
+            worker.begin(import_all, *REPORT)
+
+    results = runner.run(suite, folder, variant, progress, engine, retry_failed)
+    return _reported(results, folder, worker) if report else results
+
+
+def _reported(results: Results, folder: Path, worker: WorkerProcess | None = None) -> Results:
+    from malus.reports.write import write_report
+
+    write_report(results, folder, elsewhere=None if worker is None else worker.stream)
     return results
-
-
-def report(folder: Path | str, beside: Sequence[Path | str] = ()) -> list[Path]:
-    """Write the figures, summary and page of a finished run or study again.
-
-    Parameters
-    ----------
-    folder : path or URL of a folder that `run` or `run_study` wrote
-    beside : paths of folders of studies that a run's page shall show too
-
-    Returns
-    -------
-    list of Path
-        The files, in the order in which they were written.
-
-    Raises
-    ------
-    InputError
-        If the folder holds neither, or its files cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> folder = tempfile.mkdtemp()
-    >>> _ = run("quick", folder, resolution=8, samples=2, methods=["eq8"], report=False)
-    >>> [path.name for path in report(folder)][-1]
-    'report.html'
-    """
-    where = as_path(folder)
-    if is_study(where):
-        return write_study(where)
-    return write_report(read_results(where), where, tuple(as_path(study) for study in beside))

@@ -30,7 +30,7 @@ from malus.bench.running.results import (
     write_results,
 )
 from malus.bench.scoring.capture_metrics import CapturedPixels
-from malus.bench.scoring.judge import MetricValue
+from malus.bench.scoring.metric_value import MetricValue
 from malus.reconstruct import Inapplicable, Method, Observation, get_method
 from malus.reconstruct.methods import TRIVIAL
 from malus.reconstruct.photos.capture import Capture

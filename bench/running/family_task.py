@@ -8,10 +8,11 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan
+from malus.bench.running.results import Record, table_of
 from malus.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ class FamilyTask:
         Scenes whose images are kept for people to look at.
     ladder : bool
         Whether methods are scored on every rung of the ladder of knowledge.
+    following : FamilyPlan, optional
+        The family that is probably next, whose kernels can run while this one is scored.
     """
 
     id: str
@@ -43,6 +46,7 @@ class FamilyTask:
     metrics: tuple[str, ...] = ()
     examples: frozenset[str] = frozenset()
     ladder: bool = False
+    following: FamilyPlan | None = None
 
 
 @dataclass
@@ -52,7 +56,9 @@ class FamilyResult:
     Attributes
     ----------
     table : DataFrame or None
-        None where not a single row could be made.
+        None where not a single row could be made, and before it is made of the records.
+    records : list of Record
+        Scores of every method on every scene; `attributes` are those of their table.
     failures : list of Failure
     examples : dict of file name to content
         Compressed images of the few scenes that were asked for.
@@ -66,6 +72,18 @@ class FamilyResult:
     examples: dict[str, bytes] = field(default_factory=dict)
     seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     clock: Callable[[], float] = time.perf_counter
+    records: list[Record] = field(default_factory=list)
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+    def tabled(self, renderer: str) -> FamilyResult:
+        """Make the table of the records, and return self."""
+        if self.records:
+            with self.stage("score"):
+                self.table = table_of(self.records)
+            self.table.insert(self.table.columns.get_loc("method"), "renderer", renderer)
+            self.table.attrs.update(self.attributes)
+            self.records = []
+        return self
 
     def whole(self, methods: Iterable[str]) -> set[str]:
         """Methods that worked on every scene."""

@@ -119,6 +119,8 @@ class Parts:
 
     def table(self, name: str) -> pd.DataFrame | None:
         """Rows of a family; None where there are none, or the file is damaged."""
+        if not self._path(name).exists():
+            return None
         import pandas as pd
 
         with suppress(Exception), open_regular(self._path(name)) as file:

@@ -10,6 +10,7 @@ from malus.renderers.families.bounced import needs_paths
 from malus.renderers.families.family import FamilyKey
 from malus.renderers.families.nodes import family_nodes, nodes_by_albedo
 from malus.renderers.families.patterned import with_part
+from malus.renderers.mitsuba.lighting import radiance_map_of
 from malus.scenes.core.model import content_id
 from malus.scenes.lights.lights import Distant, Uniform
 from malus.scenes.materials.surface import Facets
@@ -89,6 +90,20 @@ def family_of_scene(scene: Scene, sampling: Sampling) -> FamilyPlan:
     """
     seed = (sampling.seed + int(scene.id, 16)) % SEEDS
     return _family(FamilyKey.of(scene), [scene], sampling.model_copy(update={"seed": seed}))
+
+
+def stages(families: Sequence[FamilyPlan]) -> list[int]:
+    """Number of the stage of each family: its shape, camera and radiance map, loaded once."""
+    numbers: dict[Any, int] = {}
+    first_scenes = (family.scenes[0] for family in families)
+    keys = [(scene.shape, scene.camera, radiance_map_of(scene.light)) for scene in first_scenes]
+    return [numbers.setdefault(key, len(numbers)) for key in keys]
+
+
+def by_stage(families: Sequence[FamilyPlan]) -> list[FamilyPlan]:
+    """Families of one stage together, in the order in which the stages first come."""
+    numbered = sorted(enumerate(stages(families)), key=lambda pair: pair[1])
+    return [families[position] for position, _ in numbered]
 
 
 def _measured_file(key: FamilyKey) -> str:

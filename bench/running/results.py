@@ -1,26 +1,32 @@
-"""The results of a run: its table and its record, as files that are written whole or not at all."""
+"""The results of a run: its table and its record, as files that are written whole or not at all.
+
+pandas is imported where there is a table: what scores makes none.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
-import pandas as pd
 
-from malus.bench.scoring.judge import MetricValue
+from malus.bench.scoring.metric_value import MetricValue
 from malus.scenes.core.errors import InputError, first_line
 from malus.scenes.core.files import open_regular, write_whole
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.result_files import HEADLINES, RUN, TABLE
 from malus.scenes.core.versions import versions
 from malus.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,7 @@ def headline(results: Results) -> list[dict[str, Any]]:
 
 
 def _or_none(value: Any) -> float | None:
-    return None if pd.isna(value) else float(value)
+    return None if math.isnan(value) else float(value)
 
 
 class Record(NamedTuple):
@@ -152,6 +158,8 @@ def table_of(records: Sequence[Record]) -> pd.DataFrame:
     >>> table.scene.tolist(), table.metric.tolist()
     (['a', 'a'], ['nmse', 'skill'])
     """
+    import pandas as pd
+
     counts = [len(record.values) for record in records]
     columns: dict[str, Any] = {}
     for name in records[0].common:
@@ -229,6 +237,8 @@ GROUP_ROWS = 100_000
 
 def _in_groups(tables: Iterable[pd.DataFrame]) -> Iterator[pd.DataFrame]:
     """Join tables to some `GROUP_ROWS` rows: small groups would make a long index."""
+    import pandas as pd
+
     waiting: list[pd.DataFrame] = []
     for table in tables:
         waiting.append(table)
@@ -282,6 +292,7 @@ def _read_table(parquet: BinaryIO) -> pd.DataFrame:
 
     Columns are read one after the other, so that one at most is held twice.
     """
+    import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
 

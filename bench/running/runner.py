@@ -7,26 +7,27 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from malus.bench.running.examples import example_ids
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
-from malus.bench.running.plan import FamilyPlan, plan, plan_record
+from malus.bench.running.plan import FamilyPlan, by_stage, plan, plan_record, stages
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results, origin, read_results, write_run, write_tables
 from malus.bench.running.work import Engine, in_this_process
-from malus.bench.scoring.extra_metrics import get_metrics
 from malus.reconstruct import get_method
+from malus.renderers.mitsuba.wavefront import STAGES
 from malus.renderers.variant import Variant, choose
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import owned, write_whole
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.result_files import EXAMPLES
 from malus.scenes.suite import Suite
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def run(
@@ -66,7 +67,10 @@ def run(
     chosen_variant = variant or choose()
     families = plan(suite)
     methods = {get_method(reference).name: reference for reference in suite.methods}
-    get_metrics(suite.metrics)  # whose names are checked before anything is rendered
+    if suite.metrics:
+        from malus.bench.scoring.extra_metrics import get_metrics
+
+        get_metrics(suite.metrics)  # whose names are checked before anything is rendered
     folder = prepare_folder(as_path(out), "a run")
     suite_run = SuiteRun(suite, families, methods, folder, chosen_variant, progress, retry_failed)
     with owned(folder, suite.id):
@@ -104,7 +108,8 @@ class SuiteRun:
     def tasks(self) -> Iterator[FamilyTask]:
         """Tasks that are left; each is looked up when it is its turn, as others may do it too."""
         examples = example_ids(self.families)
-        for family in self.families:
+        families = in_working_order(self.families)
+        for family, following in zip(families, [*families[1:], None], strict=True):
             name = part_id(family, self.suite, self.variant.name)
             missing = self._missing_methods(name)
             if not missing:
@@ -119,7 +124,15 @@ class SuiteRun:
                 self.suite.metrics,
                 examples & {scene.id for scene in family.scenes},
                 ladder=self.suite.knowledge == "ladder",
+                following=following if self._is_new(following) else None,
             )
+
+    def _is_new(self, family: FamilyPlan | None) -> bool:
+        """Whether nothing of a family is stored, nor that it failed."""
+        if family is None:
+            return False
+        name = part_id(family, self.suite, self.variant.name)
+        return not self.parts.methods(name) and not self.parts.failures(name)
 
     def _missing_methods(self, name: str) -> dict[str, str]:
         """Methods that a part lacks, without those whose failure is final."""
@@ -199,6 +212,15 @@ class SuiteRun:
             "samples": {"least": min(totals.samples), "most": max(totals.samples)},
             "plan": plan_record(self.suite, totals.families, totals.render_seconds),
         }
+
+
+def in_working_order(families: Sequence[FamilyPlan]) -> Sequence[FamilyPlan]:
+    """Families in the order of the plan, or by stage where there are more than stay loaded.
+
+    The tables of dozens of roughnesses are kept, and one costs less than a tree.
+    """
+    several = len(set(stages(families))) > STAGES
+    return by_stage(families) if several else families
 
 
 def _whole_methods(table: pd.DataFrame | None) -> set[str]:

@@ -1,31 +1,20 @@
 """The work on one family of scenes: render, let every method reconstruct, score. Nothing is stored.
 
 A task is small and holds parameters only; its result is a table. It may therefore be done in this
-process or in any other. An exception costs the scene and the method that it came from.
+process or in any other. What renders and scores is imported where that is done.
 """
 
 from __future__ import annotations
 
-import time
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-
-import pandas as pd
-from threadpoolctl import threadpool_limits
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from itertools import chain, repeat
 
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import Failure
-from malus.bench.running.results import Record, table_of
-from malus.bench.running.scene_scores import SceneResult, ScoringPlan, score_together
-from malus.bench.running.truths import RENDERING, renderer_of
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
-from malus.bench.scoring.extra_metrics import get_metrics
-from malus.bench.scoring.family_scores import groups
-from malus.reconstruct import get_method
 from malus.renderers.variant import Variant
 from malus.scenes.core.cores import usable_cores
-from malus.scenes.scene import Scene
 
 Engine = Callable[[Iterable[FamilyTask]], Iterator[tuple[FamilyTask, FamilyResult]]]
 """Does tasks in any order, and takes each from the iterable only when it is about to start it."""
@@ -38,7 +27,7 @@ def in_this_process(variant: Variant) -> Engine:
         tasks: Iterable[FamilyTask],
     ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         for task in tasks:
-            yield task, work(task, variant, usable_cores())
+            yield task, work(task, variant, usable_cores(), ahead=True)
 
     return results_of
 
@@ -61,96 +50,25 @@ def in_worker_process(variant: Variant, worker: WorkerProcess) -> Engine:
 def _in_worker(worker: WorkerProcess, task: FamilyTask, variant: Variant) -> FamilyResult:
     result: FamilyResult
     try:
-        (result,) = retried(lambda: worker.stream(_one_result, task, variant))
+        # What is rendered ahead may be what kills a worker: the second time this task is alone.
+        attempts = chain([task], repeat(replace(task, following=None)))
+        (result,) = retried(lambda: worker.stream(_one_result, next(attempts), variant))
     except Died as death:
         return FamilyResult(failures=[Failure(None, None, str(death))])
-    return result
+    return result.tabled(task.renderer)
 
 
 def _one_result(task: FamilyTask, variant: Variant) -> Iterator[FamilyResult]:
-    yield work(task, variant, usable_cores())
+    from malus.bench.running.scored_family import scored
+
+    yield scored(task, variant, usable_cores(), ahead=True)
 
 
-def work(task: FamilyTask, variant: Variant, threads: int = 1) -> FamilyResult:
-    """Render a family and score every method on each of its scenes.
+def work(task: FamilyTask, variant: Variant, threads: int = 1, ahead: bool = False) -> FamilyResult:
+    """Render a family and score every method on each of its scenes; the result has a table.
 
-    Scenes are shared out among `threads` where every method allows it. The seconds of a stage are
-    then its part of the time that passed.
+    Parameters as those of `scored`.
     """
-    result = FamilyResult()
-    methods = [get_method(reference) for reference in task.methods.values()]
-    plan = ScoringPlan(methods, get_metrics(task.metrics), task.ladder)
-    scene_results: list[SceneResult] = []
-    with result.guard():
-        stage, truth_of, family = renderer_of(task.family, task.renderer, variant, result, False)
+    from malus.bench.running.scored_family import scored
 
-        together = threads if all(method.per_pixel for method in methods) else 1
-        # Threads wait for each other in Python: the work of each is measured by its own clock.
-        clock = time.perf_counter if together == 1 else time.thread_time
-
-        def score_group(scenes: tuple[Scene, ...]) -> list[SceneResult]:
-            results = [SceneResult(scene, outcome=FamilyResult(clock=clock)) for scene in scenes]
-            if not score_together(results, family, stage, truth_of, plan, task.examples):
-                for scene_result in results:
-                    scene_result.score(
-                        stage, truth_of, plan, scene_result.scene.id in task.examples
-                    )
-            return results
-
-        started = time.perf_counter()
-        for results in _in_threads(score_group, list(groups(task.family.scenes)), together):
-            for scene_result in results:
-                scene_results.append(scene_result)
-                result.failures += scene_result.outcome.failures
-                result.examples |= scene_result.outcome.examples
-        _add_seconds(result, scene_results, time.perf_counter() - started)
-    records = [record for scene_result in scene_results for record in scene_result.records]
-    if records:
-        with result.stage("score"):
-            result.table = _table(task, records, scene_results)
-        result.table.attrs["render_seconds"] = sum(result.seconds[name] for name in RENDERING)
-    return result
-
-
-def _table(
-    task: FamilyTask, records: Sequence[Record], scene_results: Sequence[SceneResult]
-) -> pd.DataFrame:
-    """Table of a family; its attributes tell the samples and the error of the interpolation."""
-    table = table_of(records)
-    table.insert(table.columns.get_loc("method"), "renderer", task.renderer)
-    table.attrs["interpolation_rms"] = max(result.interpolation_rms for result in scene_results)
-    samples = (result.samples for result in scene_results if result.samples)
-    table.attrs["samples"] = next(samples, task.family.sampling.samples)
-    return table
-
-
-def _in_threads(
-    score_group: Callable[[tuple[Scene, ...]], list[SceneResult]],
-    scenes: Sequence[tuple[Scene, ...]],
-    threads: int,
-) -> Iterator[list[SceneResult]]:
-    """Results of all groups in their order, the same to the bit for any number of threads."""
-    # Several BLAS threads add in an order that depends on who else computes.
-    with threadpool_limits(1, "blas"):
-        if threads == 1:
-            yield from map(score_group, scenes)
-            return
-        pool = ThreadPoolExecutor(threads)
-        try:
-            yield from pool.map(score_group, scenes)
-        finally:
-            # After an error, or Ctrl-C, the scenes that have not begun are left.
-            pool.shutdown(cancel_futures=True)
-
-
-def _add_seconds(
-    result: FamilyResult, scene_results: Sequence[SceneResult], elapsed: float
-) -> None:
-    """Share out the elapsed time among the stages, as all threads together spent theirs."""
-    busy: defaultdict[str, float] = defaultdict(float)
-    for scene_result in scene_results:
-        for stage, seconds in scene_result.outcome.seconds.items():
-            busy[stage] += seconds
-    total = sum(busy.values())
-    for stage, seconds in busy.items():
-        result.seconds[stage] += elapsed * seconds / total
+    return scored(task, variant, threads, ahead).tabled(task.renderer)

@@ -6,11 +6,15 @@ process can be given up; the next task gets a fresh one.
 A new process of `multiprocessing` begins by running the program again that started it, which fails
 for one read from standard input and runs away for one without `if __name__ == "__main__"`. Workers
 therefore start without it, and run it only where a task holds something that it defines.
+
+Little is imported here, so that a process can start, and import what it needs, while the one that
+starts it still imports.
 """
 
 from __future__ import annotations
 
 import faulthandler
+import importlib
 import multiprocessing
 import os
 import pickle
@@ -20,14 +24,12 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker, spawn
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import DupFd
 from types import ModuleType
-from typing import Any, TypeVar
-
-from malus.scenes.core.errors import InputError, first_line
+from typing import IO, Any, TypeVar
 
 ATTEMPTS = 2
 """Worker processes that one task may cost before it is recorded as failed."""
@@ -80,11 +82,15 @@ class WorkerProcess:
 
     def __init__(self, timeout: float = TIMEOUT_SECONDS) -> None:
         if not 0 < timeout <= LONGEST_SECONDS:
+            from malus.scenes.core.errors import InputError
+
             expected = f"seconds above 0, at most {LONGEST_SECONDS:g}"
             raise InputError("timeout", expected, f"{timeout:g}", "leave it out")
         self.timeout = timeout
         self._process: Any = None
         self._connection: Connection | None = None
+        self._told: IO[bytes] | None = None  # its errors, until it is ready
+        self._begun = 0
 
     def __enter__(self) -> WorkerProcess:
         """Start nothing yet."""
@@ -107,9 +113,13 @@ class WorkerProcess:
         if self._process is None:
             self._start()
         assert self._connection is not None
+        self._wait_until_ready()
         started = time.monotonic()
         try:
             self._connection.send((function, arguments, self.timeout))
+            while self._begun:
+                self._begun -= self._connection.recv()[0] in (_END, _ERROR)
+            started = time.monotonic()
             while True:
                 kind, item = self._connection.recv()
                 if kind == _ERROR:
@@ -124,8 +134,29 @@ class WorkerProcess:
             self._stop()
             raise
 
+    def begin(self, function: Callable[..., object], *arguments: Any) -> None:
+        """Start the process where there is none, and let it do what nobody waits for: imports.
+
+        What goes wrong is told by the task that needs it.
+
+        Examples
+        --------
+        >>> with WorkerProcess(timeout=60) as worker:
+        ...     worker.begin(import_all, "json")
+        ...     list(worker.stream(range, 2))
+        [0, 1]
+        """
+        with suppress(Died, OSError):
+            if self._process is None:
+                self._start()
+            assert self._connection is not None
+            # Imports may take longer than tasks that are given little time.
+            seconds = max(self.timeout, _START_SECONDS)
+            self._connection.send((_without_results, (function, *arguments), seconds))
+            self._begun += 1
+
     def _start(self) -> None:
-        """Start a process and wait until it is ready.
+        """Start a process.
 
         Raises
         ------
@@ -135,27 +166,43 @@ class WorkerProcess:
         # A fork would copy locks that the threads of LLVM and BLAS hold.
         context = multiprocessing.get_context("spawn")
         self._connection, worker_end = context.Pipe()
-        with tempfile.TemporaryFile() as told:
-            with _start_lock, _errors_to(told.fileno()) as error_stream, main_hidden() as main:
-                arguments = (worker_end, error_stream, main)
-                process = context.Process(target=_serve, args=arguments)
-                try:
-                    process.start()
-                    self._process = process
-                except OSError as error:  # gone before it was told what to do
-                    why = f"it ended with {first_line(error)}"
-            worker_end.close()
-            if self._process is not None and _is_ready(self._connection):
-                return
-            if self._process is not None:
-                self._process.kill()
-                self._process.join()
-                why = f"it ended with code {self._process.exitcode}"
-                self._stop()
-            told.seek(0)
-            lines = told.read().decode("utf-8", "replace").strip().splitlines()
+        self._begun = 0
+        self._told = tempfile.TemporaryFile()  # noqa: SIM115 - closed when the process is ready
+        with _start_lock, _errors_to(self._told.fileno()) as error_stream, main_hidden() as main:
+            process = context.Process(target=_serve, args=(worker_end, error_stream, main))
+            try:
+                process.start()
+                self._process = process
+            except OSError as error:  # gone before it was told what to do
+                raise self._not_started(f"it ended with {error}") from None
+            finally:
+                worker_end.close()
+
+    def _wait_until_ready(self) -> None:
+        """Wait until a process that was started is ready.
+
+        Raises
+        ------
+        Died
+            Where it could not start; the message is the last line that it wrote.
+        """
+        if self._told is None:
+            return
+        if not _is_ready(self._connection):
+            self._process.kill()
+            self._process.join()
+            raise self._not_started(f"it ended with code {self._process.exitcode}")
+        self._told.close()
+        self._told = None
+
+    def _not_started(self, why: str) -> Died:
+        """What is raised for a process that could not start; it is stopped."""
+        assert self._told is not None
+        self._told.seek(0)
+        lines = self._told.read().decode("utf-8", "replace").strip().splitlines()
+        self._stop()
         reason = lines[-1].strip()[:200] if lines else why
-        raise Died(f"the process that should do it could not start: {reason}")
+        return Died(f"the process that should do it could not start: {reason}")
 
     def _reason(self, seconds: float) -> str:
         """Reason why the worker ended, after that many seconds of its task."""
@@ -169,11 +216,25 @@ class WorkerProcess:
         return f"the process that did it ended with code {code}"
 
     def _stop(self) -> None:
+        if self._told is not None:
+            self._told.close()
+            self._told = None
         if self._process is not None:
             self._process.kill()
             self._process.join()
             self._connection.close()  # type: ignore[union-attr]
             self._process = self._connection = None
+
+
+def import_all(*modules: str) -> None:
+    """Import modules by their names."""
+    for module in modules:
+        importlib.import_module(module)
+
+
+def _without_results(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
+    function(*arguments)
+    yield from ()
 
 
 def retried(attempt: Callable[[], Iterator[_Item]]) -> Iterator[_Item]:
@@ -208,8 +269,9 @@ def at_most(seconds: float) -> Iterator[None]:
             faulthandler.cancel_dump_traceback_later()
 
 
-def _is_ready(connection: Connection) -> bool:
+def _is_ready(connection: Connection | None) -> bool:
     """Whether a new process says that it is ready, in time."""
+    assert connection is not None
     try:
         return connection.poll(_START_SECONDS) and connection.recv() == _READY
     except (EOFError, ConnectionResetError):
@@ -310,6 +372,8 @@ def _unpickled(message: bytes, main: tuple[str | None, str | None]) -> Any:
                 spawn._fixup_main_from_path(path)  # type: ignore[attr-defined]
             return pickle.loads(message)
         except Exception as error:
+            from malus.scenes.core.errors import InputError, first_line
+
             expected = "methods that a worker process can import"
             hint = "define them in a module of their own"
             raise InputError("methods", expected, first_line(error), hint) from None

@@ -10,7 +10,7 @@ import numpy as np
 
 from malus.bench.scoring.colour_error import difference_sums
 from malus.bench.scoring.extra_metrics import polarisation_values
-from malus.bench.scoring.judge import MetricValue
+from malus.bench.scoring.metric_value import MetricValue
 from malus.bench.scoring.metrics import Residuals, brightest, nmse_by, skills
 from malus.bench.scoring.polarisation_error import PolarisationError
 from malus.reconstruct.photos.capture import Capture

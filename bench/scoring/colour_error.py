@@ -12,25 +12,29 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from malus.bench.scoring.metrics import PixelSums
-from malus.scenes.colour import DifferenceMaps, delta_e_maps
+from malus.scenes.colour import ComparedColours, DifferenceMaps, differences_from
 from malus.scenes.core.arrays import FloatArray
 
 
 def delta_e(
-    estimated: FloatArray,
-    true: FloatArray,
-    wavelengths_nm: tuple[float, ...],
-    method: str = "CIE 1976",
+    estimated: FloatArray, true: ComparedColours, method: str = "CIE 1976"
 ) -> Iterator[tuple[str, float | None, PixelSums]]:
     """Sums over pixels of the colour difference of I_max, I_min, every I(ϑ), and all I(ϑ).
 
-    Parameters as those of `delta_e_maps`.
+    Parameters
+    ----------
+    estimated : (pixels, bands, 3)
+        Stokes vectors over the radiance of white.
+    true : ComparedColours
+        Of the truth: computed once for all methods.
+    method : str
+        "CIE 1976" or "CIE 2000", as colour-science names them.
 
     Yields
     ------
     (suffix, polariser angle in degrees or None, PixelSums)
     """
-    yield from difference_sums(delta_e_maps(estimated, true, wavelengths_nm, method))
+    yield from difference_sums(differences_from(true, estimated, method))
 
 
 def difference_sums(maps: DifferenceMaps) -> Iterator[tuple[str, float | None, PixelSums]]:

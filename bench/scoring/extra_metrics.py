@@ -14,7 +14,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from malus.bench.scoring.colour_error import delta_e
-from malus.bench.scoring.judge import Metric, MetricValue, StokesMetric
+from malus.bench.scoring.judge import Metric, StokesMetric
+from malus.bench.scoring.metric_value import MetricValue
 from malus.bench.scoring.metrics import PixelSums, cos_zenith, peak, skills
 from malus.bench.scoring.polarisation_error import (
     PolarisationError,
@@ -25,6 +26,7 @@ from malus.bench.scoring.polarisation_error import (
 )
 from malus.bench.scoring.profiles import PROFILES
 from malus.renderers.truth import Truth
+from malus.scenes.colour import compared_colours
 from malus.scenes.core.arrays import Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.validation import near
@@ -62,11 +64,12 @@ def delta_e2000(truth: Truth) -> StokesMetric:
 
 
 def _colour_difference(truth: Truth, name: str, method: str) -> StokesMetric:
-    relative, bands = _RelativeStokes(truth), truth.scene.wavelengths_nm
-    noises = list(delta_e(relative.noisy, relative.true, bands, method))
+    relative = _RelativeStokes(truth)
+    true = compared_colours(relative.true, truth.scene.wavelengths_nm)
+    noises = list(delta_e(relative.noisy, true, method))
 
     def measure(stokes: FloatArray) -> Iterator[MetricValue]:
-        differences = delta_e(relative.of(stokes), relative.true, bands, method)
+        differences = delta_e(relative.of(stokes), true, method)
         for (suffix, angle, sums), (_, _, noise) in zip(differences, noises, strict=True):
             yield MetricValue(name + suffix, sums.mean, noise.mean, angle_deg=angle)
             yield MetricValue(f"{name}{suffix}_std", sums.std, noise.std, angle_deg=angle)

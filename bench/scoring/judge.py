@@ -6,12 +6,13 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from malus.bench.scoring.field_agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreement
 from malus.bench.scoring.masked_pixels import MaskedPixels
+from malus.bench.scoring.metric_value import MetricValue
 from malus.bench.scoring.metrics import (
     Error,
     Residuals,
@@ -35,17 +36,6 @@ from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
-
-
-class MetricValue(NamedTuple):
-    """One number of a results table; band and angle are None where it is over all of them."""
-
-    metric: str
-    value: float
-    noise: float = 0.0
-    band_nm: float | None = None
-    angle_deg: float | None = None
-
 
 StokesMetric = Callable[[FloatArray], Iterable[MetricValue]]
 """Function of the estimated Stokes vectors (pixels, bands, 3) of the mask's pixels."""

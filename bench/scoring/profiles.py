@@ -19,7 +19,8 @@ from typing import Protocol
 
 import numpy as np
 
-from malus.bench.scoring.judge import MetricValue, StokesMetric
+from malus.bench.scoring.judge import StokesMetric
+from malus.bench.scoring.metric_value import MetricValue
 from malus.bench.scoring.metrics import PixelSums
 from malus.bench.scoring.polarisation_error import angle_between, psnr
 from malus.scenes import polarisation

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -37,7 +37,10 @@ from malus.scenes.scene import Sampling, Scene
 
 __all__ = ["Family", "FamilyKey", "render_family"]
 
-Rendered = Family | RenderedScene | PatternedFamily | OneByOne
+RenderedOnce = Family | RenderedScene | PatternedFamily | OneByOne
+RenderedFamily = RenderedOnce | RepeatedRenders
+
+_Value = TypeVar("_Value")
 
 
 def render_family(
@@ -46,8 +49,25 @@ def render_family(
     variant: Variant | None = None,
     errors: bool = True,
     nodes: int | None = None,
-) -> Rendered | RepeatedRenders:
+) -> RenderedFamily:
     """Render all that the truths of `scenes` need; they must share a FamilyKey.
+
+    Parameters, and what is raised, as those of `begin_family`.
+    """
+    return begin_family(scenes, sampling, variant, errors, nodes)()
+
+
+def begin_family(
+    scenes: Iterable[Scene],
+    sampling: Sampling,
+    variant: Variant | None = None,
+    errors: bool = True,
+    nodes: int | None = None,
+) -> Callable[[], RenderedFamily]:
+    """Begin to render all that the truths of `scenes` need; they must share a FamilyKey.
+
+    The kernel of a plain family runs while the caller does something else. What needs several is
+    rendered when it is asked for.
 
     Parameters
     ----------
@@ -61,6 +81,10 @@ def render_family(
     nodes : int, optional
         Number of Chebyshev nodes in η; by default as many as the range of indices requires, or
         the indices themselves where those are no more.
+
+    Returns
+    -------
+    function that waits for the end and returns the renders; to be called once
 
     Raises
     ------
@@ -79,24 +103,24 @@ def render_family(
         chosen_variant
     )  # loaded first: what it prints of missing libraries is no warning of a render
 
-    def render_once(sampling: Sampling) -> Rendered:
-        with refused_warnings(f"scene {scenes[0].id}"):
-            return render_watched(sampling)
-
-    def render_watched(sampling: Sampling) -> Rendered:
-        if key.room:
-            return RenderedScene(render_room(key.room, sampling, chosen_variant))
+    def begun(sampling: Sampling) -> Callable[[], RenderedOnce]:
+        room = key.room
+        if room:
+            return lambda: RenderedScene(render_room(room, sampling, chosen_variant))
         if needs_paths(scenes[0], sampling):
-            return render_bounced(key, scenes, sampling, chosen_variant, nodes)
+            return lambda: render_bounced(key, scenes, sampling, chosen_variant, nodes)
         if key.pattern:
-            return _patterned(key, scenes, sampling, chosen_variant, options)
-        return _plain(key, scenes, sampling, chosen_variant, options)
+            return lambda: _patterned(key, scenes, sampling, chosen_variant, options)
+        return _begin_plain(key, scenes, sampling, chosen_variant, options)
 
-    return (
-        render_once(sampling)
-        if sampling.target is None
-        else render_until(render_once, scenes, sampling)
-    )
+    def watched(part: Callable[[], _Value]) -> _Value:
+        with refused_warnings(f"scene {scenes[0].id}"):
+            return part()
+
+    if sampling.target is not None:
+        return lambda: render_until(lambda s: watched(lambda: begun(s)()), scenes, sampling)
+    finish = watched(lambda: begun(sampling))
+    return lambda: watched(finish)
 
 
 def _check_light(light: Light, variant: Variant) -> None:
@@ -116,23 +140,30 @@ class RenderOptions:
     where: Callable[[Any, Any], Any] | None = None
 
 
-def _plain(
+def _begin_plain(
     key: FamilyKey,
     scenes: list[Scene],
     sampling: Sampling,
     variant: Variant,
     options: RenderOptions,
-) -> Family:
-    """Render a family of one object with one surface."""
+) -> Callable[[], Family]:
+    """Begin to render a family of one object with one surface."""
     points = family_nodes(scenes, options.nodes)
     started = time.perf_counter()
-    lobes = _render(key, list(points.rendered), sampling, variant, options)
-    seconds = time.perf_counter() - started
-    if points.held_out is None:
-        return Family(key, points, lobes, variant.name, seconds, {"rms": 0.0, "worst": 0.0})
-    error = _interpolation_error(lobes, points)
-    kept = _without_held_out(lobes, len(points.values))
-    return Family(key, points, kept, variant.name, seconds, error)
+    wait = _begin(key, list(points.rendered), sampling, variant, options)
+    began = time.perf_counter() - started
+
+    def finished() -> Family:
+        started = time.perf_counter()
+        lobes = wait()
+        seconds = began + time.perf_counter() - started
+        if points.held_out is None:
+            return Family(key, points, lobes, variant.name, seconds, {"rms": 0.0, "worst": 0.0})
+        error = _interpolation_error(lobes, points)
+        kept = _without_held_out(lobes, len(points.values))
+        return Family(key, points, kept, variant.name, seconds, error)
+
+    return finished
 
 
 def _patterned(
@@ -154,7 +185,8 @@ def _patterned(
     for index in range(count):
         parts = [with_part(scene, index) for scene in scenes]
         only_here = replace(options, where=has_surface(mi, key.pattern, count, index))
-        families.append(_plain(FamilyKey.of(parts[0]), parts, sampling, variant, only_here))
+        begun = _begin_plain(FamilyKey.of(parts[0]), parts, sampling, variant, only_here)
+        families.append(begun())
     stage = wavefront.stage(variant, key.shape, key.camera, key.light)
     side = key.camera.resolution
     number_at = surface_number(mi, key.pattern, count)
@@ -163,23 +195,22 @@ def _patterned(
     return PatternedFamily(key, tuple(families), by_pixel, sampling.samples)
 
 
-def _render(
+def _begin(
     key: FamilyKey,
     nodes: list[float | complex],
     sampling: Sampling,
     variant: Variant,
     options: RenderOptions,
-) -> Lobes:
-    """Stokes samples of both lobes at every node."""
+) -> Callable[[], Lobes]:
+    """Begin to render Stokes samples of both lobes at every node."""
     if not variant.vectorised:
-        return stokes_integrator.render_lobes(variant, key, nodes, sampling)
+        return lambda: stokes_integrator.render_lobes(variant, key, nodes, sampling)
     specular, diffuse = bsdfs(variant, nodes, key.facets, key.body, key.measured)
     replay = options.where is None and key.measured is None
     distribution = key.facets.distribution
     shading = Shading(specular, diffuse, options.errors, options.where, replay, distribution)
-    return wavefront.stage(variant, key.shape, key.camera, key.light).render(
-        key.light, shading, sampling
-    )
+    stage = wavefront.stage(variant, key.shape, key.camera, key.light)
+    return stage.begin(key.light, shading, sampling)
 
 
 def _interpolation_error(lobes: Lobes, nodes: Nodes) -> dict[str, float]:

@@ -41,12 +41,16 @@ RECORDINGS = 16
 """Most recorded calls that a stage keeps: one for each kind of light, body and number of nodes."""
 
 
+STAGES = 4
+"""Stages that stay loaded: what makes one is building the ray tracer's tree."""
+
+
 def stage(variant: Variant, shape: Shape, camera: Camera, light: Light) -> Stage:
-    """The stage for a shape, a camera and a light; the last four stay loaded."""
+    """The stage for a shape, a camera and a light; the last ones stay loaded."""
     return cached_stage(variant, shape, camera, radiance_map_of(light))
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=STAGES)
 def cached_stage(
     variant: Variant, shape: Shape, camera: Camera, around: Environment | Sky | None
 ) -> Stage:
@@ -109,22 +113,38 @@ class Stage:
         self._replay: Callable[..., Any] = freeze(shade) if recordable else shade
         self._touched: dict[Sampling, TouchedPixels] = {}
 
-    def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:
-        """Shade every hit with every BSDF of `shading` under `light`."""
+    def begin(self, light: Light, shading: Shading, sampling: Sampling) -> Callable[[], Lobes]:
+        """Begin to shade every hit with every BSDF of `shading`; the value waits for the end.
+
+        The kernel runs meanwhile. Where there are several, the others wait too: memory is bounded.
+        """
         touched, lit_by = self._hits(sampling), sampler(self.mi, light, self.scene)
         half_samples = sampling.samples // HALVES
-        blocks, seconds = [], 0.0
-        for stream in touched.streams:
-            sums = self._shade(stream, lit_by, shading, sampling.seed, half_samples)
-            self.dr.sync_thread()
+
+        def launch(stream: Any) -> Any:
+            return self._shade(stream, lit_by, shading, sampling.seed, half_samples)
+
+        first, *others = touched.streams
+        launched = launch(first)
+
+        def lobes() -> Lobes:
+            blocks, seconds = [], 0.0
+            for sums in (launched, *map(launch, others)):
+                self.dr.sync_thread()
+                started = time.perf_counter()
+                blocks.append(np.asarray(sums))
+                seconds += time.perf_counter() - started
             started = time.perf_counter()
-            blocks.append(np.asarray(sums))
-            seconds += time.perf_counter() - started
-        started = time.perf_counter()
-        lobes = lobes_from_sums(
-            blocks, shading.layout, half_samples, touched.pixels, touched.covered
-        )
-        return replace(lobes, copy_seconds=seconds + time.perf_counter() - started)
+            lobes = lobes_from_sums(
+                blocks, shading.layout, half_samples, touched.pixels, touched.covered
+            )
+            return replace(lobes, copy_seconds=seconds + time.perf_counter() - started)
+
+        return lobes
+
+    def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:
+        """Shade every hit with every BSDF of `shading` under `light`."""
+        return self.begin(light, shading, sampling)()
 
     def _hits(self, sampling: Sampling) -> TouchedPixels:
         """The pixels that the object touches; kept for renders with other lights and surfaces."""
@@ -172,4 +192,6 @@ class Stage:
         count = dr.width(stream)
         opaque = (dr.opaque(mi.UInt32, number) for number in (count // HALVES, seed, samples))
         run = self._replay if shading.replay else shade
-        return run(mi, self.view, light, shading, Threads(count, stream, *opaque))
+        sums = run(mi, self.view, light, shading, Threads(count, stream, *opaque))
+        dr.eval(sums)  # launches the kernel, where none has been replayed
+        return sums

@@ -2,41 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from malus.reports.figures.figure5 import FigureContent, legend
 from malus.reports.figures.panels import bars, name_paper, shade_paper, share_height
 from malus.reports.figures.style import drawable, style
-from malus.reports.tables.rows import distinct, rows_by_angle, scored_methods
+from malus.reports.tables.figure_numbers import angle_numbers
+from malus.reports.tables.rows import distinct, scored_methods
 
 _SHIFT_DEG = 1.2
 """Distance between the methods' error bars at one angle."""
-
-
-def angle_numbers(table: pd.DataFrame) -> pd.DataFrame:
-    """Mean and standard deviation of NMSE over the scenes of a light, at every polariser angle.
-
-    Returns
-    -------
-    DataFrame
-        Columns light, method, x (degrees from the vertical), mean, std, noise and scenes.
-
-    Examples
-    --------
-    >>> from malus.reports.tables.sample import table
-    >>> angle_numbers(table())[["method", "x", "scenes"]].values.tolist()[0]
-    ['unpolarised', 0.0, 6]
-    """
-    groups = rows_by_angle(table, "nmse").groupby(["light", "method", "angle_deg"], sort=False)
-    result = groups.agg(
-        mean=("value", "mean"),
-        std=("value", lambda values: float(np.std(values))),
-        noise=("noise", "mean"),
-        scenes=("value", "size"),
-    )
-    return result.reset_index().rename(columns={"angle_deg": "x"})
 
 
 def figure_angles(table: pd.DataFrame, body: str) -> Figure:

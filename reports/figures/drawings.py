@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import pandas as pd
 from markupsafe import Markup
 
 from malus.reports.figures.inline import inlined
+from malus.reports.tables.colour_errors import figure9_numbers
+from malus.reports.tables.figure_numbers import angle_numbers, both_panels, ladder_numbers
 from malus.reports.tables.rows import (
     CAPTURED,
     PAPER_BODY,
@@ -25,32 +27,48 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+class Picture(NamedTuple):
+    """A figure as SVG text and, where it was asked for, as PNG with the same layout."""
+
+    svg: str
+    png: bytes | None
+
+
 @dataclass(frozen=True)
 class Drawing:
-    """A figure: the stem of its files' names, a caption, SVG text, and the numbers behind it.
+    """A figure: the stem of its files' names, a caption, and the numbers behind it.
 
-    `cells` are the numbers as people read them.
+    `cells` are the numbers as people read them. `draw` makes the figure, also in another process;
+    `drawn` gives its picture where it is drawn elsewhere.
     """
 
     name: str
     title: str
     caption: str
-    figure: Figure
-    svg: str
     numbers: pd.DataFrame
     cells: TextTable
+    draw: Callable[[], Figure]
+    drawn: Callable[[], Picture] | None = None
 
     @cached_property
-    def png(self) -> bytes:
-        """The figure as PNG, with the layout of the SVG."""
-        from malus.reports.figures.style import png
-
-        return png(self.figure)
+    def picture(self) -> Picture:
+        """The figure, drawn when it is asked for first."""
+        return self.drawn() if self.drawn else picture(self.draw)
 
     @property
     def element(self) -> Markup:
         """The figure as an element of a page."""
-        return inlined(self.svg, self.name, f"{self.title}: {self.caption}")
+        return inlined(self.picture.svg, self.name, f"{self.title}: {self.caption}")
+
+
+def picture(draw: Callable[[], Figure], with_png: bool = False) -> Picture:
+    """Draw a figure."""
+    # Matplotlib takes its time: it is loaded where there is something to draw.
+    from malus.reports.figures.style import png, svg
+
+    figure = draw()
+    text = svg(figure)
+    return Picture(text, png(figure) if with_png else None)
 
 
 def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
@@ -72,54 +90,47 @@ def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
 
 
 def _figure5(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
-    # Matplotlib takes its time: it is loaded when there is something to draw.
-    from malus.reports.figures.figure5 import both_panels, figure5, figure5_by_light
-
     numbers = both_panels(rows)
-    yield drawing_of(
+    yield Drawing(
         f"figure5{_suffix(body)}",
         f"Figure 5{_title_end(body)}",
         "Error against refractive index (top) and roughness (bottom), mean and standard"
         f" deviation over the dataset. {_note(body)}",
-        figure5(rows, body),
         numbers,
         by_method(numbers),
+        partial(_draw_figure5, rows, body),
     )
     numbers = both_panels(rows, by_light=True)
-    yield drawing_of(
+    yield Drawing(
         f"figure5{_suffix(body)}_by_light",
         f"Figure 5 by light{_title_end(body)}",
         f"The same for every light: no mean over lights hides where a method fails. {_note(body)}",
-        figure5_by_light(rows, body),
         numbers,
         by_method(numbers),
+        partial(_draw_figure5_by_light, rows, body),
     )
 
 
 def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
-    from malus.reports.figures.angles import angle_numbers, figure_angles
-    from malus.reports.figures.figure9 import figure9
-    from malus.reports.tables.colour_errors import figure9_numbers
-
     numbers = angle_numbers(rows)
-    yield drawing_of(
+    yield Drawing(
         f"angles{_suffix(body)}",
         f"Error over the polariser angle{_title_end(body)}",
         f"Mean and standard deviation over the {_scenes(body)}. {_note(body)}",
-        figure_angles(rows, body),
         numbers,
         by_method(numbers),
+        partial(_draw_angles, rows, body),
     )
     if len(rows_by_angle(rows, "delta_e76")):
         numbers = figure9_numbers(rows)
-        yield drawing_of(
+        yield Drawing(
             f"figure9{_suffix(body)}",
             f"Figure 9: colour difference over the polariser angle{_title_end(body)}",
             f"ΔE76, mean and standard deviation over the pixels of all {_scenes(body)};"
             f" dashed: one just noticeable difference. {_note(body)}",
-            figure9(rows, body),
             numbers,
             by_method(numbers),
+            partial(_draw_figure9, rows, body),
         )
 
 
@@ -134,29 +145,48 @@ def ladders(table: pd.DataFrame) -> Iterator[Drawing]:
     """
     if table["knowledge"].nunique() < 2:
         return
-    from malus.reports.figures.ladder import figure_ladder, ladder_numbers
-
     numbers = ladder_numbers(table)
     if numbers.empty:
         return
-    yield drawing_of(
+    yield Drawing(
         "ladder",
         "Parts of the error",
         "Mean NMSE over the scenes on which a method has an error at every rung; what makes it"
         " smaller stands left of zero, the upright mark is the sum. Every body has its own scale.",
-        figure_ladder(numbers),
         numbers,
         budget(numbers),
+        partial(_draw_ladder, numbers),
     )
 
 
-def drawing_of(
-    name: str, title: str, caption: str, figure: Figure, numbers: pd.DataFrame, cells: TextTable
-) -> Drawing:
-    """A drawing of a figure, with its SVG."""
-    from malus.reports.figures.style import svg
+def _draw_figure5(rows: pd.DataFrame, body: str) -> Figure:
+    from malus.reports.figures.figure5 import figure5
 
-    return Drawing(name, title, caption, figure, svg(figure), numbers, cells)
+    return figure5(rows, body)
+
+
+def _draw_figure5_by_light(rows: pd.DataFrame, body: str) -> Figure:
+    from malus.reports.figures.figure5 import figure5_by_light
+
+    return figure5_by_light(rows, body)
+
+
+def _draw_angles(rows: pd.DataFrame, body: str) -> Figure:
+    from malus.reports.figures.angles import figure_angles
+
+    return figure_angles(rows, body)
+
+
+def _draw_figure9(rows: pd.DataFrame, body: str) -> Figure:
+    from malus.reports.figures.figure9 import figure9
+
+    return figure9(rows, body)
+
+
+def _draw_ladder(numbers: pd.DataFrame) -> Figure:
+    from malus.reports.figures.ladder import figure_ladder
+
+    return figure_ladder(numbers)
 
 
 def _scenes(body: str) -> str:

@@ -13,20 +13,18 @@ from matplotlib.figure import Figure
 
 from malus.reports.figures.panels import bars, label_above, name_paper, shade_paper, share_height
 from malus.reports.figures.style import INK, MethodStyle, drawable, method_styles, style
+from malus.reports.tables.figure_numbers import X_ALPHA, X_ETA, numbers, own_range
 from malus.reports.tables.rows import (
     PAPER_METHOD,
     TRIVIAL,
     coverage,
     distinct,
     is_of_captures,
-    overall_rows,
     rows_of_body,
     scored_methods,
     unverified_surfaces,
 )
 
-X_ETA, X_ALPHA = "eta", "alpha"
-_NAMES = {X_ETA: "material", X_ALPHA: "surface"}
 _AXES = {
     X_ETA: "refractive index η, mean over the bands (relative to air)",
     X_ALPHA: "Beckmann roughness α (rms slope)",
@@ -39,9 +37,6 @@ _LETTERS_AN_INCH = 15
 """Letters of a caption to an inch; DejaVu Sans at 7 points has 18 of middling width."""
 _HANDLE_INCHES = 0.5
 """Width of a legend's line and its margins."""
-OWN_RANGE = "nmse_own_range"
-"""Metric of the second curve: the likeliest other meaning of the paper's "normalised"."""
-OWN_RANGE_LABEL = "each image to [0, 1] by its own range"
 _SHIFT = 0.008
 """Distance between the methods' error bars at one x, as a part of the axis' width."""
 
@@ -58,68 +53,6 @@ class FigureContent:
         """The rows of one body, and looks for its methods."""
         rows = rows_of_body(table, body)
         return cls(rows, method_styles(scored_methods(rows)))
-
-
-def numbers(
-    table: pd.DataFrame, x: str, by_light: bool = False, metric: str = "nmse"
-) -> pd.DataFrame:
-    """Mean and standard deviation of NMSE over the dataset at every x.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Of a run.
-    x : "eta" or "alpha"
-    by_light : bool
-        Every light for itself instead of all together.
-    metric : str
-
-    Returns
-    -------
-    DataFrame
-        One row a method and x: panel, light, method, name, x, mean, std (of the population),
-        noise (expected Monte Carlo part of the mean) and scenes.
-
-    Examples
-    --------
-    >>> from malus.reports.tables.sample import table
-    >>> numbers(table(), "alpha")[["method", "name", "scenes"]].values.tolist()[0]
-    ['unpolarised', 'obsidian', 6]
-    """
-    rows = overall_rows(table, metric)
-    if not by_light:
-        rows = rows.assign(light="all")
-    groups = rows.groupby(["light", "method", _NAMES[x], x], sort=False)
-    result = groups.agg(
-        mean=("value", "mean"),
-        std=("value", _population_std),
-        noise=("noise", "mean"),
-        scenes=("value", "size"),
-    ).reset_index()
-    order = {name: number for number, name in enumerate(scored_methods(table))}
-    result = result.rename(columns={_NAMES[x]: "name", x: "x"})
-    result = result.assign(panel=x, order=result["method"].map(order))
-    columns = ["panel", "light", "method", "name", "x", "mean", "std", "noise", "scenes"]
-    return result.sort_values(["light", "order", "x"], kind="stable")[columns]
-
-
-def _population_std(values: pd.Series[float]) -> float:
-    return float(values.std(ddof=0))
-
-
-def own_range(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame:
-    """The same numbers with each image scaled by its own range, of the paper's method alone.
-
-    Empty where a run did not measure them.
-    """
-    values = numbers(table[table["method"] == PAPER_METHOD], x, by_light, OWN_RANGE)
-    return values.assign(method=f"{PAPER_METHOD}, {OWN_RANGE_LABEL}")
-
-
-def both_panels(table: pd.DataFrame, by_light: bool = False) -> pd.DataFrame:
-    """The numbers behind both panels of Figure 5, as one table; last those of the second curve."""
-    made = [make(table, x, by_light) for make in (numbers, own_range) for x in (X_ETA, X_ALPHA)]
-    return pd.concat([rows for rows in made if len(rows)])
 
 
 def figure5(table: pd.DataFrame, body: str) -> Figure:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import pairwise
 from typing import Any
 
 import pandas as pd
@@ -13,73 +11,7 @@ from matplotlib.ticker import FuncFormatter
 
 from malus.reports.figures.style import INK, PALETTE, SOFT, drawable, style
 from malus.reports.tables.formats import scientific
-from malus.reports.tables.rows import KNOWLEDGE, distinct, overall_rows_at_every_rung, rows_of_body
-
-NOISE, MODEL = "Monte Carlo noise", "model form"
-_GIVEN, _ESTIMATED = " given", " estimated"
-"""Ends of the names of rungs on which one thing more is given, and of what estimating it costs."""
-
-
-def ladder_numbers(table: pd.DataFrame) -> pd.DataFrame:
-    """The error of every method in parts that add up to it.
-
-    The first part is the noise of the truth, the second what is left with everything known, and
-    every further one is what the mean NMSE grows by (or shrinks, then below zero) with the next
-    rung: the levels of knowledge in the order of the table, from the best informed. Only scenes on
-    which a method has an error at all of its rungs count.
-
-    Returns
-    -------
-    DataFrame
-        Columns body, method, source, increment, nmse (the sum so far) and scenes; empty where the
-        run has one level of knowledge.
-
-    Examples
-    --------
-    >>> from malus.reports.tables.sample import laddered
-    >>> parts = ladder_numbers(laddered())
-    >>> parts[["source", "increment"]].round(4).values.tolist()[:3]
-    [['Monte Carlo noise', 0.0], ['model form', 0.001], ['lobes estimated', 0.002]]
-    """
-    rows = overall_rows_at_every_rung(table, "nmse")
-    # Of the whole table: where a method does not apply it has no error, but its rungs in order.
-    rungs = sorted(distinct(table["knowledge"]), key=lambda name: name != KNOWLEDGE)
-    parts: list[dict[str, Any]] = []
-    for body in distinct(rows["body"]):
-        for method in distinct(rows["method"]):
-            own = rows[(rows["body"] == body) & (rows["method"] == method)]
-            parts += _parts(own, rungs, body, method)
-    columns = ["body", "method", "source", "increment", "nmse", "scenes"]
-    return pd.DataFrame(parts, columns=columns)
-
-
-def _parts(
-    rows: pd.DataFrame, rungs: list[str], body: str, method: str
-) -> Iterator[dict[str, Any]]:
-    errors = rows.pivot(index="scene", columns="knowledge", values="value")
-    levels = [name for name in rungs if name in errors]
-    if any(name.endswith(_GIVEN) for name in levels):
-        levels.reverse()  # a chain that climbs from the picture alone: the best informed first
-    errors = errors.dropna()
-    if len(levels) < 2 or KNOWLEDGE not in levels or errors.empty:
-        return
-    best = rows[rows["knowledge"] == levels[0]].set_index("scene")
-    noise = float(best.loc[errors.index, "noise"].mean())
-    means = [noise, *(float(errors[name].mean()) for name in levels)]
-    sources = [NOISE, MODEL, *_estimated(levels)]
-    for source, before, after in zip(sources, [0.0, *means], means, strict=False):
-        yield {
-            "body": body, "method": method, "source": source,
-            "increment": after - before, "nmse": after, "scenes": len(errors),
-        }  # fmt: skip
-
-
-def _estimated(levels: list[str]) -> list[str]:
-    """What is estimated at each level but the first: what the one before it was given last."""
-    return [
-        before.replace(_GIVEN, _ESTIMATED) if before.endswith(_GIVEN) else level
-        for before, level in pairwise(levels)
-    ]
+from malus.reports.tables.rows import distinct, rows_of_body
 
 
 def figure_ladder(numbers: pd.DataFrame) -> Figure:

@@ -15,6 +15,7 @@ from functools import cache
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
@@ -25,6 +26,8 @@ SOFT = "#8a8a94"
 GRID = "#dcdce2"
 BAND = "#f0e3b8"
 DPI = 200
+_SVG_DPI = 72
+"""Units of an SVG to an inch."""
 
 # Okabe and Ito's palette, less its yellow (invisible on white) and with its black kept for text.
 PALETTE = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
@@ -152,10 +155,20 @@ def svg(figure: Figure) -> str:
     """
     buffer = io.StringIO()
     with style():
+        _lay_out(figure)
         metadata = {"Date": None, "Creator": "malus"}
-        figure.savefig(buffer, format="svg", metadata=metadata, transparent=True)
-        figure.set_layout_engine(None)  # with "none" Matplotlib would still draw once more
+        figure.savefig(buffer, format="svg", metadata=metadata)
     return re.sub(r"[ \t]+\n", "\n", buffer.getvalue())
+
+
+def _lay_out(figure: Figure) -> None:
+    """Lay a figure out for SVG, once: while it has an engine, Matplotlib draws it one time more."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        FigureCanvasSVG(figure)  # whose letters have the sizes of the file
+        figure.set_dpi(_SVG_DPI)
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def png(figure: Figure) -> bytes:

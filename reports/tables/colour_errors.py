@@ -58,6 +58,9 @@ def table1(table: pd.DataFrame) -> pd.DataFrame:
     ['unpolarised', 'ΔE76', 'I_max', 3.0, 1.0, 0.0]
     """
     part, source = ("group", "light") if is_of_captures(table) else ("body", "body")
+    differences = {name + ending for name in _COLOURS for ending in _IMAGES}
+    if not table["metric"].isin(differences).any():
+        return pd.DataFrame(columns=[part, *_COLUMNS])
     errors = pd.concat(
         _pooled(table, overall_rows, name + ending, [source, "method"])
         .rename(columns={source: part})
@@ -65,8 +68,6 @@ def table1(table: pd.DataFrame) -> pd.DataFrame:
         for name, formula in (*_COLOURS.items(), ("nmse", _ERROR))
         for ending, image in _IMAGES.items()
     )
-    if not errors["formula"].isin(_COLOURS.values()).any():
-        return pd.DataFrame(columns=[part, *_COLUMNS])
     order = {name: number for number, name in enumerate(scored_methods(table))}
     errors = errors.assign(order=errors["method"].map(order))
     errors = errors.sort_values([part, "order"], kind="stable", ignore_index=True)
@@ -113,12 +114,11 @@ def _pooled(
     return result.assign(std=std).drop(columns="variance")
 
 
-def table1_text(table: pd.DataFrame) -> TextTable:
-    """Table I as text, with the paper's own numbers; without a line where no colour was scored.
+def table1_text(errors: pd.DataFrame) -> TextTable:
+    """`table1` as text, with the paper's numbers; without a line where no colour was scored.
 
     Those of the paper's two datasets stand below a group of captures of that name, or come last.
     """
-    errors = table1(table)
     part = str(errors.columns[0])
     pairs = list(dict.fromkeys(zip(errors["formula"], errors["image"], strict=True)))
     counted = "captures" if part == "group" else "scenes"

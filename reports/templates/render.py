@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from importlib import resources
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -32,6 +33,11 @@ def render(template: str, **values: Any) -> Markup:
     <p>a &lt; b</p>
     """
     return Markup(_environment().get_template(template).render(values).strip())
+
+
+def asset(name: str) -> str:
+    """Text of a file of `reports/assets`."""
+    return (resources.files("malus.reports") / "assets" / name).read_text("utf-8")
 
 
 @cache

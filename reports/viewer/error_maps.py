@@ -95,8 +95,8 @@ def grey(difference: AnyArray, mask: BoolArray) -> ByteArray:
 def png_url(pixels: ByteArray) -> str:
     """Grey and opacity (height, width, 2) as the data URL of a PNG."""
     buffer = io.BytesIO()
-    # The last 2 % of size would take four times as long.
-    Image.fromarray(pixels, "LA").save(buffer, "PNG", compress_level=6)
+    # A tenth of the size more, at half the time of the default.
+    Image.fromarray(pixels, "LA").save(buffer, "PNG", compress_level=4)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import base64
+import json
 
 import numpy as np
 import pandas as pd
@@ -10,11 +10,10 @@ from markupsafe import Markup
 
 from malus.reports.tables.formats import counted, scientific, skill_text
 from malus.reports.tables.rows import overall_rows
-from malus.reports.templates.render import render
+from malus.reports.templates.render import asset, render
 from malus.reports.viewer.examples import Example
 from malus.reports.viewer.pack import Packer, fitted
 
-_COLOUR_MAPS = {"diverging": "RdBu_r", "sequential": "cividis", "cyclic": "twilight"}
 _PANELS = (
     ("truth", "Truth, I(ϑ)", "grey"),
     ("estimate", "Reconstruction, I(ϑ)", "grey"),
@@ -30,7 +29,10 @@ def viewer(examples: tuple[Example, ...], table: pd.DataFrame) -> Markup:
     """The viewer with its data; `examples` holds at least one scene with a method."""
     shown, left_out = fitted([example for example in examples if example.methods])
     packer = Packer()
-    scenes = [packer.scene(example, {"scores": _scores(table, example)}) for example in shown]
+    skills, unmixed, errors = (
+        overall_rows(table, metric) for metric in ("skill", "skill_unmixed", "nmse")
+    )
+    scenes = [packer.scene(e, {"scores": _scores(skills, unmixed, errors, e.scene)}) for e in shown]
     return render(
         "viewer.html",
         panels=_PANELS,
@@ -40,31 +42,28 @@ def viewer(examples: tuple[Example, ...], table: pd.DataFrame) -> Markup:
     )
 
 
-def _scores(table: pd.DataFrame, example: Example) -> dict[str, dict[str, str]]:
-    rows = table[table["scene"] == example.scene]
-    skills = overall_rows(rows, "skill").set_index("method")["value"].to_dict()
-    unmixed = overall_rows(rows, "skill_unmixed").set_index("method")["value"].to_dict()
-    errors = overall_rows(rows, "nmse").set_index("method")["value"].to_dict()
+def _scores(
+    skills: pd.DataFrame, unmixed: pd.DataFrame, errors: pd.DataFrame, scene: str
+) -> dict[str, dict[str, str]]:
+    """Error and skill of every method on a scene, as text."""
+    skill, of_unmixed, error = (
+        rows[rows["scene"] == scene].set_index("method")["value"].to_dict()
+        for rows in (skills, unmixed, errors)
+    )
     return {
         str(method): {
-            "nmse": scientific(error),
-            "skill": skill_text(skills.get(method, np.nan)),
-            "unmixed": skill_text(unmixed.get(method, np.nan)),
+            "nmse": scientific(value),
+            "skill": skill_text(skill.get(method, np.nan)),
+            "unmixed": skill_text(of_unmixed.get(method, np.nan)),
         }
-        for method, error in errors.items()
+        for method, value in error.items()
     }
 
 
 def _colour_maps() -> dict[str, str]:
-    """256 RGB colours of every colour map, as base64 text."""
-    from matplotlib import colormaps
-
-    levels = np.linspace(0.0, 1.0, 256)
-    encoded = {}
-    for name, colour_map in _COLOUR_MAPS.items():
-        colours = np.rint(255 * colormaps[colour_map](levels)[:, :3]).astype(np.uint8)
-        encoded[name] = base64.b64encode(colours.tobytes()).decode("ascii")
-    return encoded
+    """256 RGB colours of every colour map, as base64 text: Matplotlib's, which loads slowly."""
+    tables: dict[str, str] = json.loads(asset("colour_maps.json"))
+    return tables
 
 
 def example_scenes(

@@ -15,7 +15,7 @@ from malus.bench.scoring.polarisation_error import scaled
 from malus.reconstruct import Components
 from malus.renderers.truth import Truth
 from malus.scenes import Camera, Dielectric, Scene, Sphere, Uniform
-from malus.scenes.colour import JUST_NOTICEABLE, band_weights, lab
+from malus.scenes.colour import JUST_NOTICEABLE, band_weights, compared_colours, lab
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
@@ -51,8 +51,8 @@ def made_up(seed: int = 0) -> tuple[Truth, Components]:
 def differences(
     truth: Truth, estimate: Components, method: str = "CIE 1976"
 ) -> dict[tuple[str, float | None], PixelSums]:
-    fields = (scaled(picture.stokes, truth) for picture in (estimate, truth))
-    sums_by_angle = delta_e(*fields, BANDS, method)
+    estimated, true = (scaled(picture.stokes, truth) for picture in (estimate, truth))
+    sums_by_angle = delta_e(estimated, compared_colours(true, BANDS), method)
     return {(suffix, angle): sums for suffix, angle, sums in sums_by_angle}
 
 

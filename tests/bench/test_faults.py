@@ -26,7 +26,7 @@ from malus.bench.running.plan import plan
 from malus.bench.running.status import status
 from malus.bench.running.truths import truths
 from malus.bench.running.work import Engine, in_worker_process, work
-from malus.bench.running.worker_process import Died, WorkerProcess, retried
+from malus.bench.running.worker_process import Died, WorkerProcess, import_all, retried
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth
 from malus.renderers.datasets.dataset import open_dataset
@@ -195,6 +195,18 @@ def test_a_dead_worker_is_tried_again_and_then_given_up(monkeypatch: pytest.Monk
     with pytest.raises(Died, match=r"^it ended, 3 times$"):
         list(retried(lambda: dies(3)))
     assert len(attempts) == 3
+
+
+def test_what_is_begun_leaves_nothing_behind() -> None:
+    """Neither its results nor its exceptions are taken for those of the task after it."""
+    with WorkerProcess(timeout=60) as worker:
+        worker.begin(range, 5)
+        worker.begin(import_all, "no_such_module")
+        assert list(worker.stream(range, 2)) == [0, 1]
+        worker.begin(os._exit, 3)
+        with pytest.raises(Died, match="ended with code 3"):
+            list(worker.stream(range, 2))
+        assert list(worker.stream(range, 1)) == [0]  # by the next process
 
 
 def test_a_worker_ends_with_its_parent(tmp_path: Path) -> None:

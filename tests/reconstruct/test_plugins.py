@@ -9,6 +9,7 @@ import pytest
 
 from malus.bench.scoring.judge import score
 from malus.reconstruct import Components, Method, Observation, get_method, methods
+from malus.reconstruct.methods import _installed
 from malus.renderers import render
 from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
 
@@ -53,14 +54,20 @@ def test_what_is_no_method_is_said_in_one_line(module: Path, name: str) -> None:
 
 
 def test_entry_points_are_methods(module: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = importlib.metadata.EntryPoint("theirs", "my_methods:mine", "malus.methods")
-    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry])
-    methods.cache_clear()
+    entries = [
+        importlib.metadata.EntryPoint(name, "my_methods:mine", "malus.methods")
+        for name in ("theirs", "visible")
+    ]
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: entries)
+    for kept in (methods, _installed):
+        kept.cache_clear()
     try:
         assert get_method("theirs").summary == "a tenth, vertical"
+        assert get_method("visible").summary == "a tenth, vertical"  # in place of malus's own
         assert "eq8" in methods()
     finally:
-        methods.cache_clear()
+        for kept in (methods, _installed):
+            kept.cache_clear()
 
 
 def test_a_method_is_a_small_declaration() -> None:

@@ -21,7 +21,7 @@ from malus.reports.tables import sample
 from malus.reports.viewer.error_maps import gallery
 from malus.reports.viewer.examples import Example, read_example
 from malus.reports.viewer.pack import NOT_FINITE, fitted, quantised
-from malus.scenes.colour import delta_e_maps
+from malus.scenes.colour import compared_colours, differences_from
 from malus.scenes.core.arrays import AnyArray, BoolArray, Float32Array, Float64Array, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import polarised
@@ -574,8 +574,9 @@ def test_error_maps_are_those_of_the_metric_and_white_is_10_jnd(
     ).reshape(-1, SIZE, SIZE, 4)
     inside = disc()
     peak = truth[inside][..., 0].max()
-    fields = close[inside].astype(float) / peak, truth[inside].astype(float) / peak
-    maps = [values for _, _, values in delta_e_maps(*fields, WAVELENGTHS)]
+    estimated, true = close[inside].astype(float) / peak, truth[inside].astype(float) / peak
+    colours = compared_colours(true, WAVELENGTHS)
+    maps = [values for _, _, values in differences_from(colours, estimated)]
     assert len(drawn) == len(maps) == 7
     for picture, values in zip(drawn, maps, strict=True):
         np.testing.assert_array_equal(picture[..., 3] == 255, inside)
@@ -584,7 +585,7 @@ def test_error_maps_are_those_of_the_metric_and_white_is_10_jnd(
         assert np.abs(picture[inside][:, 0] - wanted).max() < 0.51
         assert wanted.min() < 40
     assert max(values.max() for values in maps) > 23.0  # the test sees white
-    sums = [sums for _, _, sums in delta_e(*fields, WAVELENGTHS)][:7]
+    sums = [sums for _, _, sums in delta_e(estimated, colours)][:7]
     texts = browser.js(
         "return [...document.querySelectorAll('.error-maps td span')].map(e => e.textContent)"
     )

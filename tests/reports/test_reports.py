@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import statistics
@@ -10,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pandas as pd
 import pytest
@@ -18,9 +20,9 @@ from markupsafe import escape
 
 from malus.reports import write_report
 from malus.reports.figures.drawings import drawings, ladders
-from malus.reports.figures.figure5 import both_panels, figure5, figure5_by_light, numbers
+from malus.reports.figures.figure5 import both_panels, figure5, figure5_by_light
 from malus.reports.figures.figure9 import figure9
-from malus.reports.figures.ladder import figure_ladder, ladder_numbers
+from malus.reports.figures.ladder import figure_ladder
 from malus.reports.figures.panels import spread
 from malus.reports.figures.style import png, svg
 from malus.reports.sections import of_run, of_study
@@ -28,6 +30,7 @@ from malus.reports.source import Source, read_study
 from malus.reports.summary import summary
 from malus.reports.tables import sample
 from malus.reports.tables.colour_errors import figure9_numbers, table1, table1_text
+from malus.reports.tables.figure_numbers import ladder_numbers, numbers
 from malus.reports.tables.formats import markdown
 from malus.reports.tables.rows import coverage
 from malus.reports.tables.skills import (
@@ -37,7 +40,7 @@ from malus.reports.tables.skills import (
     unreported_skills,
 )
 from malus.reports.tables.text_tables import savings
-from malus.reports.templates.render import render
+from malus.reports.templates.render import asset, render
 from malus.reports.write import write_study
 from malus.scenes.core.errors import InputError, printable
 
@@ -278,7 +281,7 @@ def test_table_1_pools_pixels_and_stands_beside_the_paper() -> None:
     assert error["mean"] == pytest.approx(np.mean(list(errors.values())), rel=1e-12)
     assert error["scene_std"] == pytest.approx(np.std(list(errors.values())), rel=1e-12)
     assert math.isnan(error["std"])
-    printed = table1_text(table)
+    printed = table1_text(table1(table))
     assert printed.heads[3:] == ("ΔE76 of I_min", "NMSE of I_max", "NMSE of I(ϑ)")
     text = f"{pooled.mean():.2f} ± {pooled.std():.2f} ({np.std(means):.2f})"
     assert printed.lines[0][:5] == ["unpolarised", "eq8", "3", text, "2.7e-3 (1.7e-3)"]
@@ -319,7 +322,7 @@ def test_captions_stay_inside_their_figure() -> None:
 
 
 def test_without_colour_metrics_there_is_neither(table: pd.DataFrame) -> None:
-    assert not table1_text(table)
+    assert not table1_text(table1(table))
     assert "Table I" not in summary(table, sample.run())
     names = [drawing.name for drawing in drawings(table)]
     assert "figure9" not in names
@@ -403,7 +406,7 @@ def test_the_bars_are_those_parts() -> None:
 
 def test_the_ladder_is_on_the_page_of_a_run_that_has_one(tmp_path: Path) -> None:
     results = SimpleNamespace(table=both_bodies(), run=sample.run())
-    names = {path.name for path in write_report(results, tmp_path)}
+    names = {path.name for path in write_report(results, tmp_path, png=True)}
     assert {name for name in names if "ladder" in name} == {
         "ladder.svg", "ladder.png", "ladder.csv",
     }  # fmt: skip
@@ -459,7 +462,8 @@ def stress_table() -> pd.DataFrame:
 def test_a_study_has_a_page_and_its_figure(tmp_path: Path) -> None:
     a_study(tmp_path / "precision", precision=precision_table())
     written = {path.name for path in write_study(tmp_path / "precision")}
-    assert written == {"precision.svg", "precision.png", "precision.csv", "report.html"}
+    assert written == {"precision.svg", "precision.csv", "report.html"}
+    assert tmp_path / "precision" / "precision.png" in write_study(tmp_path / "precision", png=True)
     pd.testing.assert_frame_equal(
         pd.read_csv(tmp_path / "precision" / "precision.csv"), precision_table()
     )
@@ -501,3 +505,13 @@ def test_report_is_written_whole(table: pd.DataFrame, tmp_path: Path) -> None:
     behind = pd.read_csv(tmp_path / "report" / "figure5.csv")
     eta = numbers(table, "eta")
     np.testing.assert_allclose(behind.loc[behind["panel"] == "eta", "mean"], eta["mean"])
+
+
+def test_the_viewers_colour_maps_are_those_of_matplotlib() -> None:
+    tables = json.loads(asset("colour_maps.json"))
+    for name, theirs in (
+        ("diverging", "RdBu_r"), ("sequential", "cividis"), ("cyclic", "twilight"),
+    ):  # fmt: skip
+        stored = np.frombuffer(base64.b64decode(tables[name]), np.uint8).reshape(256, 3)
+        expected = 255 * matplotlib.colormaps[theirs](np.linspace(0.0, 1.0, 256))[:, :3]
+        np.testing.assert_array_equal(stored, np.rint(expected))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import colour
 import numpy as np
 
 from malus.scenes.colour import RGB, band_weights, cell_widths, channel_weights, lab, preview
@@ -36,3 +37,19 @@ def test_grey_is_grey_in_every_colorimetry() -> None:
     np.testing.assert_allclose(colours[1:], 0.0, atol=1e-9)
     # sRGB's matrices are rounded to four digits, and its preview to single precision.
     np.testing.assert_allclose(of_preview, colours, atol=0.05)
+
+
+def test_the_table_of_the_observer_is_that_of_colour_science() -> None:
+    observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    np.testing.assert_array_equal(matching(tuple(observer.wavelengths)), observer.values)
+
+
+def test_lab_is_that_of_colour_science() -> None:
+    weights = band_weights(BANDS)
+    radiance = np.random.default_rng(3).random((500, len(BANDS))) ** 4
+    radiance[:9] *= 1e-3  # the straight part near black
+    white = weights.sum(axis=0)
+    xyz = radiance @ weights / 100.0
+    expected = colour.XYZ_to_Lab(xyz, colour.XYZ_to_xy(white / 100.0))
+    # Both round a few times, and the white of colour-science goes through its chromaticity.
+    np.testing.assert_allclose(lab(radiance, weights), expected, rtol=0, atol=1e-12)

@@ -1,0 +1,56 @@
+"""Write the report of a run or study again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from malus.bench.running.results import read_results
+from malus.bench.running.worker_process import WorkerProcess
+from malus.reports.source import is_study
+from malus.reports.write import write_report, write_study
+from malus.scenes.core.remote import as_path
+
+
+def report(
+    folder: Path | str,
+    beside: Sequence[Path | str] = (),
+    png: bool = False,
+    worker: WorkerProcess | None = None,
+) -> list[Path]:
+    """Write the figures, summary and page of a finished run or study again.
+
+    Parameters
+    ----------
+    folder : path or URL of a folder that `run` or `run_study` wrote
+    beside : paths of folders of studies that a run's page shall show too
+    png : bool
+        Write every figure as PNG too.
+    worker : WorkerProcess, optional
+        A process that draws some of the figures.
+
+    Returns
+    -------
+    list of Path
+        The files, in the order in which they were written.
+
+    Raises
+    ------
+    InputError
+        If the folder holds neither, or its files cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import malus
+    >>> folder = tempfile.mkdtemp()
+    >>> _ = malus.run("quick", folder, resolution=8, samples=2, methods=["eq8"], report=False)
+    >>> [path.name for path in report(folder)][-1]
+    'report.html'
+    """
+    where = as_path(folder)
+    if is_study(where):
+        return write_study(where, png)
+    studies = tuple(as_path(study) for study in beside)
+    elsewhere = None if worker is None else worker.stream
+    return write_report(read_results(where), where, studies, png, elsewhere)

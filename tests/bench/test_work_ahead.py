@@ -1,0 +1,117 @@
+"""Families that are begun while the one before is scored: the same results, each rendered once."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from malus.bench.running import truths
+from malus.bench.running.family_task import FamilyTask
+from malus.bench.running.plan import FamilyPlan, plan
+from malus.bench.running.runner import in_working_order
+from malus.bench.running.work import work
+from malus.renderers.families.family import begin_family
+from malus.renderers.mitsuba.wavefront import STAGES
+from malus.renderers.variant import choose
+from malus.scenes import Suite
+
+METHODS = {"unpolarised": "unpolarised", "eq8": "eq8"}
+
+
+@pytest.fixture(autouse=True)
+def nothing_begun() -> Iterator[None]:
+    truths._begun.cache_clear()
+    yield
+    truths._begun.cache_clear()
+
+
+@pytest.fixture
+def families() -> list[FamilyPlan]:
+    return planned()
+
+
+def planned(**more: Any) -> list[FamilyPlan]:
+    data: dict[str, Any] = {
+        "name": "ahead",
+        "shapes": [{"kind": "sphere"}, {"kind": "torus"}],
+        "materials": [{"eta": 1.3}, {"eta": 1.5}],
+        "surfaces": ["obsidian"],
+        "lights": [{"kind": "uniform"}, {"kind": "distant", "incidence_deg": 60}],
+        "wavelengths_nm": [550],
+        "methods": list(METHODS),
+        "camera": {"resolution": 12},
+        "sampling": {"samples": 4},
+    }
+    return plan(Suite.model_validate(data | more))
+
+
+def tasks(families: list[FamilyPlan]) -> list[FamilyTask]:
+    return [
+        FamilyTask(str(number), family, "mitsuba", METHODS, following=following)
+        for number, (family, following) in enumerate(
+            zip(families, [*families[1:], None], strict=True)
+        )
+    ]
+
+
+def table(task: FamilyTask, ahead: bool) -> pd.DataFrame:
+    result = work(task, choose(), ahead=ahead)
+    assert result.table is not None
+    assert not result.failures
+    return result.table
+
+
+def test_a_family_begun_ahead_is_the_same_to_the_bit_and_begun_once(
+    families: list[FamilyPlan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = [table(replace(task, following=None), ahead=False) for task in tasks(families)]
+    begun: list[str] = []
+
+    def counted(scenes: Any, *rest: Any, **options: Any) -> Callable[[], Any]:
+        begun.append(scenes[0].id)
+        return begin_family(scenes, *rest, **options)
+
+    monkeypatch.setattr(truths, "begin_family", counted)
+    for number, (task, expected) in enumerate(zip(tasks(families), plain, strict=True)):
+        pd.testing.assert_frame_equal(table(task, ahead=True), expected, check_exact=True)
+        # Its own, and the one that follows.
+        assert len(begun) == min(number + 2, len(families))
+    assert begun == [family.scenes[0].id for family in families]
+
+
+def test_a_fault_ahead_is_told_by_the_family_that_it_concerns(
+    families: list[FamilyPlan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(scenes: Any, *rest: Any, **options: Any) -> Callable[[], Any]:
+        if scenes == families[1].scenes:
+            raise RuntimeError("no such kernel")
+        return begin_family(scenes, *rest, **options)
+
+    monkeypatch.setattr(truths, "begin_family", broken)
+    first, second, third, _ = tasks(families)
+    table(first, ahead=True)
+    (failure,) = work(second, choose(), ahead=True).failures
+    assert "no such kernel" in failure.reason
+    table(third, ahead=True)
+
+
+def test_shapes_that_do_not_all_stay_loaded_come_one_after_the_other(
+    families: list[FamilyPlan],
+) -> None:
+    """A tree costs more than a table, and tables are kept; the results keep the plan's order."""
+    assert in_working_order(families) == families
+    many = planned(
+        shapes=[{"kind": "blob", "seed": seed} for seed in range(STAGES + 1)],
+        surfaces=["obsidian", "carbon"],
+    )
+    worked = in_working_order(many)
+    assert sorted(family.id for family in worked) == sorted(family.id for family in many)
+    shapes = [family.scenes[0].shape for family in worked]
+    changes = sum(one != other for one, other in itertools.pairwise(shapes))
+    assert changes == STAGES
+    assert worked != many
