@@ -268,7 +268,7 @@ def _turned_light(observation: Observation, by_deg: float) -> Observation:
     )
 
 
-def tilted(normals: FloatArray, angle_deg: float) -> FloatArray:
+def tilted(normals: FloatArray, by_deg: float) -> FloatArray:
     """Unit normals (..., 3), each turned by an angle about a random axis in its own plane.
 
     None is turned away from the viewer, z > 0: it keeps the z that it has, if it would be.
@@ -282,7 +282,7 @@ def tilted(normals: FloatArray, angle_deg: float) -> FloatArray:
     rng = np.random.default_rng(0)
     across = np.cross(normals, rng.normal(size=normals.shape))
     across /= np.linalg.norm(across, axis=-1, keepdims=True)
-    angle = np.radians(angle_deg)
+    angle = np.radians(by_deg)
     turned = np.cos(angle) * normals + np.sin(angle) * across
     return np.where(turned[..., 2:] > 0, turned, normals).astype(normals.dtype)
 

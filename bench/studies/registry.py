@@ -6,12 +6,12 @@ help, so nothing heavy is imported before a study runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from malus.bench.studies.study import Findings, Study, StudyOption
+from malus.bench.studies.study import Findings, Study, StudyOption, option_values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,7 +52,7 @@ def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findi
     from malus.scenes.core.remote import as_path
 
     study = lookup(name, STUDIES, "study")
-    values = _values(study, options)
+    values = option_values(study, options)
     if out is None and study.has_page:
         out = Path("results") / name
     folder = None
@@ -62,37 +62,6 @@ def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findi
     if folder is not None:
         _write(study, folder, findings)
     return findings
-
-
-def _values(study: Study, options: dict[str, Any]) -> dict[str, Any]:
-    """The options with their defaults, within their bounds."""
-    from malus.scenes.core.errors import InputError
-    from malus.scenes.core.registry import lookup
-
-    by_name = {option.name: option for option in study.options}
-    for name in options:
-        lookup(name, by_name, f"study {study.name}", "the name of an option")
-    values = {name: options.get(name, option.default) for name, option in by_name.items()}
-    for name, value in values.items():
-        option = by_name[name]
-        if option.choices and value not in option.choices:
-            raise InputError(name, f"one of {', '.join(option.choices)}", str(value), "choose one")
-        least, most = option.least, option.most
-        if (least is not None and not value >= least) or (most is not None and not value <= most):
-            raise InputError(name, _range(least, most), f"{value:g}", "choose another size")
-    return values
-
-
-def _range(least: float | None, most: float | None) -> str:
-    """A range of numbers in words.
-
-    Examples
-    --------
-    >>> _range(1e-5, 1000), _range(2, None)
-    ('a number in 1e-5..1000', 'a number >= 2')
-    """
-    low, high = (str(bound).replace("e-0", "e-") for bound in (least, most))
-    return f"a number >= {low}" if most is None else f"a number in {low}..{high}"
 
 
 def _write(study: Study, folder: Path, findings: Findings) -> None:
@@ -137,22 +106,16 @@ def _precision_cells(row: pd.Series) -> list[str]:
     return [f"{value:.2e}" if name in numbers else str(value) for name, value in row.items()]
 
 
-def _paper(folder: Path, **options: Any) -> Findings:
-    from malus.bench.studies.paper_readings import findings
+def _from(module: str) -> Callable[..., Findings]:
+    """The `findings` of a module of this folder, imported when the study runs."""
 
-    return findings(folder, **options)
+    def run(folder: Path, **options: Any) -> Findings:
+        from importlib import import_module
 
+        found: Findings = import_module(f"malus.bench.studies.{module}").findings(folder, **options)
+        return found
 
-def _mismatch(folder: Path, **options: Any) -> Findings:
-    from malus.bench.studies.mismatch import findings
-
-    return findings(folder, **options)
-
-
-def _separation(folder: Path, **options: Any) -> Findings:
-    from malus.bench.studies.separation import findings
-
-    return findings(folder, **options)
+    return run
 
 
 def _ratio(folder: Path | None, points: int) -> Findings:
@@ -274,7 +237,7 @@ STUDIES = {
         Study(
             "paper",
             "The paper's Figure 5 for every meaning of “normalised”: eq8, whole chain, and guess",
-            _paper,
+            _from("paper_readings"),
             details="24 materials on 5 surfaces, 5 lights, 4 albedos, 10 readings; the paper's"
             " height and flatness beside each.",
             example={"every": "2"},
@@ -288,7 +251,7 @@ STUDIES = {
         Study(
             "mismatch",
             "What each assumption costs: skill where truth or input is not as methods assume",
-            _mismatch,
+            _from("mismatch"),
             details="Facets, bounces, polarised light, mixed pixels, several objects, masking;"
             " wrong index, roughness, light and normals; the rungs of the ladder.",
             example={"resolution": "24", "samples": "32"},
@@ -302,7 +265,7 @@ STUDIES = {
         Study(
             "separation",
             "Separations of the lobes by colour: error of I_s on the exact lobes of renders",
-            _separation,
+            _from("separation"),
             details="Two shapes, two bodies, five surfaces, four lights, seven body colours.",
             example={"every": "12"},
             options=(

@@ -114,3 +114,34 @@ class Study:
             f"{self.name}: {self.description}. A study of fixed cases instead of a suite of scenes:"
             f" nothing is left out. `malus run {self.name}` {written}"
         )
+
+
+def option_values(study: Study, options: dict[str, Any]) -> dict[str, Any]:
+    """The options with their defaults, within their bounds."""
+    from malus.scenes.core.errors import InputError
+    from malus.scenes.core.registry import lookup
+
+    by_name = {option.name: option for option in study.options}
+    for name in options:
+        lookup(name, by_name, f"study {study.name}", "the name of an option")
+    values = {name: options.get(name, option.default) for name, option in by_name.items()}
+    for name, value in values.items():
+        option = by_name[name]
+        if option.choices and value not in option.choices:
+            raise InputError(name, f"one of {', '.join(option.choices)}", str(value), "choose one")
+        least, most = option.least, option.most
+        if (least is not None and not value >= least) or (most is not None and not value <= most):
+            raise InputError(name, _range(least, most), f"{value:g}", "choose another size")
+    return values
+
+
+def _range(least: float | None, most: float | None) -> str:
+    """A range of numbers in words.
+
+    Examples
+    --------
+    >>> _range(1e-5, 1000), _range(2, None)
+    ('a number in 1e-5..1000', 'a number >= 2')
+    """
+    low, high = (str(bound).replace("e-0", "e-") for bound in (least, most))
+    return f"a number >= {low}" if most is None else f"a number in {low}..{high}"

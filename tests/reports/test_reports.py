@@ -20,7 +20,7 @@ from markupsafe import escape
 
 from malus.reports import write_report
 from malus.reports.figures.drawings import drawings, ladders
-from malus.reports.figures.figure5 import both_panels, figure5, figure5_by_light
+from malus.reports.figures.figure5 import figure5, figure5_by_light
 from malus.reports.figures.figure9 import figure9
 from malus.reports.figures.ladder import figure_ladder
 from malus.reports.figures.panels import spread
@@ -30,7 +30,7 @@ from malus.reports.source import Source, read_study
 from malus.reports.summary import summary
 from malus.reports.tables import sample
 from malus.reports.tables.colour_errors import figure9_numbers, table1, table1_text
-from malus.reports.tables.figure_numbers import ladder_numbers, numbers
+from malus.reports.tables.figure_numbers import both_panels, ladder_numbers, numbers
 from malus.reports.tables.formats import markdown
 from malus.reports.tables.rows import coverage
 from malus.reports.tables.skills import (
@@ -213,10 +213,10 @@ def test_names_are_escaped_everywhere() -> None:
 
 
 def test_values_of_templates_are_escaped_and_none_may_be_missing() -> None:
-    text = render("figures.html", explanation="<b> & \"'\n\udc80", drawings=[], origin="")
+    text = render("figures.html", explanation="<b> & \"'\n\udc80", lines=[], drawings=[], origin="")
     assert text == "<p>&lt;b&gt; &amp; &#34;&#39;\\n\\udc80</p>"
     with pytest.raises(UndefinedError, match="explanation"):
-        render("figures.html", drawings=[], origin="")
+        render("figures.html", lines=[], drawings=[], origin="")
 
 
 def test_nan_skills_are_counted_and_never_dropped_in_silence(table: pd.DataFrame) -> None:
