@@ -62,7 +62,7 @@ class _ObjReader:
         """Take the element of a line."""
         kind, words = match[1], match[2].split()
         if kind == b"f":
-            if any(word.startswith(b"-") or b"/-" in word for word in words):
+            if b"-" in match[2]:
                 self.counted.add(len(self.faces))
                 words = [self._counted(word) for word in words]
             self.faces.append(words)
@@ -94,7 +94,9 @@ class _ObjReader:
         return lines
 
     def _numbers(self, face: list[bytes]) -> list[int]:
-        return [int(corner.split(b"/")[0]) - 1 for corner in face]
+        if len(face) == 3:
+            return []  # nothing to cut
+        return [int(corner.partition(b"/")[0]) - 1 for corner in face]
 
 
 def off_with_triangles(content: bytes) -> bytes:

@@ -54,14 +54,15 @@ def flat(level: float) -> AnyArray:
 
 def test_values_are_in_proportion_to_light(tmp_path: Path) -> None:
     needs_rawpy()
-    # The brightest picture would set a white level of its own, and so would the balance of a shot.
+    # A picture whose brightest pixel is between 3/4 and all of the range would set a white level
+    # of its own, and the balance of a shot would scale its colours.
     pictures = [
         read_picture(dng(tmp_path / f"{level}.dng", flat(level), balance)).linear
-        for level, balance in ((1.0, (0.5, 1.0, 0.7)), (0.25, (0.9, 1.0, 0.4)))
+        for level, balance in ((1.4, (0.5, 1.0, 0.7)), (0.35, (0.9, 1.0, 0.4)))
     ]
     assert pictures[0].shape == (32, 48, 3)
     inner = (slice(4, -4), slice(4, -4))
-    # Half a code of 12 bits, at a fifth of a quarter of the range: 0.25 %.
+    # Half a code of 12 bits, at 0.07 of the range: 0.2 %.
     np.testing.assert_allclose(pictures[1][inner] / pictures[0][inner], 0.25, rtol=0.004)
 
 
