@@ -184,7 +184,7 @@ def _how(record: DatasetRecord, suite: Suite) -> str:
 
 def _images(record: DatasetRecord) -> dict[str, str]:
     """Image files of the scenes; without lobes where no scene has them."""
-    known = any(entry.body for entry in record.scenes)
+    known = any(entry.body != "unknown" for entry in record.scenes)
     return {
         name: text
         for name, text in IMAGES.items()

@@ -10,13 +10,12 @@ from importlib.metadata import version
 from itertools import accumulate
 
 from malus.bench.datasets.maps_and_frames import Additions
-from malus.bench.running.plan import FamilyPlan, family_of_scene, plan
+from malus.bench.running.plan import FamilyPlan, drawn_families, plan
 from malus.renderers.datasets.part_list import Part, PlannedScene
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import content_id
 from malus.scenes.materials.measured import Measured
-from malus.scenes.random_suite.splits import check_leaks
 from malus.scenes.suite import Suite
 
 
@@ -43,9 +42,6 @@ def planned_dataset(suite: Suite, variant: Variant, part: str | None = None) -> 
     if suite.random is not None:
         families, scenes = _random(suite, variant, number, count)
         planned, in_all = len(families), suite.random.count
-        if len(scenes) < planned:
-            hint = "draw a range in place of choices, so that no two scenes are equal"
-            raise InputError(f"suite {suite.name}", f"{planned} scenes", f"{len(scenes)}", hint)
     else:
         every = plan(suite)
         families, scenes = _of_axes(every, suite, variant, number, count)
@@ -58,19 +54,12 @@ def _random(
     suite: Suite, variant: Variant, number: int, count: int
 ) -> tuple[list[FamilyPlan], dict[str, PlannedScene]]:
     """Random scenes of a part, each a family of its own, those of a measured material together."""
-    assert suite.random is not None
-    assert suite.draws is not None
-    draws, families, scenes, of_splits = suite.draws, [], {}, []
-    for index in range(number - 1, suite.random.count, count):
-        family = family_of_scene(draws.scene(index), suite.sampling)
-        name, split = family.scenes[0].id, draws.split(index)
-        families.append(family)
-        scenes[name] = PlannedScene(_origin(family, suite, variant), index, split)
-        if split is not None:
-            of_splits.append((family.scenes[0], name, split))
-    if suite.splits is not None:
-        check_leaks(of_splits, suite.splits)
-    return sorted(families, key=_measured_file), scenes
+    drawn = drawn_families(suite, number, count)
+    scenes = {
+        each.scene_id: PlannedScene(_origin(each.family, suite, variant), each.index, each.split)
+        for each in drawn
+    }
+    return sorted((each.family for each in drawn), key=_measured_file), scenes
 
 
 def _measured_file(family: FamilyPlan) -> str:

@@ -11,10 +11,12 @@ from malus.renderers.families.family import FamilyKey
 from malus.renderers.families.nodes import family_nodes, nodes_by_albedo
 from malus.renderers.families.patterned import with_part
 from malus.renderers.mitsuba.lighting import radiance_map_of
+from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import content_id
 from malus.scenes.lights.lights import Distant, Uniform
 from malus.scenes.materials.surface import Facets
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
+from malus.scenes.random_suite.splits import SplitName, check_leaks
 from malus.scenes.scene import Sampling, Scene, may_be_circular
 from malus.scenes.shapes.shapes import CONVEX
 from malus.scenes.suite import Suite
@@ -64,9 +66,8 @@ def plan(suite: Suite) -> list[FamilyPlan]:
     >>> len(families), len(families[0].scenes)
     (8, 2)
     """
-    if suite.draws is not None:
-        families = [family_of_scene(scene, suite.sampling) for scene in suite.scenes()]
-        return sorted(families, key=_by_tables)
+    if suite.random is not None:
+        return sorted((drawn.family for drawn in drawn_families(suite)), key=_by_tables)
     groups: dict[FamilyKey, list[Scene]] = {}
     for scene in suite.scenes():
         groups.setdefault(FamilyKey.of(scene), []).append(scene)
@@ -77,6 +78,43 @@ def plan(suite: Suite) -> list[FamilyPlan]:
 def _by_tables(family: FamilyPlan) -> tuple[Facets, str]:
     key = FamilyKey.of(family.scenes[0])
     return key.facets, _measured_file(key)
+
+
+@dataclass(frozen=True)
+class DrawnFamily:
+    """A random scene as a family of its own, with its number and its split."""
+
+    index: int
+    split: SplitName | None
+    family: FamilyPlan
+    scene_id: str
+
+
+def drawn_families(suite: Suite, number: int = 1, count: int = 1) -> list[DrawnFamily]:
+    """The random scenes of a suite, or of part `number` of `count`: every `count`-th one.
+
+    Raises
+    ------
+    InputError
+        Where two scenes are equal, or a value of a disjoint axis is in two splits.
+    """
+    assert suite.random is not None
+    assert suite.draws is not None
+    draws, drawn, known = suite.draws, [], dict[str, int]()
+    for index in range(number - 1, suite.random.count, count):
+        scene = draws.scene(index)
+        name = scene.id
+        if known.setdefault(name, index) != index:
+            expected, found = "scenes that differ", f"scene {index} equal to scene {known[name]}"
+            hint = "draw a range in place of choices, or fewer scenes"
+            raise InputError(f"suite {suite.name}", expected, found, hint)
+        family = family_of_scene(scene, suite.sampling)
+        drawn.append(DrawnFamily(index, draws.split(index), family, name))
+    if suite.splits is not None:
+        check_leaks(
+            ((d.family.scenes[0], d.scene_id, d.split) for d in drawn if d.split), suite.splits
+        )
+    return drawn
 
 
 SEEDS = 1 << 28

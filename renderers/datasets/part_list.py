@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self, TextIO
+from typing import Literal, Self, TextIO
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -27,6 +27,7 @@ from malus.scenes.core.remote import is_here
 from malus.scenes.core.result_files import PARTS
 from malus.scenes.random_suite.splits import SplitName
 
+MAX_LIST_BYTES = 1 << 28
 _NAME = re.compile(r"[0-9]+-of-[0-9]+\.jsonl")
 
 
@@ -83,10 +84,6 @@ class Part(Model):
     def label(self) -> str:
         """Number and count."""
         return f"{self.number}/{self.count}"
-
-    def of(self, items: Any) -> Any:
-        """The items of a sequence that belong to the part: every `count`-th one."""
-        return items[self.number - 1 :: self.count]
 
 
 @dataclass
@@ -201,10 +198,13 @@ def read_parts(folder: Path) -> Iterator[PartContent]:
 
 
 def read_part(path: Path) -> PartContent | None:
-    """What a list tells; None where there is none, or its first line is none of ours."""
+    """What a list tells; None where there is none, or it is none of ours."""
     try:
         with open_regular(path) as file:
-            lines = file.read().decode("utf-8", "replace").splitlines()
+            raw = file.read(MAX_LIST_BYTES + 1)
+        if len(raw) > MAX_LIST_BYTES:
+            return None
+        lines = raw.decode("utf-8", "replace").splitlines()
         content = PartContent(Part.model_validate_json(lines[0]))
     except (InputError, ValueError, IndexError):
         return None

@@ -208,7 +208,7 @@ def test_scenes_that_are_alike_are_refused(tmp_path: Path) -> None:
     flat = CONTENT["random"] | {"materials": ["pmma"], "surfaces": ["carbon"], "count": 30}
     flat["lights"] = [{"kind": "distant", "incidence_deg": {"choice": [30, 60]}}]
     same = Suite.parse(CONTENT | {"random": flat, "splits": {"train": 1.0}}, "test")
-    with pytest.raises(InputError, match="draw a range in place of choices"):
+    with pytest.raises(InputError, match=r"scene 0; draw a range in place of choices"):
         render_dataset(same, tmp_path, NOBODY)
 
 
