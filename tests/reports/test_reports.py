@@ -210,10 +210,10 @@ def test_names_are_escaped_everywhere() -> None:
 
 
 def test_values_of_templates_are_escaped_and_none_may_be_missing() -> None:
-    text = render("figures.html", explanation="<b> & \"'\n\udc80", drawings=[], origin="")
+    text = render("figures.html", explanation="<b> & \"'\n\udc80", lines=[], drawings=[], origin="")
     assert text == "<p>&lt;b&gt; &amp; &#34;&#39;\\n\\udc80</p>"
     with pytest.raises(UndefinedError, match="explanation"):
-        render("figures.html", drawings=[], origin="")
+        render("figures.html", lines=[], drawings=[], origin="")
 
 
 def test_nan_skills_are_counted_and_never_dropped_in_silence(table: pd.DataFrame) -> None:
