@@ -126,6 +126,14 @@ def verdicts(datasets: pd.DataFrame) -> list[str]:
         .head(1)
         .to_dict("records")
     ]
+    chain = datasets[datasets["chain"].between(*PAPER_NMSE)]
+    scenes = [
+        f"{row['reading']}, {row['light']}, albedo {row['albedo']:g} ({scientific(row['chain'])},"
+        f" the guess {scientific(row['guess'])})"
+        for row in chain.to_dict("records")
+    ]
+    where = f": {'; '.join(scenes)}" if scenes else ""
+    lines.append(f"The mean of the paper's whole chain is in the range in {len(chain)}{where}.")
     by_reading = datasets[datasets["height"]].groupby("reading").size()
     counted = [f"{name} ({by_reading[name]})" for name in distinct(datasets["reading"])
                if name in by_reading]  # fmt: skip

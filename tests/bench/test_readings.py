@@ -189,6 +189,7 @@ def test_height_and_flatness(
     assert line[6] == "2.0e-2"  # the guess
     said = " ".join(verdicts(datasets))
     assert ("Reached: a reading, uniform, albedo 0.3" in said) == all(expected)
+    assert "whole chain is in the range in 0." in said  # it was not run here
     assert ("where eq8 beats the guess" in said) == expected[1]
     assert ("Nearest: a reading" in said) == (expected == (True, True, False))
 
