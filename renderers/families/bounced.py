@@ -18,6 +18,7 @@ import numpy as np
 from malus.renderers.families.interpolated import Family, interpolate
 from malus.renderers.families.nodes import NodesByAlbedo, nodes_by_albedo
 from malus.renderers.family_key import FamilyKey
+from malus.renderers.mitsuba.kernel_warnings import refused_warnings
 from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, unit
 from malus.renderers.mitsuba.path_traced import Room, RoomImages, check_variant, render_room
 from malus.renderers.truth import Truth
@@ -46,7 +47,8 @@ class OneByOne:
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:  # noqa: ARG002
         """The truth of one scene."""
-        return render_room(scene, self.sampling, self.variant)
+        with refused_warnings(f"scene {scene.id}"):
+            return render_room(scene, self.sampling, self.variant)
 
 
 def render_bounced(
