@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -121,15 +121,13 @@ def _at(lobes: Lobes, settings: Sequence[int]) -> Lobes:
     def kept_halves(values: AnyArray) -> AnyArray:
         return np.ascontiguousarray(values[:, list(settings)])
 
-    return Lobes(
+    return replace(
+        lobes,
         specular=kept_halves(lobes.specular),
         diffuse=kept_halves(lobes.diffuse),
         specular_variance=kept(lobes.specular_variance),
         diffuse_variance=kept(lobes.diffuse_variance),
         covariance=kept(lobes.covariance),
-        pixels=lobes.pixels,
-        normals=lobes.normals,
-        covered=lobes.covered,
         s3=None if lobes.s3 is None else kept_halves(lobes.s3),
         s3_variance=kept(lobes.s3_variance),
     )
