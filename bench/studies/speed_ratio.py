@@ -65,7 +65,7 @@ def _table_seconds(measure: Measure) -> float:
 def by_hand(zenith: float, eta: float, sigma: float, measure: Measure) -> float:
     """ρ by Equations 4 to 8 as they stand, with scipy.integrate.dblquad.
 
-    `shadowed` by hand needs Smith's G1 on top, so that its time is taken as that of `visible`.
+    By hand the shadowed measures need Smith's G1 on top; their time is taken as that of `visible`.
     """
     from scipy.integrate import dblquad
 

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from malus.renderers.families.interpolated import Family, interpolate
 from malus.renderers.families.nodes import NodesByAlbedo, nodes_by_albedo
 from malus.renderers.family_key import FamilyKey
+from malus.renderers.mitsuba.kernel_warnings import refused_warnings
 from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, spread_of, unit
 from malus.renderers.mitsuba.path_traced import Room, RoomImages, check_variant, render_room
 from malus.renderers.truth import Truth
@@ -46,7 +47,8 @@ class OneByOne:
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:  # noqa: ARG002
         """The truth of one scene."""
-        return render_room(scene, self.sampling, self.variant)
+        with refused_warnings(f"scene {scene.id}"):
+            return render_room(scene, self.sampling, self.variant)
 
 
 def render_bounced(
@@ -120,16 +122,13 @@ def _at(lobes: Lobes, settings: Sequence[int]) -> Lobes:
     def kept_halves(values: AnyArray) -> AnyArray:
         return np.ascontiguousarray(values[:, list(settings)])
 
-    return Lobes(
+    return replace(
+        lobes,
         specular=kept_halves(lobes.specular),
         diffuse=kept_halves(lobes.diffuse),
         specular_variance=kept(lobes.specular_variance),
         diffuse_variance=kept(lobes.diffuse_variance),
         covariance=kept(lobes.covariance),
-        pixels=lobes.pixels,
-        normals=lobes.normals,
-        normal_spread=lobes.normal_spread,
-        covered=lobes.covered,
         s3=None if lobes.s3 is None else kept_halves(lobes.s3),
         s3_variance=kept(lobes.s3_variance),
     )

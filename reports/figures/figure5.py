@@ -27,7 +27,7 @@ from malus.reports.tables.rows import (
 
 _AXES = {
     X_ETA: "refractive index η, mean over the bands (relative to air)",
-    X_ALPHA: "Beckmann roughness α (rms slope)",
+    X_ALPHA: "roughness α (of Beckmann facets the rms slope)",
 }
 _SHORT_AXES = {X_ETA: "refractive index η", X_ALPHA: "roughness α"}
 _ERROR = "normalised mean squared error"

@@ -23,7 +23,7 @@ from malus.scenes import Camera, Distant, Sampling
 def test_ratio_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(speed_ratio, "_TABLES", 1)
     speeds = speed_ratio.measure_speed(count=30, sample=2, few=1, repeats=1)
-    assert [speed.measure for speed in speeds] == ["eq8", "visible", "shadowed"]
+    assert [speed.measure for speed in speeds] == ["eq8", "visible", "shadowed", "shadowed_ggx"]
     for speed in speeds:
         assert speed.points == 30
         assert speed.table_seconds > 0.0
@@ -33,7 +33,7 @@ def test_ratio_figures(monkeypatch: pytest.MonkeyPatch) -> None:
         assert speed.error <= 1e-6
         assert speed.by_hand_error <= 1e-5
     lines = speed_ratio.report_lines(speeds)
-    assert len(lines) == 6
+    assert len(lines) == 8
     assert "dblquad" in lines[1]
 
 

@@ -28,7 +28,16 @@ from malus.renderers.datasets.spectral_exr import read_spectral
 from malus.renderers.families.family import render_family
 from malus.renderers.families.interpolated import Family
 from malus.renderers.variant import choose, mitsuba
-from malus.scenes import Conductor, Dielectric, InputError, Sampling, Torus, Uniform
+from malus.scenes import (
+    Conductor,
+    Dielectric,
+    InputError,
+    Patterned,
+    Sampling,
+    Stripes,
+    Torus,
+    Uniform,
+)
 from malus.scenes.materials.surface import Surface
 
 
@@ -90,6 +99,20 @@ def test_the_albedo_counts_more_than_once_where_light_bounces() -> None:
         return float(render(scene_of(paint, Uniform(), RING), sampling).diffuse.sum())
 
     assert diffuse(1.0) > 2.03 * diffuse(0.5)
+
+
+@needs_arrays
+def test_patterns_bounce_band_by_band() -> None:
+    """A pattern of two equal surfaces is that surface, though other random numbers choose."""
+    paint = Dielectric(eta=1.5, alpha=0.3, albedo=0.9)
+    striped = Patterned(pattern=Stripes(width=0.2), surfaces=(paint, paint))
+    sampling = Sampling(samples=64, max_depth=3)
+    one, other = (render(scene_of(s, LAMP, RING), sampling) for s in (paint, striped))
+    np.testing.assert_array_equal(one.mask, other.mask)
+    difference = (one.image - other.image)[one.mask].sum()
+    variance = (one.standard_error**2 + other.standard_error**2)[one.mask][..., 0].sum()
+    assert abs(difference) < 5 * np.sqrt(variance)
+    np.testing.assert_allclose(other.alpha[other.mask], 0.3)
 
 
 def test_a_sphere_alone_lights_no_point_of_itself() -> None:
