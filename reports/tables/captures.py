@@ -85,13 +85,23 @@ def _agreement(method: str, rows: pd.DataFrame) -> list[str]:
     if method == TRIVIAL:
         return [NO_NUMBER] * 6
     first = {name: _values(rows, name) for name in _AGREEMENT}
-    texts = [skill_text(float(v.iloc[0])) if len(v) else NO_NUMBER for v in first.values()]
+    texts = [
+        _AGREEMENT[name](float(v.iloc[0])) if len(v) else NO_NUMBER for name, v in first.items()
+    ]
     converged = _values(rows, "converged")
     told = {0.0: "no", 1.0: "yes"}.get(float(converged.iloc[0]), "") if len(converged) else ""
     return [*texts, told or NO_NUMBER]
 
 
-_AGREEMENT = ("skill", "gain", "rotation", "scale", "scaled_skill")
+def _slope(value: float) -> str:
+    return NO_NUMBER if pd.isna(value) else f"{value:.2f}".replace("-", "−")
+
+
+_AGREEMENT = {
+    "skill": skill_text, "gain": _slope, "rotation": _slope, "scale": _slope,
+    "scaled_skill": skill_text,
+}  # fmt: skip
+"""Metrics that say how an estimated field agrees with the true one, and how they are told."""
 
 
 def by_object(table: pd.DataFrame) -> TextTable:
