@@ -91,7 +91,8 @@ class Size(click.ParamType[tuple[int, int]]):
     "--method",
     "methods",
     multiple=True,
-    help="Methods to score on the unpolarised image, with a report; may be repeated.",
+    help="Methods to score on the unpolarised image, with a report; may be repeated. One that is"
+    " told more, such as --separation, is scored without a report.",
 )
 @click.option(
     "--out",
@@ -131,7 +132,9 @@ def capture_command(
       malus capture kettle vase --zero horizontal --method blind --out results/indoor
       malus capture captures.toml
     """
-    if len(folders) > 1 or methods or folders[0].suffix.lower() == ".toml":
+    given["method"] = methods[0] if methods else None
+    several = len(folders) > 1 or folders[0].suffix.lower() == ".toml" or len(methods) > 1
+    if several or (methods and not any(given[name] is not None for name in _OF_A_METHOD)):
         told = given | {"offset": offset, "fit_only": fit_only}
         sys.exit(_run_suite(_suite(ctx, folders, methods, told), out, as_json))
     _fit_one(folders[0], offset, out, fit_only, as_json, given)
@@ -169,6 +172,10 @@ _READING = (
     "packing",
 )  # fmt: skip
 """Options for reading pictures; the others describe the object."""
+
+
+_OF_A_METHOD = ("normals", "light", "material", "alpha", "preset", "illuminant", "separation")
+"""What one method alone may be told of one capture; several are told what is in the picture."""
 
 
 def _suite(

@@ -42,11 +42,6 @@ def knowledge_options(function: Callable[..., None]) -> Callable[..., None]:
             help="A picture of several objects: black is none, every other value is one.",
         ),
         click.option(
-            "--method",
-            help="A method of `malus list methods`, such as paper, or module:object"
-            " [default: by what is given].",
-        ),
-        click.option(
             "--light", type=Direction(), help="Towards a distant light: x right, y up, z to you."
         ),
         click.option("--material", help="A material of `malus list materials`."),
@@ -97,6 +92,11 @@ def in_words_of_options(text: str) -> str:
     "--out", type=click.Path(path_type=Path), help="Folder [default: IMAGE's name + _polarised]."
 )
 @knowledge_options
+@click.option(
+    "--method",
+    help="A method of `malus list methods`, such as paper, or module:object"
+    " [default: by what is given].",
+)
 @click.option("--linear", is_flag=True, help="The file's values are linear light.")
 @click.option(
     "--part", help="Which picture of IMAGE: an OpenEXR part's name, a TIFF page's number."
