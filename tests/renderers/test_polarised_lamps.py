@@ -98,6 +98,24 @@ def test_a_polarised_lamp_is_mitsubas_lamp_behind_a_plate(
     assert misfit(unpolarised.stokes[:, :, 0][pixels])[2] > 20
 
 
+def test_metals_make_circular_light_of_a_lamp_as_mitsubas() -> None:
+    """s3 is kept at the first reflection where the lamp is polarised, and nowhere it is zero."""
+    lamp = Area(incidence_deg=80, azimuth_deg=40, polarised=Polariser(angle_deg=30))
+    scene = scene_of(lamp, COPPER, MOVED)
+    truth = render(scene, Sampling(samples=1024))
+    assert truth.s3 is not None
+    assert truth.s3_standard_error is not None
+    runs = 16
+    images = [stokes_image(choose(), scene, 0, Sampling(samples=1024, seed=i)) for i in range(runs)]
+    theirs, pixels = np.stack(images)[..., 3], lit(truth)
+    error = truth.s3_standard_error[..., 0][pixels]
+    variance = error**2 + theirs.var(axis=0, ddof=1)[pixels] / runs
+    ours, mean = truth.s3[..., 0][pixels], theirs.mean(axis=0)[pixels]
+    assert np.mean((ours - mean) ** 2 / variance) < 2.2  # as above
+    assert np.mean((ours + mean) ** 2 / variance) > 100
+    assert render(scene_of(lamp, PAINT, MOVED), Sampling(samples=2)).s3 is None
+
+
 def mirrored(scene: Scene) -> np.ndarray:
     """s1/s0 and s2/s0 (height, width, 2) of what facets mirror from a distant light, by Jones.
 
