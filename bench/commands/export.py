@@ -10,6 +10,7 @@ from malus.bench.commands.options import FOLDER, command
 
 FORMATS = (
     "numpy", "png", "polanalyser", "webdataset", "hdf5", "rgb2pol", "pol", "polaranything",
+    "neisf",
 )  # fmt: skip
 
 
@@ -42,6 +43,7 @@ def export_command(dataset: Path, layout: str, out: Path, pixels: str, as_json: 
     rgb2pol        NNNN/s0.png to s3.png, each on its own scale
     pol            pol000 to pol135, normal, mask: linear, 16 bits
     polaranything  AoLP_16bit, DoLP_16bit, mask: of the mean of the bands
+    neisf          one object from many sides: images_s0 to s2, masks, poses_bounds.npy
 
     \b
     Example:

@@ -30,6 +30,8 @@ from malus.bench.datasets.export_training import (
     write_one_hdf5,
     write_webdataset,
 )
+from malus.bench.datasets.export_views import WORDS as NEISF_WORDS
+from malus.bench.datasets.export_views import write_neisf
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
@@ -96,7 +98,7 @@ def export(
     layout : one of `FORMATS`
         numpy: one .npz a scene; png: angle and degree of polarisation; polanalyser: one image a
         polariser angle; webdataset: shards; hdf5: one file; rgb2pol, pol, polaranything: the
-        layouts of networks.
+        layouts of networks; neisf: objects from many sides, with poses.
     out : path or URL of a folder
     pixels : 'exr' or 'png'
         Of polanalyser's images: lossless floats, or 16 bits.
@@ -238,6 +240,7 @@ _LAYOUTS: dict[str, tuple[WriteScene, dict[str, str]]] = {
 _WHOLE = {
     "webdataset": (write_webdataset, SHARDS_WORDS),
     "hdf5": (write_one_hdf5, HDF5_WORDS),
+    "neisf": (write_neisf, NEISF_WORDS),
 }
 """Formats of a few files for all scenes."""
 

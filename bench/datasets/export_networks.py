@@ -36,7 +36,7 @@ class NetworkLayout:
     words: Mapping[str, str]
 
 
-def _save(path: Path, codes: NDArray[np.uint16]) -> None:
+def save_png(path: Path, codes: NDArray[np.uint16]) -> None:
     """Write one or three channels of 16 bits as PNG."""
     import imagecodecs
 
@@ -46,7 +46,7 @@ def _save(path: Path, codes: NDArray[np.uint16]) -> None:
     path.write_bytes(imagecodecs.png_encode(content))
 
 
-def _colours(truth: Truth) -> FloatArray:
+def colours(truth: Truth) -> FloatArray:
     """Stokes images (height, width, 1 or 3, 3), black off the object.
 
     Raises
@@ -64,37 +64,37 @@ def _colours(truth: Truth) -> FloatArray:
 
 def write_components(folder: Path, name: str, truth: Truth) -> None:
     """`NAME/s0.png` to `s3.png`, each scaled to its own smallest and largest value."""
-    stokes = _colours(truth)
+    stokes = colours(truth)
     for k in range(4):
         component = stokes[..., k] if k < stokes.shape[-1] else np.zeros_like(stokes[..., 0])
         low, high = float(component.min()), float(component.max())
         scale = high - low if high > low else 1.0
-        _save(folder / name / f"s{k}.png", to_16bit((component - low) / scale))
+        save_png(folder / name / f"s{k}.png", to_16bit((component - low) / scale))
 
 
 def write_polarisers(folder: Path, name: str, truth: Truth) -> None:
     """`pol000/NAME.png` to `pol135`, `normal/NAME.png`, `mask/NAME.png`."""
-    stokes = _colours(truth).astype(np.float64)
+    stokes = colours(truth).astype(np.float64)
     full_scale = float(stokes[..., 0].max()) or 1.0
     for angle in FROM_HORIZONTAL_DEG:
         seen = polarisation.polarised(stokes, angle + FROM_VERTICAL_DEG)
-        _save(folder / f"pol{angle:03}" / f"{name}.png", to_16bit(seen / full_scale))
-    _save(folder / "normal" / f"{name}.png", to_16bit((truth.normals + 1.0) / 2.0))
+        save_png(folder / f"pol{angle:03}" / f"{name}.png", to_16bit(seen / full_scale))
+    save_png(folder / "normal" / f"{name}.png", to_16bit((truth.normals + 1.0) / 2.0))
     _save_mask(folder, name, truth)
 
 
 def write_angle_and_degree(folder: Path, name: str, truth: Truth) -> None:
     """`AoLP_16bit/NAME.png`, `DoLP_16bit/NAME.png`, `mask/NAME.png`; of the mean of the bands."""
-    stokes: Float64Array = _colours(truth).astype(np.float64).mean(axis=2)
+    stokes: Float64Array = colours(truth).astype(np.float64).mean(axis=2)
     angle = polarisation.aolp(stokes)
     signed = np.where(angle > np.pi / 2, angle - np.pi, angle)
-    _save(folder / "AoLP_16bit" / f"{name}.png", to_16bit(signed / np.pi + 0.5))
-    _save(folder / "DoLP_16bit" / f"{name}.png", to_16bit(polarisation.dolp(stokes)))
+    save_png(folder / "AoLP_16bit" / f"{name}.png", to_16bit(signed / np.pi + 0.5))
+    save_png(folder / "DoLP_16bit" / f"{name}.png", to_16bit(polarisation.dolp(stokes)))
     _save_mask(folder, name, truth)
 
 
 def _save_mask(folder: Path, name: str, truth: Truth) -> None:
-    _save(folder / "mask" / f"{name}.png", to_16bit(truth.mask.astype(np.float64)))
+    save_png(folder / "mask" / f"{name}.png", to_16bit(truth.mask.astype(np.float64)))
 
 
 LAYOUTS: Mapping[str, NetworkLayout] = {

@@ -8,19 +8,21 @@ from pathlib import Path
 
 import imagecodecs
 import numpy as np
+import OpenEXR
 import pytest
 from click.testing import CliRunner
 
 from malus.bench.commands.score import score_command
 from malus.bench.datasets.export import export
+from malus.bench.datasets.export_views import pose
 from malus.bench.datasets.layouts import layout_predictions
 from malus.bench.datasets.predictions import PredictionErrors
 from malus.bench.datasets.render import render_dataset
 from malus.bench.datasets.score import score_dataset
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
-from malus.renderers.variant import Variant
-from malus.scenes import Camera, InputError, load_suite
+from malus.renderers.variant import Variant, choose
+from malus.scenes import Camera, InputError, Sampling, load_suite
 
 NOBODY = Variant("scalar_spectral_polarized", "not used")
 SIDE = 14
@@ -161,3 +163,73 @@ def test_the_command_scores_a_layout_with_a_profile(dataset: Dataset, tmp_path: 
     assert result.exit_code == 0
     assert '"unpolarised"' in result.output
     assert (tmp_path / "out" / "results.csv").read_text().count("rgb2pol_psnr,") == 2 * len(dataset)
+
+
+def test_views_have_their_poses(tmp_path: Path) -> None:
+    """A ray of each pose, as NeISF casts it, meets the point that the camera shows there."""
+    suite = load_suite("quick").model_copy(
+        update={
+            "renderer": "torrance-sparrow",
+            "lights": load_suite("quick").lights[1:],
+            "bodies": ("unpolarised",),
+            "camera": Camera(resolution=SIDE),
+        }
+    )
+    camera = Camera(projection="perspective", fov_deg=40, distance=4, resolution=SIDE)
+    for moved in (camera, camera.model_copy(update={"azimuth_deg": 70.0, "elevation_deg": 20.0})):
+        row = pose(moved, scale=0.75)
+        down, right, back, position, (height, width, focal) = row[:15].reshape(3, 5).T
+        assert (height, width) == (SIDE, SIDE)
+        assert np.linalg.norm(position) == pytest.approx(3.0)
+        # Its own steps: down, right, back become right, up, back; rays (i - w/2)/f, -(j - h/2)/f, -1.
+        axes = np.stack([right, -down, back], axis=1)
+        point = np.array([0.2, -0.3, 0.1])
+        inside = moved.extrinsics() @ [*point, 1.0]
+        column, line, _ = (moved.intrinsics() @ inside) / inside[2]
+        i, j = column + 0.5, line + 0.5  # from the picture's corner, where NeISF counts from
+        ray = axes @ [(i - width / 2) / focal, -(j - height / 2) / focal, -1.0]
+        towards = 0.75 * point - position
+        np.testing.assert_allclose(ray / np.linalg.norm(ray), towards / np.linalg.norm(towards))
+    render_dataset(suite, tmp_path / "flat", NOBODY)
+    with pytest.raises(InputError, match="a perspective camera with an even number"):
+        export(tmp_path / "flat", "neisf", tmp_path / "out")
+
+
+def test_an_orbit_is_one_object(tmp_path: Path) -> None:
+    """Two views of each object: Stokes images, masks and poses in its own folder."""
+    variant = choose("auto")
+    if not variant.vectorised:
+        pytest.skip("needs LLVM or CUDA")
+    suite = load_suite("orbit")
+    small = suite.model_copy(
+        update={
+            "views": suite.views.model_copy(update={"count": 2}) if suite.views else None,
+            "camera": suite.camera.model_copy(update={"resolution": 12}),
+            "sampling": Sampling(samples=4),
+        }
+    )
+    render_dataset(small, tmp_path / "orbit", variant)
+    export(tmp_path / "orbit", "neisf", tmp_path / "out")
+    folders = sorted(path for path in (tmp_path / "out").iterdir() if path.is_dir())
+    assert len(folders) == len(small.lights)
+    for folder in folders:
+        assert np.load(folder / "poses_bounds.npy").shape == (2, 17)
+        for name in ("images_s0", "images_s1", "images_s2"):
+            assert sorted(p.name for p in (folder / name).iterdir()) == [
+                "img_001.exr",
+                "img_002.exr",
+            ]
+    truths = list(open_dataset(tmp_path / "orbit").truths())
+    s1 = np.stack([truth.stokes[:, :, 2, 1] for truth in truths])  # 650 nm: red
+    stored = []
+    for path in sorted((tmp_path / "out").glob("*/images_s1/*.exr")):
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            stored.append(file.channels()["R"].pixels)
+    for image in stored:
+        assert (
+            min(
+                np.abs(image - np.where(t.mask, s, 0)).max()
+                for s, t in zip(s1, truths, strict=True)
+            )
+            == 0
+        )
