@@ -37,6 +37,12 @@ IMAGES = {
 }
 """Files of a scene; a measured material has no lobes."""
 
+MAPS_FILE = {"maps.exr": "Maps that the suite asks for: depth, normals, ids and others."}
+SENSOR_FILES = {
+    "raw.tiff": "Raw frame of the suite's polarisation camera, in digital numbers.",
+    "sensor.exr": "Stokes image that demosaicing makes of the raw frame.",
+}
+
 CITE = (
     "@software{malus, title = {malus: synthetic ground truth for methods that tell polarisation"
     " from one unpolarised image}, author = {{The malus developers}}, version = {VERSION}}"
@@ -76,7 +82,7 @@ def write_documents(folder: Path, suite: Suite) -> None:
         replace_file(folder / PICTURE, lambda copy: shutil.copyfile(picture, copy))
     replace_text(folder / CARD, text)
     version = record.versions.get("malus", "")
-    content = croissant(record, sha256, _images(record), _about(suite), _cite(version))
+    content = croissant(record, sha256, _images(record, suite), _about(suite), _cite(version))
     replace_text(folder / CROISSANT, json.dumps(content, indent=1) + "\n")
 
 
@@ -182,18 +188,16 @@ def _how(record: DatasetRecord, suite: Suite) -> str:
     )
 
 
-def _images(record: DatasetRecord) -> dict[str, str]:
+def _images(record: DatasetRecord, suite: Suite) -> dict[str, str]:
     """Image files of the scenes; without lobes where no scene has them."""
     known = any(entry.body != "unknown" for entry in record.scenes)
-    return {
-        name: text
-        for name, text in IMAGES.items()
-        if known or name not in ("specular.exr", "diffuse.exr")
-    }
+    unknown = () if known else ("specular.exr", "diffuse.exr")
+    files = IMAGES | (MAPS_FILE if suite.maps else {}) | (SENSOR_FILES if suite.sensor else {})
+    return {name: text for name, text in files.items() if name not in unknown}
 
 
 def _files(record: DatasetRecord, suite: Suite) -> str:
-    rows = [f"| `<scene>/{name}` | {text} |" for name, text in _images(record).items()]
+    rows = [f"| `<scene>/{name}` | {text} |" for name, text in _images(record, suite).items()]
     rows.insert(0, "| `dataset.json` | suite, versions, conventions, every scene and its hash |")
     if suite.splits is not None:
         rows.insert(1, "| `splits.json` | scenes of each split, values of each disjoint axis |")

@@ -21,7 +21,7 @@ from malus.bench.running.status import status
 from malus.renderers.datasets import dataset as datasets
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.variant import Variant
-from malus.scenes import InputError, Suite, load_suite
+from malus.scenes import Camera, InputError, Sampling, Suite, load_suite
 from malus.scenes.core.remote import as_path
 from malus.scenes.random_suite.splits import values_of
 
@@ -293,3 +293,20 @@ def test_a_histogram_is_even_on_the_scale_that_was_drawn_from() -> None:
     assert histogram([1 + 99 * u for u in places]) == "█" * 16
     assert histogram([100**u for u in places]) == "█" * 16
     assert histogram([3.0]) == "█"
+
+
+def test_the_card_names_maps_and_frames(tmp_path: Path) -> None:
+    """Files that only some data sets have, in card and metadata, where they are there."""
+    suite = load_suite("quick").model_copy(
+        update={
+            "camera": Camera(resolution=8),
+            "sampling": Sampling(samples=2),
+            "lights": load_suite("quick").lights[1:],
+            "maps": ("depth",),
+        }
+    )
+    render_dataset(suite, tmp_path)
+    metadata = (tmp_path / "croissant.json").read_text("utf-8")
+    assert "`<scene>/maps.exr`" in (tmp_path / "README.md").read_text("utf-8")
+    assert "maps.exr" in metadata
+    assert "raw.tiff" not in metadata
