@@ -36,12 +36,12 @@ from malus.reports.viewer.viewer import example_scenes, viewer
 
 
 def headline(source: Source) -> Section:
-    """The numbers of the paper's method beside the paper's own."""
+    """The numbers of the paper's method, where the run has it, beside the paper's own."""
     body = PAPER_BODY if PAPER_BODY in distinct(source.table["body"]) else ""
     rows = rows_of_body(source.table, body) if body else source.table
     content = render(
         "headline.html",
-        method=PAPER_METHOD,
+        method=PAPER_METHOD if PAPER_METHOD in distinct(rows["method"]) else "",
         body=body,
         tiles=list(_headline_tiles(rows)),
         explanation=sentences.SKILL,
@@ -58,7 +58,8 @@ def _headline_tiles(rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
         for by in ("material", "surface"):
             yield range_of_means(error, by), f"mean NMSE by {by}. The paper: {PAPER_RANGE}"
     if len(trivial):
-        yield range_of_means(trivial, "material"), "the same of the trivial guess I(ϑ) = I/2"
+        what = "the same" if len(error) else "mean NMSE by material"
+        yield range_of_means(trivial, "material"), f"{what} of the trivial guess I(ϑ) = I/2"
     if len(skill):
         values = skill["value"]
         yield skill_text(float(values.median())), "median skill; the paper reports none"

@@ -26,10 +26,12 @@ def plain_table(*columns: str) -> Table:
 
 
 def results_table(results: Results) -> Table:
-    """NMSE and skill, one row a light, body and method; narrow enough for 80 columns."""
+    """NMSE and skill, one row a light, body and method; long lights are broken at 80 columns."""
     title = "skill: 1 is perfect, 0 no better than guessing “unpolarised”"
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in ("light", "body", "method"):
+    # Where columns are too wide together, those that may wrap are made narrower, and no other.
+    table.add_column("light", overflow="fold")
+    for name in ("body", "method"):
         table.add_column(name, no_wrap=True)
     for name in ("NMSE", "skill", "worst", "unmixed"):
         table.add_column(name, justify="right", no_wrap=True)

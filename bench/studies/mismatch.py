@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -39,6 +40,7 @@ from malus.scenes import (
     Uniform,
 )
 from malus.scenes.core.arrays import FloatArray
+from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import write_whole
 from malus.scenes.lights.lights import Light
 from malus.scenes.materials.surface import Distribution
@@ -48,11 +50,16 @@ from malus.scenes.shapes.shapes import Shape
 METHODS = ("lights+body", "shadowed+body", "eq8+body")
 """Methods that are scored; the figure shows the first, which has all of the renderer's physics."""
 
+UNSHADOWED = "visible+body"
+"""`shadowed+body` but for one thing: its facets take no light from each other."""
+
 SHAPES: tuple[Shape, ...] = (Sphere(), Blob(seed=1))
 LIGHTS: tuple[Light, ...] = (Uniform(), Distant(incidence_deg=60))
 ALPHAS = (0.15, 0.3)
 ETA, ALBEDO = 1.5, 0.2
 ETA_OFF, ALPHA_OFF, LIGHT_OFF_DEG, NORMALS_OFF_DEG = 0.05, 0.2, 10.0, 5.0
+_STUDY = "study mismatch"
+
 COARSE = 2
 """How many times fewer pixels a side there are where pixels see several normals."""
 
@@ -62,12 +69,29 @@ class Effort:
     """Pixels a side, samples a pixel, and the variant that renders."""
 
     resolution: int
-    samples: int
+    sampling: Sampling
     variant: Variant
+
+    @classmethod
+    def of(cls, resolution: int, samples: int, backend: str) -> Self:
+        """The effort that options ask for.
+
+        Raises
+        ------
+        InputError
+            An odd number of samples, and a backend that traces no paths of light.
+        """
+        sampling = Sampling.parse({"samples": samples}, _STUDY)
+        variant = choose(backend)
+        if not variant.vectorised:
+            hint = "install LLVM 17 or later (`malus doctor` says how)"
+            expected = "LLVM or CUDA for light that bounces or is polarised"
+            raise InputError(_STUDY, expected, variant.name, hint)
+        return cls(resolution, sampling, variant)
 
     def truth(self, scene: Scene, max_depth: int | None = None) -> Truth:
         """The truth of one scene."""
-        sampling = Sampling(samples=self.samples, max_depth=max_depth)
+        sampling = self.sampling.model_copy(update={"max_depth": max_depth})
         return render_family([scene], sampling, self.variant).truth(scene)
 
     def scene(
@@ -105,10 +129,10 @@ class Assumption:
 
 def findings(folder: Path, resolution: int, samples: int, backend: str) -> Findings:
     """Run the study and write its table into a folder."""
-    table = mismatch_table(Effort(resolution, samples, choose(backend)))
+    table = mismatch_table(Effort.of(resolution, samples, backend))
     write_whole(folder / "mismatch.csv", lambda path: table.to_csv(path, index=False))
     cells = price_cells(prices(table))
-    lines = (f"{line[0]}, {line[1]}: {line[4]}" for line in cells.lines)
+    lines = (f"{line[0]}, {line[1]}: {line[4]} (pairs: {line[6]})" for line in cells.lines)
     return Findings(("price of each assumption, loss of skill:", *lines, f"written to {folder}"))
 
 
@@ -202,7 +226,7 @@ def _sky(effort: Effort) -> Iterator[Skills]:
     for shape in SHAPES:
         for alpha in ALPHAS:
             plain = Sky(sun=False)
-            polarised = Sky.parse({"sun": False, "polarised": {"degree": 0.8}}, "study mismatch")
+            polarised = Sky.parse({"sun": False, "polarised": {"degree": 0.8}}, _STUDY)
             scenes = (effort.scene(shape, alpha, light) for light in (plain, polarised))
             yield from _of_truths(*(effort.truth(scene) for scene in scenes))
 
@@ -220,8 +244,7 @@ def _mixed(effort: Effort) -> Iterator[Skills]:
                     score = judge.score(get_method(name))
                 except Inapplicable:
                     continue
-                if score.skill_unmixed is not None:
-                    yield truth.scene.id, name, score.skill_unmixed, score.skill
+                yield truth.scene.id, name, score.skill_unmixed, score.skill
 
 
 def _several_objects(effort: Effort) -> Iterator[Skills]:
@@ -243,12 +266,14 @@ def _several_objects(effort: Effort) -> Iterator[Skills]:
 
 
 def _masking(effort: Effort) -> Iterator[Skills]:
-    """Equation 8 with its polarised body against the same with facets that mask each other."""
+    """The facets that the viewer sees, against those of them that the light reaches too."""
     for shape in SHAPES:
         for alpha in ALPHAS:
             judge = Judge(effort.truth(effort.scene(shape, alpha, Uniform())))
-            skills = [judge.score(get_method(n)).skill for n in ("shadowed+body", "eq8+body")]
-            yield judge.truth.scene.id, METHODS[0], skills[0], skills[1]
+            holds, broken = (
+                judge.score(get_method(n)).skill for n in ("shadowed+body", UNSHADOWED)
+            )
+            yield judge.truth.scene.id, UNSHADOWED, holds, broken
 
 
 def _scaled(observation: Observation, name: str, factor: float) -> Observation:
@@ -338,7 +363,7 @@ ASSUMPTIONS = (
     Assumption("unpolarised light (truth: polarised sky)", "truth", _sky),
     Assumption("one normal a pixel (truth: edges)", "truth", _mixed),
     Assumption("one object (truth: floor and ball)", "truth", _several_objects),
-    Assumption("facets that mask nothing (truth: Smith)", "truth", _masking),
+    Assumption("facets that shadow none (truth: Smith)", "truth", _masking),
     Assumption(
         "index known (off by 0.05)",
         "input",

@@ -205,10 +205,14 @@ def _begin(
     """Begin to render Stokes samples of both lobes at every node."""
     if not variant.vectorised:
         return lambda: stokes_integrator.render_lobes(variant, key, nodes, sampling)
-    specular, diffuse = bsdfs(variant, nodes, key.facets, key.body, key.measured)
     replay = options.where is None and key.measured is None
-    distribution = key.facets.distribution
-    shading = Shading(specular, diffuse, options.errors, options.where, replay, distribution)
+
+    def shading() -> Shading:
+        specular, diffuse = bsdfs(variant, nodes, key.facets, key.body, key.measured)
+        return Shading(
+            specular, diffuse, options.errors, options.where, replay, key.facets.distribution
+        )
+
     stage = wavefront.stage(variant, key.shape, key.camera, key.light)
     return stage.begin(key.light, shading, sampling)
 

@@ -113,13 +113,17 @@ class Stage:
         self._replay: Callable[..., Any] = freeze(shade) if recordable else shade
         self._touched: dict[Sampling, TouchedPixels] = {}
 
-    def begin(self, light: Light, shading: Shading, sampling: Sampling) -> Callable[[], Lobes]:
-        """Begin to shade every hit with every BSDF of `shading`; the value waits for the end.
+    def begin(
+        self, light: Light, shading_of: Callable[[], Shading], sampling: Sampling
+    ) -> Callable[[], Lobes]:
+        """Begin to shade every hit with every BSDF of a shading; the value waits for the end.
 
         The kernel runs meanwhile. Where there are several, the others wait too: memory is bounded.
+        Other renders may have set the same BSDFs to other values by then, so that `shading_of`
+        sets them again.
         """
         touched, lit_by = self._hits(sampling), sampler(self.mi, light, self.scene)
-        half_samples = sampling.samples // HALVES
+        half_samples, shading = sampling.samples // HALVES, shading_of()
 
         def launch(stream: Any) -> Any:
             return self._shade(stream, lit_by, shading, sampling.seed, half_samples)
@@ -129,6 +133,8 @@ class Stage:
 
         def lobes() -> Lobes:
             blocks, seconds = [], 0.0
+            if others:
+                shading_of()
             for sums in (launched, *map(launch, others)):
                 self.dr.sync_thread()
                 started = time.perf_counter()
@@ -144,7 +150,7 @@ class Stage:
 
     def render(self, light: Light, shading: Shading, sampling: Sampling) -> Lobes:
         """Shade every hit with every BSDF of `shading` under `light`."""
-        return self.begin(light, shading, sampling)()
+        return self.begin(light, lambda: shading, sampling)()
 
     def _hits(self, sampling: Sampling) -> TouchedPixels:
         """The pixels that the object touches; kept for renders with other lights and surfaces."""

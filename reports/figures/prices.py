@@ -19,8 +19,16 @@ CUT = 1.2
 
 
 def figure_prices(numbers: pd.DataFrame, method: str) -> Figure:
-    """Loss of skill of one method where each assumption is broken, from `prices`."""
-    own = numbers[numbers["method"] == method].sort_values("price", ascending=True)
+    """Loss of skill where each assumption is broken, from `prices`.
+
+    Of `method`, or of the first one where an assumption is another's; without those that no pair
+    prices.
+    """
+    first = numbers.groupby("assumption", sort=False).head(1)
+    own = first[first["pairs"] > 0].sort_values("price", ascending=True)
+    names = own["assumption"].where(
+        own["method"] == method, own["assumption"] + ", " + own["method"]
+    )
     colours = dict(zip(_KINDS, PALETTE, strict=False))
     with style():
         figure = Figure(figsize=(7.6, 0.34 * len(own) + 1.3), layout="constrained")
@@ -33,7 +41,7 @@ def figure_prices(numbers: pd.DataFrame, method: str) -> Figure:
                 ax.hlines(place, *ends, color=INK, lw=1.1)
             text = number_with_error(row.price, row.half_width)
             ax.text(CUT * 1.02, place, drawable(text), va="center", fontsize="small", color=INK)
-        ax.set_yticks(range(len(own)), [drawable(name) for name in own["assumption"]])
+        ax.set_yticks(range(len(own)), [drawable(name) for name in names])
         ax.set_xlim(0.0, CUT * 1.34)
         ax.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0])
         ax.axvline(1.0, color=SOFT, lw=1.0, ls="--")

@@ -52,7 +52,9 @@ def prices_drawing(table: pd.DataFrame) -> Drawing:
         "The price of each assumption",
         f"Skill that {method} loses where an assumption does not hold, mean over pairs of scenes;"
         " lines are 95 % intervals. It has all of the renderer's other physics, and skill 1 where"
-        " everything holds. Rungs of the ladder follow one another: each adds to those before.",
+        " everything holds; a bar that names another method is that one's. Rungs of the ladder"
+        " follow one another: each adds to those before. A pair whose trivial guess is as good as"
+        " the noise has no skill, and does not count.",
         numbers,
         price_cells(numbers),
         partial(_draw_prices, numbers, method),

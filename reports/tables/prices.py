@@ -19,8 +19,9 @@ def prices(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns assumption, kind, method, pairs, holds, broken (mean skills), price (their
-        difference), half_width (half a 95 % interval of it, Student's t), worst.
+        Columns assumption, kind, method, pairs (that count), all_pairs, holds, broken (mean
+        skills), price (their difference), half_width (half a 95 % interval of it, Student's t),
+        worst. Pairs count where both have a skill to report; without any, numbers are NaN.
 
     Examples
     --------
@@ -29,11 +30,11 @@ def prices(table: pd.DataFrame) -> pd.DataFrame:
     >>> round(prices(pd.DataFrame(rows, columns=columns)).price.item(), 6)
     0.3
     """
-    whole = table.dropna(subset=["holds", "broken"])
     rows = []
-    for (assumption, kind, method), part in whole.groupby(
+    for (assumption, kind, method), every in table.groupby(
         ["assumption", "kind", "method"], sort=False
     ):
+        part = every.dropna(subset=["holds", "broken"])
         lost = (part["holds"] - part["broken"]).to_numpy(np.float64)
         rows.append(
             {
@@ -41,11 +42,12 @@ def prices(table: pd.DataFrame) -> pd.DataFrame:
                 "kind": kind,
                 "method": method,
                 "pairs": len(lost),
+                "all_pairs": len(every),
                 "holds": float(part["holds"].mean()),
                 "broken": float(part["broken"].mean()),
-                "price": float(lost.mean()),
+                "price": float(lost.mean()) if len(lost) else math.nan,
                 "half_width": half_width(lost),
-                "worst": float(lost.max()),
+                "worst": float(lost.max()) if len(lost) else math.nan,
             }
         )
     return pd.DataFrame(rows)
@@ -57,7 +59,7 @@ def price_cells(numbers: pd.DataFrame) -> TextTable:
         [
             str(row.assumption), str(row.method), skill_text(row.holds), skill_text(row.broken),
             number_with_error(row.price, row.half_width), number_with_error(row.worst, math.nan),
-            str(row.pairs),
+            str(row.pairs) if row.pairs == row.all_pairs else f"{row.pairs} of {row.all_pairs}",
         ]
         for row in numbers.itertuples()
     ]  # fmt: skip

@@ -13,8 +13,9 @@ from malus.bench.studies.mismatch import ASSUMPTIONS, Effort, mismatch_table, ti
 from malus.bench.studies.registry import run_study
 from malus.renderers.rendering import render
 from malus.renderers.variant import choose
+from malus.reports.figures.prices import figure_prices
 from malus.reports.tables.prices import price_cells, prices
-from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
 
 COLUMNS = ["assumption", "kind", "scene", "method", "holds", "broken"]
 
@@ -58,6 +59,43 @@ def test_prices_are_paired_means() -> None:
     assert price_cells(numbers).lines[0][:2] == ["a", "eq8"]
 
 
+def test_pairs_without_a_skill_are_told() -> None:
+    """Where no pair has one, the assumption stays in the table, and is no bar."""
+    nothing = float("nan")
+    rows = [("a", "truth", str(k), "eq8", 0.9, (0.8, 0.7, nothing)[k]) for k in range(3)]
+    rows += [("b", "input", "0", "visible", 0.9, nothing), ("c", "input", "0", "visible", 0.9, 0.4)]
+    numbers = prices(pd.DataFrame(rows, columns=COLUMNS))
+    lines = price_cells(numbers).lines
+    assert [line[-1] for line in lines] == ["2 of 3", "0 of 1", "1"]
+    assert lines[1][4] == "–"
+    axes = figure_prices(numbers, "eq8").axes[0]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["a", "c, visible"]
+
+
+def test_shadowing_is_all_that_its_pair_differs_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under uniform light, where only the body of a method and its facets matter."""
+    if not choose("auto").vectorised:
+        pytest.skip("needs LLVM or CUDA")
+    monkeypatch.setattr(mismatch, "SHAPES", (Sphere(),))
+    monkeypatch.setattr(mismatch, "ALPHAS", (0.5,))
+    ((_, name, holds, broken),) = mismatch._masking(Effort.of(24, 128, "auto"))
+    assert name == "visible+body"
+    assert holds == pytest.approx(1.0, abs=0.02)  # coarse pixels and few samples
+    # Rough facets shadow each other most where the viewer sees them at grazing incidence.
+    assert 0.05 < holds - broken < 3.0
+
+
+@pytest.mark.parametrize(
+    ("samples", "backend", "expected"),
+    [(3, "auto", "key samples: expected a multiple of 2"), (2, "scalar", "expected LLVM or CUDA")],
+)
+def test_the_study_refuses_what_it_cannot_render(
+    samples: int, backend: str, expected: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=f"study mismatch.*{expected}"):
+        run_study("mismatch", tmp_path / "none", samples=samples, backend=backend)
+
+
 def test_the_study_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two assumptions on tiny pictures; with all physics the skill is nearly 1."""
     variant = choose("auto")
@@ -66,7 +104,7 @@ def test_the_study_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     chosen = [one for one in ASSUMPTIONS if "GGX" in one.name or "index known" in one.name]
     monkeypatch.setattr(mismatch, "ASSUMPTIONS", chosen)
     monkeypatch.setattr(mismatch, "SHAPES", (Sphere(),))
-    table = mismatch_table(Effort(16, 32, variant))
+    table = mismatch_table(Effort.of(16, 32, "auto"))
     assert list(table.columns) == COLUMNS
     assert set(table.assumption) == {one.name for one in chosen}
     told = table[(table.kind == "truth") & (table.method == "lights+body")]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, cast
 
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from rich.console import Console
 
 from malus.bench import read_results, run
+from malus.bench.commands import printing
 from malus.bench.running.results import Results, write_results, write_run, write_tables
 from malus.reports.tables import sample
 from malus.scenes import Suite
@@ -111,3 +115,23 @@ def test_tables_that_end_in_an_error_leave_what_was_there(tmp_path: Path) -> Non
         write_tables(tmp_path, breaks())
     assert len(pd.read_parquet(tmp_path / TABLE)) == 5
     assert {path.name for path in tmp_path.iterdir()} == {TABLE, HEADLINES}
+
+
+def test_no_number_of_the_printed_table_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On 80 columns the names of lights give way: half a number is none."""
+    row: dict[str, Any] = {
+        "light": "area 106.766° polarised 36.7486° to 0.912345",
+        "body": "unpolarised",
+        "method": "shadowed+body",
+        "nmse_mean": 1.2e-11,
+        "skill_median": -40.125,
+        "skill_min": -1234.5,
+        "skill_unmixed_median": 0.75,
+    }
+    monkeypatch.setattr(printing, "headline", lambda _: [row])
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(printing.results_table(cast(Results, None)))
+    text = console.export_text()
+    for number in ("1.2e-11", "-40.125", "-1234.500", "0.750", "shadowed+body", "unpolarised"):
+        assert number in text
+    assert "…" not in text

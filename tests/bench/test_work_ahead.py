@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -16,9 +17,10 @@ from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.runner import in_working_order
 from malus.bench.running.work import work
 from malus.renderers.families.family import begin_family
+from malus.renderers.mitsuba import wavefront
 from malus.renderers.mitsuba.wavefront import STAGES
 from malus.renderers.variant import choose
-from malus.scenes import Suite
+from malus.scenes import Camera, Dielectric, Sampling, Scene, Sphere, Suite, Uniform
 
 METHODS = {"unpolarised": "unpolarised", "eq8": "eq8"}
 
@@ -115,3 +117,25 @@ def test_shapes_that_do_not_all_stay_loaded_come_one_after_the_other(
     changes = sum(one != other for one, other in itertools.pairwise(shapes))
     assert changes == STAGES
     assert worked != many
+
+
+@pytest.mark.skipif(not choose().vectorised, reason="one kernel after the other needs LLVM or CUDA")
+def test_what_is_rendered_meanwhile_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A family of several kernels: the later ones start when others set the same BSDFs."""
+    monkeypatch.setattr(wavefront, "PIXELS_A_LAUNCH", 32)
+    scenes = [
+        Scene(
+            shape=Sphere(),
+            surface=Dielectric(eta=eta, alpha=alpha),
+            light=Uniform(),
+            camera=Camera(resolution=13),
+        )
+        for eta, alpha in ((1.5, 0.1), (1.4, 0.4))
+    ]
+    sampling = Sampling(samples=4)
+    alone = [begin_family([scene], sampling)().truth(scene) for scene in scenes]
+    begun = [begin_family([scene], sampling) for scene in scenes]
+    for scene, expected, wait in zip(scenes, alone, begun, strict=True):
+        truth = wait().truth(scene)
+        for name in ("specular", "diffuse", "standard_error"):
+            np.testing.assert_array_equal(getattr(truth, name), getattr(expected, name))

@@ -329,6 +329,18 @@ def test_without_colour_metrics_there_is_neither(table: pd.DataFrame) -> None:
     assert "figure9" in [drawing.name for drawing in drawings(sample.coloured())]
 
 
+def test_the_page_names_the_papers_method_where_it_was_run(
+    table: pd.DataFrame, tmp_path: Path
+) -> None:
+    without = table[table.method != "eq8"]
+    assert len(without)
+    for rows, named in ((table, True), (without, False)):
+        first = of_run(Source(rows, sample.run(), tmp_path, ()))[0]
+        assert first.name == "headline"
+        assert ("eq8" in first.content) == named
+        assert ("mean NMSE by material of the trivial guess" in first.content) != named
+
+
 def test_the_page_says_what_the_plan_saved(table: pd.DataFrame, tmp_path: Path) -> None:
     lines = savings(sample.run()["plan"]).lines
     assert [line[:3] for line in lines] == [
