@@ -124,7 +124,8 @@ def export(
     Raises
     ------
     InputError
-        An unknown layout or form of the pixels, a damaged dataset, a folder that cannot be written
+        An unknown layout or form of the pixels, a damaged or empty dataset, scenes that the layout
+        cannot have, a folder that cannot be written
         or that holds something else.
 
     Examples
@@ -138,6 +139,8 @@ def export(
     """
     lookup(layout, dict.fromkeys(FORMATS), "layout", f"one of {', '.join(FORMATS)}")
     opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    if not opened.scenes:
+        raise InputError(str(opened.path), "a dataset with scenes", "none", "render it again")
     if layout in _WHOLE:
         check, write_all, words = _WHOLE[layout]
         check(opened)  # before anything is written
@@ -224,7 +227,7 @@ def write_numpy(folder: Path, truth: Truth) -> None:
 
 def _write_sensor(path: Path, frame: SensorFrame) -> None:
     """Digital numbers, Stokes image, and what turns the numbers into radiance."""
-    stokes = {} if frame.stokes is None else {"stokes": frame.stokes}
+    stokes: dict[str, Any] = {} if frame.stokes is None else {"stokes": frame.stokes}
     np.savez(
         path,
         raw=frame.raw,

@@ -139,10 +139,11 @@ class Samples:
         number = int(self.numbers[position])
         scene = self.source.ids[number]
         arrays = self.source.read(number, self.maps, self._window(position))
-        size = self.source.shape if self.crop is None else (self.crop, self.crop)
-        if any(array.shape[:2] != size for array in arrays.values()):
-            found = f"another size than {self.source.shape}, that of the first scene"
-            raise InputError(f"scene {scene}", "pictures of one size", found, "read it as a truth")
+        if self.crop is not None and any(
+            array.shape[:2] != (self.crop, self.crop) for array in arrays.values()
+        ):
+            expected = f"pictures of {self.source.shape}, as of the first scene"
+            raise InputError(f"scene {scene}", expected, "smaller ones", "choose a smaller crop")
         return {"scene": scene} | arrays
 
     def __iter__(self) -> Iterator[dict[str, Any]]:

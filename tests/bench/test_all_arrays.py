@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rooms import needs_arrays
-from runs import one_line, run_malus
+from runs import NOBODY, one_line, run_malus
 
 import malus
 from malus.bench.datasets.export import export
@@ -40,6 +40,22 @@ SUITE = Suite.parse(
     },
     "mixed",
 )
+
+FEW = {
+    "name": "few",
+    "renderer": "torrance-sparrow",
+    "wavelengths_nm": [550],
+    "methods": ["eq8"],
+    "camera": {"resolution": 8},
+    "random": {
+        "count": 2,
+        "seed": 1,
+        "shapes": [{"kind": "sphere"}],
+        "materials": [{"eta": {"uniform": [1.3, 1.7]}}],
+        "surfaces": [{"alpha": 0.2, "albedo": 0.4}],
+        "lights": [{"kind": "distant", "incidence_deg": 50}],
+    },
+}
 
 
 @pytest.fixture(scope="module")
@@ -157,6 +173,26 @@ def test_a_refused_dataset_leaves_no_folder(tmp_path: Path, layout: str) -> None
     assert result.returncode == 2
     assert "1 or 3 bands" in one_line(result.stderr)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("layout", ["webdataset", "numpy", "neisf", "pol"])
+def test_what_is_not_rendered_is_told(tmp_path: Path, layout: str) -> None:
+    """An empty dataset is refused; one that lacks scenes says so."""
+    few = Suite.parse(FEW, "few")
+    render_dataset(few, tmp_path / "none", NOBODY, part="7/9")
+    result = run_malus(
+        "export", str(tmp_path / "none"), "--format", layout, "--out", str(tmp_path / "out")
+    )
+    assert result.returncode == 2
+    assert "a dataset with scenes" in one_line(result.stderr)
+    assert not (tmp_path / "out").exists()
+    render_dataset(few, tmp_path / "half", NOBODY, part="1/2")
+    if layout != "neisf":
+        result = run_malus(
+            "export", str(tmp_path / "half"), "--format", layout, "--out", str(tmp_path / "out")
+        )
+        assert result.returncode == 0
+        assert "1 more of the suite are not rendered" in " ".join(result.stderr.split())
 
 
 @needs_arrays
