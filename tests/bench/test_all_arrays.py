@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -133,6 +134,13 @@ def test_crops_of_a_raw_frame_begin_with_the_same_square(mixed: Dataset) -> None
         }
     assert len(corners) > 1
     assert all(top % 4 == left % 4 == 0 for top, left in corners)
+
+
+@needs_arrays
+def test_metadata_tell_a_raw_frame_from_an_image(mixed: Dataset) -> None:
+    metadata = json.loads((mixed.path / "croissant.json").read_text("utf-8"))
+    kinds = {entry["@id"]: entry["encodingFormat"] for entry in metadata["distribution"]}
+    assert (kinds["raw.tiff"], kinds["sensor.exr"]) == ("image/tiff", "image/x-exr")
 
 
 @needs_arrays
