@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from rooms import needs_arrays
 
 from malus.bench.commands.plan import plan_command
 from malus.bench.commands.status import status_command
