@@ -18,6 +18,7 @@ from malus.bench.datasets.render import render_dataset
 from malus.reconstruct.photos.png16 import to_16bit
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
+from malus.renderers.variant import Variant
 from malus.scenes import InputError, Suite
 
 BANDS = (450.0, 550.0, 650.0)
@@ -141,6 +142,12 @@ def test_metadata_tell_a_raw_frame_from_an_image(mixed: Dataset) -> None:
     metadata = json.loads((mixed.path / "croissant.json").read_text("utf-8"))
     kinds = {entry["@id"]: entry["encodingFormat"] for entry in metadata["distribution"]}
     assert (kinds["raw.tiff"], kinds["sensor.exr"]) == ("image/tiff", "image/x-exr")
+
+
+def test_maps_without_llvm_are_refused_before_anything_is_rendered(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="suite mixed, key maps: expected LLVM or CUDA"):
+        render_dataset(SUITE, tmp_path / "out", Variant("scalar_spectral_polarized", "for a test"))
+    assert not (tmp_path / "out").exists()
 
 
 @needs_arrays
