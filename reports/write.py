@@ -59,7 +59,7 @@ def write_report(
     ...     results = SimpleNamespace(table=sample.table(), run=sample.run())
     ...     names = [path.name for path in write_report(results, Path(folder))]
     >>> names[:3], names[-2:]
-    (['errors.csv', 'figure5.svg', 'figure5.csv'], ['summary.md', 'report.html'])
+    (['errors.csv', 'metrics.json', 'figure5.svg'], ['summary.md', 'report.html'])
     """
     files = _Files(out)
     table, run = results.table, results.run

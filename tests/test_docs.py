@@ -142,7 +142,7 @@ def take_pictures(folder: Path) -> None:
     codes = np.clip(255 * frame / truth.image.max(), 0, 255).astype(np.uint8)
     Image.fromarray(codes).save(folder / "frame.png")
     mask = Image.fromarray(255 * truth.mask.astype(np.uint8))
-    for name in ("vase_mask.png", "kettle_mask.png"):
+    for name in ("vase_mask.png", "kettle_mask.png", "frame_mask.png"):
         mask.save(folder / name)
 
 

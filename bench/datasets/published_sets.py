@@ -119,6 +119,19 @@ def score_published(
     InputError
         Another layout, a folder without its files or one that cannot be read, sizes that differ, an
         unknown method or metric.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from malus.bench.datasets.export import export
+    >>> from malus.bench.datasets.render import render_dataset
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> done = render_dataset("quick", folder / "dataset", resolution=8, samples=2)
+    >>> export(folder / "dataset", "pol", folder / "set")
+    16
+    >>> results = score_published(folder / "set", "pol", predictions=folder / "set")
+    >>> sorted(set(results.table.method))
+    ['predictions', 'unpolarised']
     """
     folder = as_path(truth)
     chosen = _layout(layout, component_range)

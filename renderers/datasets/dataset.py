@@ -109,7 +109,7 @@ class Dataset:
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """Image, Stokes image, mask and normals of one scene after the other."""
-        return iter(self._samples)
+        return iter(self._samples) if self.scenes else iter(())
 
     def truths(self) -> Iterator[Truth]:
         """Read one truth after the other."""

@@ -8,13 +8,14 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
@@ -113,9 +114,15 @@ def _method_style(method: str, families: Sequence[str]) -> MethodStyle:
     return MethodStyle(PALETTE[kind], marker, ":" if body else "-", not body)
 
 
-def style() -> AbstractContextManager[None]:
-    """Matplotlib's settings for everything drawn inside the `with` block."""
-    return mpl.rc_context(RC)
+@contextmanager
+def style() -> Iterator[None]:
+    """Settings for everything drawn inside the `with` block, whoever changed them before.
+
+    Matplotlib names the parts of an SVG by how NumPy prints numbers, and colour-science changes
+    that for the thread that imports it.
+    """
+    with mpl.rc_context(RC), np.printoptions(legacy=False):
+        yield
 
 
 def drawable(name: str) -> str:

@@ -153,7 +153,7 @@ class RunComparison:
     >>> from malus.reports.tables import sample
     >>> run = SimpleNamespace(table=sample.table(), run=sample.run())
     >>> RunComparison.of(("before", "after"), (run, run)).headline
-    'nothing changed beyond chance: 20 compared, 0 better, 0 worse, 0 changed'
+    'nothing changed beyond chance: 10 compared, 0 better, 0 worse, 0 changed'
     """
 
     names: tuple[str, ...]

@@ -62,7 +62,7 @@ def number_with_error(value: float, error: float) -> str:
     Examples
     --------
     >>> number_with_error(0.8123, 0.3), number_with_error(0.25, math.nan)
-    ('0.81 ± 0.30', '0.250')
+    ('0.81 ± 0.30', '0.2500')
     """
     if not math.isfinite(value):
         return NO_NUMBER if math.isnan(value) else "∞" if value > 0 else "−∞"

@@ -29,7 +29,7 @@ def render(template: str, **values: Any) -> Markup:
 
     Examples
     --------
-    >>> print(render("figures.html", explanation="a < b", drawings=[], origin=""))
+    >>> print(render("figures.html", explanation="a < b", lines=[], drawings=[], origin=""))
     <p>a &lt; b</p>
     """
     return Markup(_environment().get_template(template).render(values).strip())

@@ -12,6 +12,7 @@ import pandas as pd
 import PIL.Image
 import pytest
 import tifffile
+from runs import one_line, run_malus
 
 import malus
 from malus.bench.running.captures import reconstruct
@@ -20,7 +21,6 @@ from malus.reconstruct import Components, Inapplicable, Method, Observation
 from malus.reports.viewer.error_maps import error_maps
 from malus.reports.viewer.examples import read_example
 from malus.scenes import InputError, polarisation
-from tests.runs import one_line, run_malus
 
 SIDE = 24
 ANGLES = (0.0, 45.0, 90.0, 135.0)

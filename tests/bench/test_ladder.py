@@ -17,7 +17,7 @@ from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.observe import INPUTS, observe
 from malus.reconstruct import Inapplicable, Method, Observation, get_method, methods
 from malus.renderers import Truth, render
-from malus.reports.figures.ladder import MODEL, NOISE, ladder_numbers
+from malus.reports.tables.figure_numbers import MODEL, NOISE, ladder_numbers
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
 
 SCENE = Scene(

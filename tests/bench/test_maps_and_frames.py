@@ -68,7 +68,7 @@ def test_maps_come_back_to_the_bit(tmp_path: Path) -> None:
     suite = with_sensor(SENSOR, 12).model_copy(update={"maps": tuple(MAPS)})
     render_dataset(suite, tmp_path)
     dataset = open_dataset(tmp_path)
-    for truth in dataset:
+    for truth in dataset.truths():
         stored = dataset.maps(truth.scene.id)
         assert list(stored) == list(MAPS)
         for name, values in render_maps(truth.scene, tuple(MAPS), choose()).items():
@@ -88,7 +88,7 @@ def test_frames_follow_from_scene_and_seed_alone(tmp_path: Path, sensor: Sensor)
     suite = with_sensor(sensor)
     render_dataset(suite, tmp_path, NOBODY)
     dataset = open_dataset(tmp_path)
-    for truth in dataset:
+    for truth in dataset.truths():
         frame = dataset.frame(truth.scene.id)
         seed = (suite.sampling.seed, seed_of(truth.scene))
         again = expose(truth.stokes, sensor, truth.scene.wavelengths_nm, seed)
@@ -175,7 +175,7 @@ def test_the_sensor_is_scored_as_a_method(tmp_path: Path) -> None:
 def test_the_scored_truth_is_in_the_sensors_channels(tmp_path: Path) -> None:
     render_dataset(with_sensor(COLOUR), tmp_path, NOBODY)
     dataset = open_dataset(tmp_path)
-    truth = next(iter(dataset))
+    truth = next(dataset.truths())
     frame = dataset.frame(truth.scene.id)
     ideal = sensor_truth(truth, frame)
     weights = np.array(frame.channels.weights)
@@ -192,7 +192,7 @@ def test_the_raw_frame_is_read_as_that_of_a_camera(tmp_path: Path) -> None:
     suite = with_sensor(PERFECT, 48).model_copy(update={"wavelengths_nm": (550.0,)})
     render_dataset(suite, tmp_path, NOBODY)
     dataset = open_dataset(tmp_path)
-    truth = next(iter(dataset))
+    truth = next(dataset.truths())
     raw = tmp_path / truth.scene.id / "raw.tiff"
     fit = fit_capture(read_capture(raw, mosaic=(90, 45, 135, 0), linear=True))
     stokes = dataset.frame(truth.scene.id).stokes[:, :, 0]

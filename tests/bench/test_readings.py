@@ -153,7 +153,7 @@ def test_the_study_writes_its_page(small: None, tmp_path: Path) -> None:
     assert findings.lines[0].startswith("The paper: 4e-3 … 6e-3 over the index")
     page = (tmp_path / "paper" / "report.html").read_text("utf-8")
     assert "each image to [0, 1] by its own range" in page
-    assert {"readings.csv", "readings.png", "run.json"} <= {
+    assert {"readings.csv", "readings.svg", "run.json"} <= {
         path.name for path in (tmp_path / "paper").iterdir()
     }
 

@@ -51,7 +51,7 @@ def test_with_every_stage_given_it_is_equation_8(method: str) -> None:
 
 
 def test_its_stages_are_all_that_a_method_can_be_told() -> None:
-    assert STAGES == INPUTS
+    assert INPUTS - {"distribution"} == STAGES  # Equation 8 has Beckmann's facets, told or not
     assert get_method("paper").optional == STAGES
     assert not get_method("paper").needs
 

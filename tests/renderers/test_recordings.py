@@ -14,7 +14,7 @@ from malus.renderers.mitsuba.lobe_samples import Lobes
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes import Area, Camera, Distant, Environment, Sampling, Sky, Sphere, Uniform
 from malus.scenes.lights.lights import Light
-from malus.scenes.materials.surface import Body
+from malus.scenes.materials.surface import Body, Facets
 
 CAMERA = Camera(resolution=12)
 FAMILIES: list[tuple[Light, Body]] = [
@@ -39,7 +39,7 @@ def lobes(
     stage: wavefront.Stage, variant: Variant, light: Light, body: Body, turn: int, samples: int
 ) -> Lobes:
     etas, alpha = (1.4 + 0.1 * turn, 1.6), 0.2 + 0.1 * turn
-    lit = shading.Shading(*bsdfs(variant, etas, alpha, body), errors=True)
+    lit = shading.Shading(*bsdfs(variant, etas, Facets((alpha, alpha)), body), errors=True)
     return stage.render(light, lit, Sampling(samples=samples, seed=turn))
 
 
@@ -87,7 +87,8 @@ def test_other_parameters_are_traced_only_once(
         stage.render(
             light,
             shading.Shading(
-                *bsdfs(variant, (1.4 + 0.1 * turn,), 0.1 + 0.1 * turn, "polarised"), False
+                *bsdfs(variant, (1.4 + 0.1 * turn,), Facets((0.1 + 0.1 * turn,) * 2), "polarised"),
+                False,
             ),
             Sampling(samples=2),
         )

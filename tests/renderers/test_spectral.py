@@ -40,7 +40,7 @@ class FourBands(Shading):
 
         hit.wavelengths = type(hit.wavelengths)(*BANDS)
         values = [mi.Float(0.0) for _ in range(3 * len(BANDS) * len(bsdfs))]
-        for direction, weight in incoming:
+        for direction, weight, _ in incoming:
             for k, bsdf in enumerate(bsdfs):
                 mueller = bsdf.eval(mi.BSDFContext(), hit, direction, valid)
                 mueller = to_camera @ hit.to_world_mueller(mueller, -direction, hit.wi)

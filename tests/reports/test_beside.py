@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -47,6 +48,11 @@ def test_figures_are_the_same_wherever_they_are_drawn(plain: dict[str, str], wor
     assert elsewhere.ready.wait(60)  # it has drawn all that it can, before one is asked for here
     assert svgs(artist.drawings) == plain
     assert elsewhere.asked == min(works + 1, len(plain))
+
+
+def test_figures_are_the_same_whatever_was_imported(plain: dict[str, str]) -> None:
+    with np.printoptions(legacy="1.13"):  # as colour-science sets it where it is imported
+        assert svgs(tuple(drawings(sample.table()))) == plain
 
 
 def test_what_is_drawn_elsewhere_is_not_drawn_here(monkeypatch: pytest.MonkeyPatch) -> None:

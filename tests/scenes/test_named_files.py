@@ -14,8 +14,7 @@ import pytest
 from made_up import made_up_truth
 from PIL import Image
 
-from malus.renderers.datasets import dataset as dataset_module
-from malus.renderers.datasets import dataset_files
+from malus.renderers.datasets import dataset_files, dataset_writer
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.datasets.dataset_files import with_own_files
 from malus.renderers.datasets.dataset_writer import DatasetWriter
@@ -110,7 +109,7 @@ def test_a_foreign_scene_opens_no_mesh_or_picture_outside_its_dataset(
     evil = tmp_path / "evil"
     name = name.format(name=path.name, folder=tmp_path, suffix=path.suffix)
     scene = naming(kind, name, right if digest is None else digest)
-    monkeypatch.setattr(dataset_module, "keep_files", lambda scene, folder: None)
+    monkeypatch.setattr(dataset_writer, "keep_files", lambda scene, folder: None)
     dataset = stored_scene(evil, scene)
     (evil / f"link{path.suffix}").symlink_to(path)
     os.mkfifo(evil / f"pipe{path.suffix}")
@@ -160,7 +159,7 @@ def test_an_open_dataset_reads_a_file_of_many_scenes_once(
     read: list[Path] = []
     hashed = dataset_files.digest
     monkeypatch.setattr(dataset_files, "digest", lambda p: read.append(p) or hashed(p))
-    found = list(open_dataset(tmp_path / "data"))
+    found = list(open_dataset(tmp_path / "data").truths())
     assert len(found) == 2
     assert len(read) == 1
     # Whoever opens the file still sees that it is another.
