@@ -54,12 +54,16 @@ def export_command(dataset: Path, layout: str, out: Path, pixels: str, as_json: 
     from malus.bench.commands.printing import print_json
     from malus.bench.datasets.export import export
     from malus.bench.running.progress import with_progress
+    from malus.renderers.datasets.dataset import open_dataset
 
+    opened = open_dataset(dataset)
+    missing = max(0, opened.record.planned - len(opened))
     console = Console(stderr=True)
-    count = with_progress(
-        console, "scenes", lambda show: export(dataset, layout, out, pixels, show)
-    )
+    count = with_progress(console, "scenes", lambda show: export(opened, layout, out, pixels, show))
     if as_json:
-        print_json({"out": str(out), "scenes": count})
+        print_json({"out": str(out), "scenes": count, "missing": missing})
     else:
+        if missing:
+            lacking = f"{missing} more of the suite are not rendered; see `malus status {dataset}`"
+            console.print(lacking, highlight=False)
         console.print(f"{count} scenes written to {out}", highlight=False)

@@ -54,7 +54,7 @@ LIMITS = """\
 - Each image has the noise of its samples. `error.exr` tells how much; the noise of two scenes, and
   of the two halves of one, is independent.
 - Bands are narrow: radiances are those at one wavelength each. R, G, B are a preview.
-- Distributions are those below, and not those of the world: a method that does well here has been
+- Distributions are those above, and not those of the world: a method that does well here has been
   shown nothing else.
 """
 

@@ -54,6 +54,9 @@ CONTEXT: dict[str, Any] = {
 }
 """The context that the specification prescribes, key by key."""
 
+MEDIA_TYPES = {"json": "application/json", "exr": "image/x-exr", "tiff": "image/tiff"}
+"""Kinds of the files of a scene by their suffix."""
+
 SPLIT_NAMES = {
     "train": "cr:TrainingSplit",
     "val": "cr:ValidationSplit",
@@ -112,7 +115,7 @@ def _distribution(sha256: str, images: dict[str, str]) -> list[dict[str, Any]]:
                 "@id": file,
                 "name": file,
                 "description": text,
-                "encodingFormat": "application/json" if file.endswith("json") else "image/x-exr",
+                "encodingFormat": MEDIA_TYPES[file.rpartition(".")[2]],
                 "includes": f"*/{file}",
             }
             for file, text in images.items()

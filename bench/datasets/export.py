@@ -16,27 +16,30 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from malus.bench.datasets.card import keep_splits
-from malus.bench.datasets.export_networks import LAYOUTS
+from malus.bench.datasets.export_networks import LAYOUTS, check_bands
 from malus.bench.datasets.export_training import (
     HDF5_WORDS,
     SHARDS_WORDS,
+    check_alike,
     write_one_hdf5,
     write_webdataset,
 )
 from malus.bench.datasets.export_views import WORDS as NEISF_WORDS
-from malus.bench.datasets.export_views import write_neisf
+from malus.bench.datasets.export_views import objects_of, write_neisf
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.datasets.dataset_record import CONVENTIONS
+from malus.renderers.datasets.planes import S3, S3_ERRORS
 from malus.renderers.datasets.spectral_exr import write_exr
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
@@ -44,9 +47,13 @@ from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import replace_folder, replace_text
 from malus.scenes.core.registry import lookup
 from malus.scenes.core.remote import as_path
+from malus.scenes.sensor_frame import SensorFrame
 
 WriteScene = Callable[[Path, Truth], None]
 """Writes one scene to a folder."""
+
+WriteAll = Callable[[Dataset, Path, Progress], None]
+"""Writes all scenes of a dataset to a folder."""
 
 ANGLES_FROM_HORIZONTAL_DEG = (0.0, 45.0, 90.0, 135.0)
 """Polariser angles of a polarisation camera, as polanalyser counts them."""
@@ -63,7 +70,12 @@ NUMPY_WORDS = CONVENTIONS | {
     " (height, width, bands, 3); image (height, width, bands); normals (height, width, 3); mask"
     " and normal_spread (degrees; missing in older datasets) (height, width); wavelengths_nm, eta"
     " (bands,); alpha; s3 (height, width, bands) where it can be non-zero; read with"
-    " allow_pickle=False",
+    " allow_pickle=False; s3_noise and s3_standard_error likewise",
+    "maps.npz": "the dataset's maps by name, where it has some",
+    "sensor.npz": "where there is a polarisation camera: raw (frames, height, width), digital"
+    " numbers; stokes (height, width, channels, 3) that demosaicing makes of them; electrons ="
+    " (raw - dark_level) / gain, radiance = electrons / (exposure x responses of the channel);"
+    " weights (channels, bands)",
 }
 PNG_WORDS = {
     "aolp_<band>nm.png": "angle of linear polarisation, from +x (horizontal), anticlockwise as"
@@ -112,7 +124,8 @@ def export(
     Raises
     ------
     InputError
-        An unknown layout or form of the pixels, a damaged dataset, a folder that cannot be written
+        An unknown layout or form of the pixels, a damaged or empty dataset, scenes that the layout
+        cannot have, a folder that cannot be written
         or that holds something else.
 
     Examples
@@ -126,10 +139,15 @@ def export(
     """
     lookup(layout, dict.fromkeys(FORMATS), "layout", f"one of {', '.join(FORMATS)}")
     opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    if not opened.scenes:
+        raise InputError(str(opened.path), "a dataset with scenes", "none", "render it again")
     if layout in _WHOLE:
-        write_all, words = _WHOLE[layout]
+        check, write_all, words = _WHOLE[layout]
+        check(opened)  # before anything is written
         write_all(opened, _prepared(opened, out, words), progress)
     elif layout in LAYOUTS:
+        for scene in opened.scenes:
+            check_bands(opened.scene(scene).scene)
         _numbered(opened, layout, _prepared(opened, out, dict(LAYOUTS[layout].words)), progress)
     else:
         _one_by_one(opened, layout, out, pixels, progress)
@@ -156,7 +174,12 @@ def _one_by_one(
     folder = _prepared(opened, out, words)
     for done, scene_id in enumerate(opened.scenes):
         progress(done, len(opened), scene_id)
-        replace_folder(folder / scene_id, partial(_write, write, opened.truth(scene_id)))
+        truth = opened.truth(scene_id)
+        if layout == "numpy":
+            has_frame = opened.scene(scene_id).sensor is not None
+            frame = opened.frame(scene_id) if has_frame else None
+            truth = replace(truth, maps=opened.maps(scene_id), frame=frame)
+        replace_folder(folder / scene_id, partial(_write, write, truth))
 
 
 def _numbered(opened: Dataset, layout: str, folder: Path, progress: Progress) -> None:
@@ -170,14 +193,22 @@ def _numbered(opened: Dataset, layout: str, folder: Path, progress: Progress) ->
 
 
 def write_numpy(folder: Path, truth: Truth) -> None:
-    """The arrays of a truth as `truth.npz`, without pickle; lobes where they are known."""
+    """The arrays of a truth as `truth.npz`, without pickle; lobes where they are known.
+
+    Maps and what a polarisation camera makes of the scene are in files of their own.
+    """
     known: dict[str, Any] = {}
     if truth.scene.lobes_known:
         known |= {"specular": truth.specular, "diffuse": truth.diffuse}
     if truth.normal_spread is not None:
         known["normal_spread"] = truth.normal_spread
-    if truth.s3 is not None:
-        known["s3"] = truth.s3
+    for name in (S3, *S3_ERRORS):
+        if getattr(truth, name) is not None:
+            known[name] = getattr(truth, name)
+    if truth.maps:
+        np.savez(folder / "maps.npz", **cast(dict[str, Any], dict(truth.maps)))
+    if truth.frame is not None:
+        _write_sensor(folder / "sensor.npz", truth.frame)
     np.savez(
         folder / "truth.npz",
         stokes=truth.stokes,
@@ -191,6 +222,21 @@ def write_numpy(folder: Path, truth: Truth) -> None:
         wavelengths_nm=np.array(truth.scene.wavelengths_nm),
         eta=truth.eta,
         alpha=np.array(truth.alpha),
+    )
+
+
+def _write_sensor(path: Path, frame: SensorFrame) -> None:
+    """Digital numbers, Stokes image, and what turns the numbers into radiance."""
+    stokes: dict[str, Any] = {} if frame.stokes is None else {"stokes": frame.stokes}
+    np.savez(
+        path,
+        raw=frame.raw,
+        exposure=frame.exposure,
+        responses=np.array(frame.channels.responses),
+        weights=np.array(frame.channels.weights),
+        dark_level=frame.sensor.dark_level,
+        gain=frame.sensor.digital_gain,
+        **stokes,
     )
 
 
@@ -237,12 +283,12 @@ _LAYOUTS: dict[str, tuple[WriteScene, dict[str, str]]] = {
     "polanalyser": (write_polanalyser, POLANALYSER_WORDS),
 }
 
-_WHOLE = {
-    "webdataset": (write_webdataset, SHARDS_WORDS),
-    "hdf5": (write_one_hdf5, HDF5_WORDS),
-    "neisf": (write_neisf, NEISF_WORDS),
+_WHOLE: dict[str, tuple[Callable[[Dataset], object], WriteAll, dict[str, str]]] = {
+    "webdataset": (len, write_webdataset, SHARDS_WORDS),
+    "hdf5": (check_alike, write_one_hdf5, HDF5_WORDS),
+    "neisf": (objects_of, write_neisf, NEISF_WORDS),
 }
-"""Formats of a few files for all scenes."""
+"""Formats of a few files for all scenes: what refuses a dataset, what writes it, and words."""
 
 FORMATS = (*_LAYOUTS, *_WHOLE, *LAYOUTS)
 """Names of all formats."""

@@ -19,6 +19,7 @@ from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
+from malus.scenes.scene import Scene
 
 FROM_HORIZONTAL_DEG = (0, 45, 90, 135)
 FROM_VERTICAL_DEG = -90.0
@@ -46,6 +47,14 @@ def save_png(path: Path, codes: NDArray[np.uint16]) -> None:
     path.write_bytes(imagecodecs.png_encode(content))
 
 
+def check_bands(scene: Scene) -> None:
+    """Raise InputError for a scene with another number of bands than a picture has channels."""
+    bands = len(scene.wavelengths_nm)
+    if bands not in (1, 3):
+        hint = "render three bands; bands are written as channels, the longest first"
+        raise InputError(scene.label, "1 or 3 bands", str(bands), hint)
+
+
 def colours(truth: Truth) -> FloatArray:
     """Stokes images (height, width, 1 or 3, 3), black off the object.
 
@@ -54,10 +63,7 @@ def colours(truth: Truth) -> FloatArray:
     InputError
         Where the scene has another number of bands than a picture has channels.
     """
-    bands = truth.stokes.shape[2]
-    if bands not in (1, 3):
-        hint = "render three bands; bands are written as channels, the longest first"
-        raise InputError(truth.scene.label, "1 or 3 bands", str(bands), hint)
+    check_bands(truth.scene)
     order = red_first(truth.scene.wavelengths_nm)
     return np.where(truth.mask[..., None, None], truth.stokes[:, :, order], 0)
 
@@ -65,8 +71,11 @@ def colours(truth: Truth) -> FloatArray:
 def write_components(folder: Path, name: str, truth: Truth) -> None:
     """`NAME/s0.png` to `s3.png`, each scaled to its own smallest and largest value."""
     stokes = colours(truth)
-    for k in range(4):
-        component = stokes[..., k] if k < stokes.shape[-1] else np.zeros_like(stokes[..., 0])
+    s3 = np.zeros_like(stokes[..., 0])
+    if truth.s3 is not None:
+        seen = truth.s3[:, :, red_first(truth.scene.wavelengths_nm)]
+        s3 = np.where(truth.mask[..., None], seen, 0)
+    for k, component in enumerate((*np.moveaxis(stokes, -1, 0), s3)):
         low, high = float(component.min()), float(component.max())
         scale = high - low if high > low else 1.0
         save_png(folder / name / f"s{k}.png", to_16bit((component - low) / scale))
@@ -103,7 +112,8 @@ LAYOUTS: Mapping[str, NetworkLayout] = {
         {
             "NAME/s0.png ... s3.png": "Stokes components, red, green and blue the three bands, the"
             " longest first; 16 bits, each file from its own smallest value (0) to its largest"
-            " (65535), black off the object; s2 > 0 at +45 degrees anticlockwise as displayed",
+            " (65535), black off the object; s2 > 0 at +45 degrees anticlockwise as displayed; s3"
+            " right-handed, and all 0 where the scene has none",
             "keeps": "the pictures of the components, as the RGB-to-Polarization benchmark"
             " has them",
             "loses": "scale and zero of every component, noise, lobes, normals, mask",

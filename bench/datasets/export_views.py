@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from malus.bench.datasets.export_networks import colours, save_png
+from malus.bench.datasets.export_networks import check_bands, colours, save_png
 from malus.bench.running.progress import Progress
 from malus.renderers.datasets.dataset import Dataset
 from malus.renderers.datasets.spectral_exr import write_exr
@@ -40,6 +40,22 @@ WORDS = {
 }
 
 
+def objects_of(dataset: Dataset) -> dict[str, list[str]]:
+    """Ids of the scenes that show the same object, by its name.
+
+    Raises
+    ------
+    InputError
+        A camera or a number of bands that NeISF's pictures cannot have.
+    """
+    objects: defaultdict[str, list[str]] = defaultdict(list)
+    for scene_id in dataset.scenes:
+        scene = dataset.scene(scene_id).scene
+        check_bands(scene)
+        objects[_object_of(scene)].append(scene_id)
+    return dict(objects)
+
+
 def write_neisf(dataset: Dataset, folder: Path, progress: Progress) -> None:
     """Write every object of a dataset with all its views.
 
@@ -49,11 +65,8 @@ def write_neisf(dataset: Dataset, folder: Path, progress: Progress) -> None:
         A camera without a focal length, pictures of an odd size, or another number of bands than
         one or three.
     """
-    objects: defaultdict[str, list[str]] = defaultdict(list)
-    for scene_id in dataset.scenes:
-        objects[_object_of(dataset.scene(scene_id).scene)].append(scene_id)
     done = 0
-    for name, scenes in objects.items():
+    for name, scenes in objects_of(dataset).items():
         cameras = [dataset.scene(scene_id).scene.camera for scene_id in scenes]
         poses = np.stack([pose(camera, _scale(cameras)) for camera in cameras])
         for number, scene_id in enumerate(scenes, start=1):

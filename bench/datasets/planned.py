@@ -12,6 +12,7 @@ from itertools import accumulate
 from malus.bench.datasets.maps_and_frames import Additions
 from malus.bench.running.plan import FamilyPlan, drawn_families, plan
 from malus.renderers.datasets.part_list import Part, PlannedScene
+from malus.renderers.mitsuba.surface_maps import check_variant
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import content_id
@@ -34,9 +35,10 @@ def planned_dataset(suite: Suite, variant: Variant, part: str | None = None) -> 
     Raises
     ------
     InputError
-        For a part that is none, for random scenes that are alike, and for a value of a disjoint
-        axis in two splits.
+        For a part that is none, for random scenes that are alike, for a value of a disjoint
+        axis in two splits, and for maps in the scalar variant.
     """
+    check_variant(suite.maps, variant, f"suite {suite.name}, key maps")
     number, count = _numbers(part)
     renders = _renders(suite, variant)
     if suite.random is not None:

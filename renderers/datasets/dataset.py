@@ -83,7 +83,7 @@ class Dataset:
     def samples(
         self,
         split: str | None = None,
-        maps: Sequence[str] | None = None,
+        maps: Sequence[str] | str | None = None,
         crop: int | None = None,
         seed: int = 0,
     ) -> Samples:
@@ -105,11 +105,11 @@ class Dataset:
 
     def __getitem__(self, index: SupportsIndex) -> dict[str, Any]:
         """Image, Stokes image, mask and normals of the scene of that number."""
-        return self.samples()[index]
+        return self._samples[index]
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """Image, Stokes image, mask and normals of one scene after the other."""
-        return iter(self.samples()) if self.scenes else iter(())
+        return iter(self._samples) if self.scenes else iter(())
 
     def truths(self) -> Iterator[Truth]:
         """Read one truth after the other."""
@@ -136,6 +136,10 @@ class Dataset:
     @functools.cached_property
     def _digests(self) -> dict[str, str]:
         return {entry.scene: entry.sha256 for entry in self.record.scenes}
+
+    @functools.cached_property
+    def _samples(self) -> Samples:
+        return self.samples()
 
     @functools.cached_property
     def _checked(self) -> set[Path]:

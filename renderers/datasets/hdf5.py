@@ -19,6 +19,7 @@ from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.files import write_whole
 
 HDF5 = "dataset.h5"
+OTHER_FORMAT = "choose webdataset, whose scenes may differ"
 _AGAIN = "export the dataset again"
 
 
@@ -45,18 +46,22 @@ def write_hdf5(
     package = h5py()
 
     def write(path: Path) -> None:
+        names: set[str] = set()
         with package.File(path, "w") as file:
             ids = file.create_dataset("scene", (count,), dtype=package.string_dtype())
             words = file.create_dataset("scene_json", (count,), dtype=package.string_dtype())
             for number, scene in enumerate(scenes):
                 ids[number], words[number] = scene.id, json.dumps(scene.description)
+                names = names or set(scene.arrays)
+                if set(scene.arrays) != names:
+                    found, expected = ", ".join(sorted(scene.arrays)), ", ".join(sorted(names))
+                    raise InputError(f"scene {scene.id}", expected, found, OTHER_FORMAT)
                 for name, array in scene.arrays.items():
                     stack = _stack(file, name, array, count)
                     if (stack.dtype, stack.shape[1:]) != (array.dtype, array.shape):
                         expected = f"{name} of {stack.dtype} {stack.shape[1:]}, as of other scenes"
-                        hint = "choose webdataset, whose scenes may differ"
                         found = f"{array.dtype} {array.shape}"
-                        raise InputError(f"scene {scene.id}", expected, found, hint)
+                        raise InputError(f"scene {scene.id}", expected, found, OTHER_FORMAT)
                     stack[number] = array
             file.attrs["format"] = "malus hdf5 1"
             file.attrs["about"] = json.dumps(about)

@@ -12,14 +12,14 @@ from malus.renderers.datasets.hdf5 import HDF5, Hdf5File
 from malus.renderers.datasets.samples import Samples, SampleSource
 from malus.renderers.datasets.shards import SHARDS, Shards
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.remote import as_path
+from malus.scenes.core.remote import as_path, is_here
 
 
 def open_dataset(
     folder: Path | str,
     split: str | None = None,
     *,
-    maps: Sequence[str] | None = None,
+    maps: Sequence[str] | str | None = None,
     crop: int | None = None,
     seed: int = 0,
 ) -> Dataset | Samples:
@@ -31,8 +31,11 @@ def open_dataset(
         Of a dataset, or of its export as `webdataset` or `hdf5`.
     split : str, optional
         Only the scenes of this split, such as "train".
-    maps : names of arrays, optional
-        What each sample holds; by default image, stokes, mask and normals.
+    maps : names of arrays, one name, or "all", optional
+        What each sample holds; by default image, stokes, mask and normals. Beside the truth's
+        arrays (`s3` too, zero where there is none) these are the dataset's maps (`eta` is always
+        complex), and of its polarisation camera `sensor`, the Stokes image, and `raw` (height,
+        width, frames).
     crop : int, optional
         Side of a square that is cut out of every picture at random.
     seed : int
@@ -81,6 +84,9 @@ def open_dataset(
 
 def _exported(folder: Path) -> SampleSource | None:
     """The export in a folder, or the file itself."""
+    if not is_here(folder) and ((folder / SHARDS).exists() or (folder / HDF5).exists()):
+        expected, hint = "shards or HDF5 on this machine", "copy the folder here first"
+        raise InputError(str(folder), expected, "a store elsewhere", hint)
     if (folder / SHARDS).exists():
         return Shards(folder)
     for path in (folder / HDF5, folder):

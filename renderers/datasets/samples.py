@@ -7,6 +7,7 @@ DataLoader asks for, and holds no open file when it is sent to another process.
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +21,12 @@ from malus.scenes.core.registry import lookup
 
 DEFAULT_MAPS = ("image", "stokes", "mask", "normals")
 """Arrays of a sample unless others are asked for: what a network sees, and what it shall tell."""
+
+RAW = "raw"
+"""Digital numbers (height, width, frames) of a polarisation camera, behind its mosaic."""
+
+MOSAIC_STEP = 4
+"""Pixels after which a mosaic repeats, that of polarisers under a Bayer pattern too."""
 
 Window = tuple[slice, slice]
 """Rows and columns of a picture."""
@@ -66,7 +73,8 @@ class Samples:
     maps : tuple of str
     crop : int or None
         Side of a square that is cut out at random: the same for the same seed, epoch and index, in
-        whichever process. None gives whole pictures.
+        whichever process; where `raw` is asked for, at multiples of 4, so that every crop begins
+        with the same square of the mosaic. None gives whole pictures.
 
     Examples
     --------
@@ -91,7 +99,7 @@ class Samples:
         cls,
         source: SampleSource,
         split: str | None = None,
-        maps: Sequence[str] | None = None,
+        maps: Sequence[str] | str | None = None,
         crop: int | None = None,
         seed: int = 0,
     ) -> Samples:
@@ -109,12 +117,13 @@ class Samples:
                 raise InputError("split", "a dataset with splits", "one without", hint)
             chosen = set(lookup(split, source.splits, "split"))
             numbers = numbers[[scene in chosen for scene in source.ids]]
-        names = DEFAULT_MAPS if maps is None else tuple(maps)
+        names = _names(maps, source.maps)
         for name in names:
             lookup(name, dict.fromkeys(source.maps), "maps", "the name of an array of this dataset")
         side = min(source.shape)
-        if crop is not None and not 1 <= crop <= side:
-            raise InputError("crop", f"1 to {side} pixels", str(crop), "choose another size")
+        if crop is not None:
+            _check_whole("crop", crop, 1, side, f"1 to {side} pixels")
+        _check_whole("seed", seed, 0, math.inf, "a whole number, 0 or larger")
         return cls(source, numbers, names, crop, seed)
 
     def __len__(self) -> int:
@@ -128,8 +137,14 @@ class Samples:
             raise IndexError(f"sample {position} of {len(self)}")
         position %= len(self)
         number = int(self.numbers[position])
+        scene = self.source.ids[number]
         arrays = self.source.read(number, self.maps, self._window(position))
-        return {"scene": self.source.ids[number]} | arrays
+        if self.crop is not None and any(
+            array.shape[:2] != (self.crop, self.crop) for array in arrays.values()
+        ):
+            expected = f"pictures of {self.source.shape}, as of the first scene"
+            raise InputError(f"scene {scene}", expected, "smaller ones", "choose a smaller crop")
+        return {"scene": scene} | arrays
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """One sample after the other."""
@@ -143,5 +158,23 @@ class Samples:
         if self.crop is None:
             return WHOLE
         rng = np.random.default_rng((self.seed, self.epoch, position))
-        top, left = (int(rng.integers(0, side - self.crop + 1)) for side in self.source.shape)
+        step = MOSAIC_STEP if RAW in self.maps else 1
+        free = ((side - self.crop) // step for side in self.source.shape)
+        top, left = (step * int(rng.integers(0, steps + 1)) for steps in free)
         return slice(top, top + self.crop), slice(left, left + self.crop)
+
+
+def _names(maps: Sequence[str] | str | None, known: Sequence[str]) -> tuple[str, ...]:
+    """Names of arrays, of one, or of all that there are."""
+    if maps is None:
+        return DEFAULT_MAPS
+    if isinstance(maps, str):
+        return tuple(known) if maps == "all" else (maps,)
+    return tuple(maps)
+
+
+def _check_whole(name: str, value: object, least: int, most: float, expected: str) -> None:
+    """Raise InputError unless a value is a whole number in a range."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or not least <= operator.index(value) <= most:  # type: ignore[arg-type]
+        raise InputError(name, expected, repr(value), f"choose another {name}")

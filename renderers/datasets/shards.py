@@ -48,11 +48,16 @@ def write_shards(
 ) -> None:
     """Write scenes as shards of about `limit` bytes, and `shards.json` at the end.
 
+    What an older export left in the folder is removed first: no mixture of both is ever read.
+
     Raises
     ------
     InputError
         If they cannot be written.
     """
+    (folder / SHARDS).unlink(missing_ok=True)
+    for old in folder.glob("malus-*.tar*"):
+        old.unlink()
     shards: list[dict[str, Any]] = []
     waiting: list[ShardScene] = []
     size, shape, maps = 0, None, None
@@ -104,7 +109,7 @@ def _add(tar: tarfile.TarFile, name: str, content: bytes) -> int:
 
 
 class Shards:
-    """Shards on disk as a source of samples; holds no open file when it is pickled."""
+    """Shards on disk as a source of samples; no file stays open, in any process or thread."""
 
     def __init__(self, folder: Path) -> None:
         """Read `shards.json`; what it lists is opened when it is read.
@@ -126,18 +131,6 @@ class Shards:
             raise InputError(str(folder / SHARDS), "names of files", "a path", _AGAIN)
         self.ids: tuple[str, ...] = tuple(scene for scenes in of_shard for scene in scenes)
         self._shard_of = np.repeat(np.arange(len(of_shard)), [len(scenes) for scenes in of_shard])
-        self._open: dict[int, int] = {}
-        self._process = os.getpid()
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What another process needs: no open files."""
-        return self.__dict__ | {"_open": {}}
-
-    def __del__(self) -> None:
-        """Close what this process has opened."""
-        if self.__dict__.get("_process") == os.getpid():
-            for descriptor in self._open.values():
-                os.close(descriptor)
 
     def read(self, number: int, maps: Sequence[str], window: Window) -> dict[str, AnyArray]:
         """Arrays of a scene by name; only the rows of a crop are read.
@@ -147,29 +140,21 @@ class Shards:
         InputError
             If the shard is cut or changed.
         """
-        shard, scene = int(self._shard_of[number]), self.ids[number]
-        where = str(self.folder / self._files[shard])
-        with reading(where, f"the arrays of scene {scene}", _AGAIN):
-            offsets = _index(self.folder / f"{self._files[shard]}.index.json")[scene]
+        shard, scene = self._files[self._shard_of[number]], self.ids[number]
+        path, index = self.folder / shard, self.folder / f"{shard}.index.json"
+        expected = f"the arrays of scene {scene}"
+        with reading(str(path), expected, _AGAIN), path.open("rb", buffering=0) as file:
+            offsets = _index(index, index.stat().st_mtime_ns)[scene]
             stored = dict.fromkeys("stokes" if name == "image" else name for name in maps)
-            arrays = {
-                name: _array(self._descriptor(shard), offsets[name], window) for name in stored
-            }
+            arrays = {name: _array(file.fileno(), offsets[name], window) for name in stored}
         return {
             name: arrays["stokes"][..., 0] if name == "image" else arrays[name] for name in maps
         }
 
-    def _descriptor(self, shard: int) -> int:
-        if self._process != os.getpid():  # a fork: what the parent opened is the parent's
-            self._open, self._process = {}, os.getpid()
-        if shard not in self._open:
-            self._open[shard] = os.open(self.folder / self._files[shard], os.O_RDONLY)
-        return self._open[shard]
 
-
-@functools.lru_cache(maxsize=64)
-def _index(path: Path) -> dict[str, dict[str, int]]:
-    """Offsets of the arrays of every scene of a shard."""
+@functools.lru_cache(maxsize=256)
+def _index(path: Path, written_ns: int) -> dict[str, dict[str, int]]:
+    """Offsets of the arrays of every scene of a shard; of one that was written again, its own."""
     content: dict[str, dict[str, int]] = json.loads(path.read_text("utf-8"))
     return content
 

@@ -35,6 +35,13 @@ SIDE = 4
 PIXELS_A_LAUNCH = 1 << 16
 
 
+def check_variant(names: Sequence[MapName], variant: Variant, where: str) -> None:
+    """Raise InputError for maps in the scalar variant, before anything is rendered."""
+    if names and not variant.vectorised:
+        hint = "install LLVM 17 or later (`malus doctor` says how), or leave the maps out"
+        raise InputError(where, "LLVM or CUDA for maps", variant.name, hint)
+
+
 def render_maps(
     scene: Scene, names: Sequence[MapName], variant: Variant
 ) -> dict[MapName, AnyArray]:
@@ -47,9 +54,7 @@ def render_maps(
     """
     if not names:
         return {}
-    if not variant.vectorised:
-        hint = "install LLVM 17 or later (`malus doctor` says how), or leave the maps out"
-        raise InputError(f"scene {scene.id}", "LLVM or CUDA for maps", variant.name, hint)
+    check_variant(names, variant, f"scene {scene.id}")
     traced = _Tracer(mitsuba(variant), scene, variant).traced()
     values = _values(scene, traced, set(names))
     side = scene.camera.resolution

@@ -222,7 +222,7 @@ def check_leaks(
         if seen.setdefault(scene_id, split) != split:
             _refuse_leak("scene", scene_id, seen[scene_id], split, scene_id)
         for axis in splits.disjoint:
-            for value in values_of(scene, axis):
+            for value in sorted(values_of(scene, axis)):
                 other = found[axis].setdefault(value, split)
                 if other != split:
                     _refuse_leak(axis, value, other, split, scene_id)

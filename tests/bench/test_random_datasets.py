@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from rooms import needs_arrays
 
 from malus.bench.commands.plan import plan_command
 from malus.bench.commands.status import status_command
@@ -295,6 +296,7 @@ def test_a_histogram_is_even_on_the_scale_that_was_drawn_from() -> None:
     assert histogram([3.0]) == "█"
 
 
+@needs_arrays
 def test_the_card_names_maps_and_frames(tmp_path: Path) -> None:
     """Files that only some data sets have, in card and metadata, where they are there."""
     suite = load_suite("quick").model_copy(

@@ -138,6 +138,15 @@ def test_indices_are_those_of_a_list(dataset: Dataset) -> None:
     assert len(list(samples)) == len(samples)
 
 
+def test_an_index_does_not_list_all_scenes(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An epoch over the indices of a dataset would be quadratic in its scenes."""
+    first = dataset[0]["scene"]
+    monkeypatch.setattr(Dataset, "samples", None)
+    assert dataset[1]["scene"] != first
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -13,11 +13,20 @@ from PIL import Image
 from scipy import stats
 
 from malus.bench.running.plan import plan
-from malus.scenes import InputError, Suite, load_suite
+from malus.scenes import (
+    Checker,
+    Dielectric,
+    InputError,
+    Patterned,
+    Sphere,
+    Suite,
+    Uniform,
+    load_suite,
+)
 from malus.scenes.core.model import content_id
 from malus.scenes.random_suite.clutter import Clutter, place
 from malus.scenes.random_suite.sequence import Numbers
-from malus.scenes.random_suite.splits import check_leaks, values_of
+from malus.scenes.random_suite.splits import Splits, check_leaks, values_of
 from malus.scenes.random_suite.templates import distribution
 from malus.scenes.scene import Scene
 
@@ -189,6 +198,16 @@ def test_a_planted_leak_is_an_error() -> None:
     leak = train.model_copy(update={"surface": drawn(suite(seed=9))[0].surface})
     with pytest.raises(InputError, match=r"every (shape|light) in one split"):
         check_leaks([*scenes, (leak, leak.id, "test")], made.splits)  # type: ignore[arg-type]
+
+
+def test_values_are_listed_in_one_order() -> None:
+    """That of a set differs from process to process, and `splits.json` with it."""
+    surfaces = tuple(Dielectric(eta=1.3 + 0.01 * k, alpha=0.3) for k in range(8))
+    ball = Patterned(surfaces=surfaces, pattern=Checker(size=0.5))
+    scene = Scene(shape=Sphere(), surface=ball, light=Uniform())
+    splits = Splits(train=0.5, test=0.5, disjoint=("material",))
+    found = check_leaks([(scene, scene.id, "train")], splits)["material"]
+    assert list(found) == sorted(values_of(scene, "material"))
 
 
 def test_a_fixed_material_of_a_room_is_a_leak_that_is_told() -> None:
