@@ -124,7 +124,8 @@ def score_published(
     chosen = _layout(layout, component_range)
     names = _names(folder, chosen, layout)
     asked = [get_method(each) for each in with_guess(methods, ["profile:polarscale"])]
-    profiles = [lookup(each, PROFILES, "metric", "the name of a profile") for each in metrics]
+    expected = "the name of a profile, as of a test set"
+    profiles = [lookup(each, PROFILES, "metric", expected) for each in metrics]
     started = time.perf_counter()
     records: list[Record] = []
     for done, each in enumerate(names):
@@ -169,7 +170,8 @@ class _Scorer:
 
     def of_stokes(self, name: str, stokes: FloatArray) -> Record:
         """Score of a Stokes image (height, width, channels, 3)."""
-        return record(self.truth.columns, name, self._values(stokes[self.truth.mask]))
+        estimated = stokes[self.truth.mask].astype(np.float64)  # rounded no more than the truth is
+        return record(self.truth.columns, name, self._values(estimated))
 
     def _values(self, estimated: FloatArray) -> Iterator[MetricValue]:
         true = self.truth.stokes[self.truth.mask].astype(np.float64)
@@ -223,7 +225,7 @@ def _truth(
         i0, i45, i90, i135 = pictures = [_light(path) for path in paths]
         _check_sizes(paths[0], pictures)
         parts = ((i0 + i45 + i90 + i135) / 2.0, i0 - i90, i45 - i135)
-    stokes = np.stack(parts, axis=-1)
+    stokes = np.stack(parts, axis=-1).astype(np.float32)  # as methods see it: the guess is exact
     path = folder / "mask" / f"{name}.png"
     shape = stokes.shape[0], stokes.shape[1]
     mask = read_mask(path, shape) if path.is_file() else np.ones(shape, dtype=bool)
