@@ -7,7 +7,7 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -70,6 +70,8 @@ def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Re
     if not run.records:
         first = run.failures[0] if run.failures else "nothing"
         expected, found = "a capture that can be scored", f"{len(run.failures)} that failed"
+        with suppress(OSError):  # it holds what an earlier command wrote
+            folder.rmdir()
         raise InputError(f"captures {suite.name}", expected, found, f"the first says: {first}")
     content = json.dumps(suite.model_dump(mode="json", exclude_defaults=True), indent=1)
     write_whole(folder / CAPTURES, lambda path: path.write_text(content + "\n", "utf-8"))
