@@ -294,6 +294,8 @@ def test_figure_9_draws_the_pooled_numbers_of_every_light() -> None:
     values = figure9_numbers(table)
     axes = figure9(table, "unpolarised").axes
     assert [ax.get_title("left") for ax in axes] == ["uniform", "distant 60°"]
+    (legend,) = axes[0].figure.legends
+    assert "deviation over the pixels of" in legend.get_title().get_text()
     for ax in axes:
         rows = values[values["light"] == ax.get_title("left")]
         for method, line in zip(("unpolarised", "eq8"), ax.get_lines(), strict=False):
