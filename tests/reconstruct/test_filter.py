@@ -239,6 +239,15 @@ def test_every_separation_serves_a_picture_of_surrounding_light(separation: str)
     assert specular[normals[..., 2] > 0].max() > 0.01
 
 
+def test_what_a_named_method_lacks_is_told_once_and_nothing_else_is_asked_for() -> None:
+    """Every object lacks the same, and a light would not help a method that needs none."""
+    labels = np.repeat([1, 2, 3], 4)[:, None] * np.ones((1, 8), int)
+    knowledge = Knowledge(labels=labels, method="eq8")
+    picture = Picture(RNG.random((12, 8, 3)).astype(np.float32), "PNG", None)
+    with pytest.raises(InputError, match="found normals is not known; give `normals`$"):
+        filter_picture(picture, None, knowledge)
+
+
 def test_unknown_names_are_refused() -> None:
     with pytest.raises(InputError, match=r"separation: expected one of .*suv.*, found x"):
         Knowledge(separation="x")
