@@ -244,7 +244,7 @@ def test_what_a_named_method_lacks_is_told_once_and_nothing_else_is_asked_for() 
     labels = np.repeat([1, 2, 3], 4)[:, None] * np.ones((1, 8), int)
     knowledge = Knowledge(labels=labels, method="eq8")
     picture = Picture(RNG.random((12, 8, 3)).astype(np.float32), "PNG", None)
-    with pytest.raises(InputError, match="found normals is not known; give `normals`$"):
+    with pytest.raises(InputError, match=r"found normals is not known; give `normals`$"):
         filter_picture(picture, None, knowledge)
 
 
