@@ -406,6 +406,20 @@ def test_the_bars_are_those_parts() -> None:
         assert widths == [width for width in rows["increment"].round(12) if width]
 
 
+def test_bars_over_other_scenes_say_so() -> None:
+    """A guess over the easier scenes alone stood below a method over all of them."""
+    table = sample.laddered()
+    other = table[table["scene"] != table["scene"].iloc[0]].assign(method="half_vector")
+    count = table["scene"].nunique()
+    both = pd.concat([table, other], ignore_index=True)
+    told = [f"eq8, {count} scenes", f"half_vector, {count - 1} scenes"]
+    for rows, labels in ((table, ["eq8"]), (both, told)):
+        (drawing,) = ladders(rows)
+        (ax,) = figure_ladder(drawing.numbers).axes
+        assert [tick.get_text() for tick in ax.get_yticklabels()] == labels
+        assert ("do not compare" in drawing.caption) == (len(labels) > 1)
+
+
 def test_the_ladder_is_on_the_page_of_a_run_that_has_one(tmp_path: Path) -> None:
     results = SimpleNamespace(table=both_bodies(), run=sample.run())
     names = {path.name for path in write_report(results, tmp_path, png=True)}
