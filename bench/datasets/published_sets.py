@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from malus.bench.datasets.layouts import LAYOUTS, Layout
-from malus.bench.running.captures import reconstruct
+from malus.bench.running.captures import reconstruct, with_the_guess
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import (
@@ -34,7 +34,6 @@ from malus.bench.running.results import (
     write_results,
 )
 from malus.bench.scoring.capture_metrics import CapturedPixels
-from malus.bench.scoring.extra_metrics import with_guess
 from malus.bench.scoring.metric_value import MetricValue
 from malus.bench.scoring.metrics import Residuals, brightest
 from malus.bench.scoring.profiles import PROFILES
@@ -123,7 +122,9 @@ def score_published(
     folder = as_path(truth)
     chosen = _layout(layout, component_range)
     names = _names(folder, chosen, layout)
-    asked = [get_method(each) for each in with_guess(methods, ["profile:polarscale"])]
+    asked = with_the_guess([get_method(each) for each in methods])
+    if predictions is not None and name in {method.name for method in asked}:
+        raise InputError("name", "another name than a method's", name, "choose another name")
     expected = "the name of a profile, as of a test set"
     profiles = [lookup(each, PROFILES, "metric", expected) for each in metrics]
     started = time.perf_counter()

@@ -60,7 +60,7 @@ def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Re
         single capture that can be scored.
     """
     started = time.perf_counter()
-    methods = _with_the_guess([get_method(reference) for reference in suite.methods])
+    methods = with_the_guess([get_method(reference) for reference in suite.methods])
     folder = prepare_folder(out, "captures")
     run = _Run(folder, methods, len(suite.capture))
     for number, entry in enumerate(suite.capture):
@@ -83,8 +83,14 @@ def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Re
     return read_results(folder)
 
 
-def _with_the_guess(methods: Sequence[Method]) -> list[Method]:
-    """The methods, each once, after the guess that skill is measured against."""
+def with_the_guess(methods: Sequence[Method]) -> list[Method]:
+    """The methods, each once, after the guess that skill is measured against.
+
+    Examples
+    --------
+    >>> [method.name for method in with_the_guess([get_method("eq8"), get_method("eq8")])]
+    ['unpolarised', 'eq8']
+    """
     return list({method.name: method for method in (TRIVIAL, *methods)}.values())
 
 

@@ -134,7 +134,10 @@ def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
         )
 
 
-_OF_OTHER_SCENES = " Bars over other numbers of scenes do not compare: what a method left out may be hard, or easy."
+_OF_OTHER_SCENES = (
+    " Bars over other numbers of scenes do not compare: what a method left out may be hard, or"
+    " easy."
+)
 
 
 def ladders(table: pd.DataFrame) -> Iterator[Drawing]:

@@ -141,6 +141,16 @@ def test_the_command_prints_what_it_scored_and_why_not_all(tmp_path: Path) -> No
     assert [row["method"] for row in json.loads(numbers.stdout)["methods"]] == ["unpolarised"]
 
 
+def test_methods_count_once_and_predictions_are_no_method(tmp_path: Path) -> None:
+    """Rows of one name were averaged: predictions called `unpolarised` gave the guess a skill."""
+    for folder in ("truth", "mine"):
+        as_pol(tmp_path / folder, "a", stokes_of("a"))
+    twice = score_published(tmp_path / "truth", "pol", methods=["eq8", "eq8"]).table
+    assert len(twice[twice.method == "eq8"]) == 1
+    with pytest.raises(InputError, match="another name than a method's, found unpolarised"):
+        score_published(tmp_path / "truth", "pol", tmp_path / "mine", name="unpolarised")
+
+
 def test_scores_of_a_set_have_a_table_and_no_page(tmp_path: Path) -> None:
     """Neither camera nor sampling is known of it, which a page tells."""
     as_pol(tmp_path / "truth", "a", stokes_of("a"))
