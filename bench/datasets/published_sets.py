@@ -50,6 +50,9 @@ from malus.scenes.core.remote import as_path
 READABLE = ("pol", "rgb2pol")
 """Layouts that hold a picture and its polarisation; degree and angle alone are no truth."""
 
+MOST_BEYOND = 0.5
+"""Share of values that noise may polarise beyond all light; more of them are read wrongly."""
+
 
 @dataclass(frozen=True)
 class PublishedTruth:
@@ -116,8 +119,8 @@ def score_published(
     Raises
     ------
     InputError
-        Another layout, a folder without its files or one that cannot be read, sizes that differ, an
-        unknown method or metric.
+        Another layout, a range that is none or polarises beyond all light, a folder without its
+        files or one that cannot be read, sizes that differ, an unknown method or metric.
     """
     folder = as_path(truth)
     chosen = _layout(layout, component_range)
@@ -193,6 +196,12 @@ def _layout(layout: str, component_range: tuple[float, float] | None) -> Layout:
         expected = "what the codes of s1 and s2 stand for, for rgb2pol and no other layout"
         found = "nothing" if component_range is None else "one"
         raise InputError("component_range", expected, found, "such as -1 1")
+    if (
+        component_range is not None
+        and not -math.inf < component_range[0] < component_range[1] < math.inf
+    ):
+        expected, found = "a smaller and a larger number", "{:g} {:g}".format(*component_range)
+        raise InputError("component_range", expected, found, "such as -1 1")
     return LAYOUTS[layout]
 
 
@@ -230,6 +239,10 @@ def _truth(
     path = folder / "mask" / f"{name}.png"
     shape = stokes.shape[0], stokes.shape[1]
     mask = read_mask(path, shape) if path.is_file() else np.ones(shape, dtype=bool)
+    beyond = np.mean(np.hypot(*np.moveaxis(stokes[mask], -1, 0)[1:]) > stokes[mask][..., 0])
+    if beyond > MOST_BEYOND:
+        expected, found = "light polarised by at most all of it", f"more in {beyond:.0%} of values"
+        raise InputError(str(folder / name), expected, found, "check `layout` or `component_range`")
     return PublishedTruth(name, stokes, mask)
 
 

@@ -151,6 +151,20 @@ def test_methods_count_once_and_predictions_are_no_method(tmp_path: Path) -> Non
         score_published(tmp_path / "truth", "pol", tmp_path / "mine", name="unpolarised")
 
 
+@pytest.mark.parametrize("wrong", [(1, -1), (0, 0), (math.nan, 1), (-1, math.nan), (-math.inf, 1)])
+def test_a_range_that_is_none_is_refused(tmp_path: Path, wrong: tuple[float, float]) -> None:
+    """Turned round it turned every polarisation by 90°, and both sides alike: nobody saw it."""
+    as_rgb2pol(tmp_path / "truth", "a", stokes_of("a"))
+    with pytest.raises(InputError, match="a smaller and a larger number"):
+        score_published(tmp_path / "truth", "rgb2pol", component_range=wrong)
+
+
+def test_a_range_that_polarises_beyond_all_light_is_refused(tmp_path: Path) -> None:
+    as_rgb2pol(tmp_path / "truth", "a", stokes_of("a"))  # by 0.2 to 0.5
+    with pytest.raises(InputError, match="more in 100% of values; check `layout` or `component_r"):
+        score_published(tmp_path / "truth", "rgb2pol", component_range=(-9, 9))
+
+
 def test_scores_of_a_set_have_a_table_and_no_page(tmp_path: Path) -> None:
     """Neither camera nor sampling is known of it, which a page tells."""
     as_pol(tmp_path / "truth", "a", stokes_of("a"))
