@@ -177,6 +177,7 @@ def test_bad_options_end_in_one_line_and_no_output(tmp_path: Path) -> None:
     path, normals = saved_dome(tmp_path)
     PIL.Image.fromarray(CODES_8).save(tmp_path / "small.png")
     PIL.Image.new("L", (64, 64)).save(tmp_path / "empty.png")
+    PIL.Image.new("L", (64, 64), 2).save(tmp_path / "labels.png")
     np.save(tmp_path / "flat.npy", np.zeros((64, 64)))
     grey = tmp_path / "grey.png"
     PIL.Image.fromarray(np.asarray(PIL.Image.open(path).convert("L"))).save(grey)
@@ -184,6 +185,7 @@ def test_bad_options_end_in_one_line_and_no_output(tmp_path: Path) -> None:
     cases = [
         (path, ["--mask", str(tmp_path / "small.png")], "64 x 64"),
         (path, ["--mask", str(tmp_path / "empty.png")], "an object"),
+        (path, ["--mask", str(tmp_path / "labels.png")], "of several objects are --labels"),
         (path, ["--normals", str(tmp_path / "small.png")], "64 x 64"),
         (path, ["--normals", str(tmp_path / "flat.npy")], "three values"),
         (path, [*good, "--alpha", "7"], "(0, 1]"),
