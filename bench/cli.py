@@ -72,8 +72,8 @@ def main() -> None:
     except click.exceptions.Exit as leaving:
         sys.exit(leaving.exit_code)
     except click.ClickException as mistake:
-        message = " ".join(mistake.format_message().split())
-        _stop(f"{message} See `{_command_path(mistake)} --help`.", BAD_INPUT)
+        message = " ".join(mistake.format_message().split()).rstrip(".")
+        _stop(f"{message}. See `{_command_path(mistake)} --help`.", BAD_INPUT)
     except ValueError as mistake:
         # Imported here, because `--help` must not wait for it.
         from malus.scenes.core.errors import InputError

@@ -91,7 +91,7 @@ def capture_summary(
 def _blocks(
     table: pd.DataFrame, run: dict[str, Any], figures: Sequence[str], known: pd.DataFrame
 ) -> Iterator[str]:
-    yield f"# Results of the captures {markdown(run['suite']['name'])}"
+    yield f"# Real captures: {markdown(run['suite']['name'])}"
     yield markdown(run["suite"].get("description", ""))
     yield from (f"![{markdown(name)}]({name})" for name in figures)
     yield sentences.CAPTURES

@@ -58,11 +58,12 @@ def list_command(what: str) -> None:
 
 
 def _new(title: str, *columns: str) -> Table:
+    """An empty table whose first column, the names that one copies, is never broken or cut."""
     from rich.table import Table
 
     table = Table(title=title, title_justify="left")
-    for column in columns:
-        table.add_column(column)
+    for number, column in enumerate(columns):
+        table.add_column(column, no_wrap=number == 0, overflow="fold")
     return table
 
 
@@ -89,16 +90,10 @@ def _methods() -> Table:
 def _metrics() -> Table:
     from malus.bench.public.lists import list_metrics
 
-    table = _new("metrics", "name", "unit", "better", "definition", "source", "`metrics` names")
+    table = _new("metrics", "name", "unit", "better", "definition; source; name in `metrics`")
     for metric in list_metrics().values():
-        table.add_row(
-            metric.name,
-            metric.unit,
-            metric.better,
-            metric.definition,
-            metric.source,
-            metric.asked_for,
-        )
+        told = (metric.definition, metric.source, metric.asked_for)
+        table.add_row(metric.name, metric.unit, metric.better, "\n".join(filter(None, told)))
     return table
 
 

@@ -18,10 +18,10 @@ def print_json(values: Any, indent: int | None = None) -> None:
 
 
 def plain_table(*columns: str) -> Table:
-    """An empty table with little space between its columns."""
+    """An empty table with little space between its columns; long names are broken, not cut."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in columns:
-        table.add_column(column)
+        table.add_column(column, overflow="fold")
     return table
 
 

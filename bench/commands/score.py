@@ -61,14 +61,11 @@ def score_command(dataset: Path | None, out: Path | None, as_json: bool, **optio
     """
     from rich.console import Console
 
-    from malus.bench.commands.printing import print_json
-    from malus.bench.running.results import headline
-
     folder = out if out is not None else Path("results") / "scores"
     console = Console(stderr=True, soft_wrap=True)
     options["metrics"] = asked_metrics(options["metrics"], options.pop("profiles"))
     if options["truth"] is not None:
-        _score_published(dataset, folder, console, options)
+        _tell(_score_published(dataset, folder, console, options), folder, console, as_json)
         return
     if dataset is None or options.pop("component_range") is not None:
         raise click.UsageError("DATASET is missing" if dataset is None else "--range is of --truth")
@@ -77,10 +74,7 @@ def score_command(dataset: Path | None, out: Path | None, as_json: bool, **optio
     for suspicion in results.run.get("predictions", {}).get("suspicions", []):
         name = options["name"]
         console.print(f"{name}: {suspicion}", style="yellow", highlight=False, markup=False)
-    if as_json:
-        print_json({"out": str(folder), "methods": headline(results), "run": results.run})
-    else:
-        _tell(results, folder, console)
+    _tell(results, folder, console, as_json)
 
 
 def _score(dataset: Path, folder: Path, console: Any, options: dict[str, Any]) -> Results:
@@ -103,33 +97,39 @@ def _score(dataset: Path, folder: Path, console: Any, options: dict[str, Any]) -
 
 def _score_published(
     predictions: Path | None, folder: Path, console: Any, options: dict[str, Any]
-) -> None:
+) -> Results:
+    """Score on a published test set with a bar of progress."""
     from malus.bench.datasets.published_sets import score_published
     from malus.bench.running.progress import with_progress
 
     if options.pop("predictions") is not None or options["layout"] is None:
-        raise click.UsageError("beside --truth: DATASET is the predictions, and --layout is needed")
-    results = with_progress(
+        raise click.UsageError("beside --truth, DATASET is the predictions, and --layout is needed")
+    return with_progress(
         console,
         "pictures",
         lambda show: score_published(predictions=predictions, progress=show, out=folder, **options),
     )
-    from malus.bench.commands.printing import results_table
-
-    console.print(results_table(results))
-    console.print(f"written to {folder}", highlight=False)
 
 
-def _tell(results: Results, folder: Path, console: Any) -> None:
+def _tell(results: Results, folder: Path, console: Any, as_json: bool) -> None:
+    """Print what came of it, and what is not in the numbers."""
     from rich.console import Console
 
-    from malus.bench.commands.printing import results_table
+    from malus.bench.commands.printing import print_json, results_table
+    from malus.bench.running.results import headline
+    from malus.reports.tables.text_tables import left_out
 
+    if as_json:
+        print_json({"out": str(folder), "methods": headline(results), "run": results.run})
+        return
     Console().print(results_table(results))
+    for method, reason, scenes in left_out(results.table).lines:
+        text = f"{method} could not work on {scenes} of {results.table['scene'].nunique()} scenes"
+        console.print(f"{text}: {reason}", highlight=False, markup=False)
     invalid = results.table.loc[results.table.metric == "invalid", "value"].sum()
     if invalid > 0:
         console.print(f"{invalid:.0f} pixels with invalid inputs: see the metric `invalid`")
-    unknown = results.run["scenes_without_normal_spread"]
+    unknown = results.run.get("scenes_without_normal_spread", 0)
     if unknown:
         scenes = f"{unknown} of {results.run['scenes']} scenes"
         console.print(

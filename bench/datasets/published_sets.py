@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from malus.bench.datasets.layouts import LAYOUTS, Layout
-from malus.bench.running.captures import reconstruct
+from malus.bench.running.captures import reconstruct, with_the_guess
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import (
@@ -34,7 +34,6 @@ from malus.bench.running.results import (
     write_results,
 )
 from malus.bench.scoring.capture_metrics import CapturedPixels
-from malus.bench.scoring.extra_metrics import with_guess
 from malus.bench.scoring.metric_value import MetricValue
 from malus.bench.scoring.metrics import Residuals, brightest
 from malus.bench.scoring.profiles import PROFILES
@@ -50,6 +49,9 @@ from malus.scenes.core.remote import as_path
 
 READABLE = ("pol", "rgb2pol")
 """Layouts that hold a picture and its polarisation; degree and angle alone are no truth."""
+
+MOST_BEYOND = 0.5
+"""Share of values that noise may polarise beyond all light; more of them are read wrongly."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +119,8 @@ def score_published(
     Raises
     ------
     InputError
-        Another layout, a folder without its files or one that cannot be read, sizes that differ, an
-        unknown method or metric.
+        Another layout, a range that is none or polarises beyond all light, a folder without its
+        files or one that cannot be read, sizes that differ, an unknown method or metric.
 
     Examples
     --------
@@ -136,8 +138,11 @@ def score_published(
     folder = as_path(truth)
     chosen = _layout(layout, component_range)
     names = _names(folder, chosen, layout)
-    asked = [get_method(each) for each in with_guess(methods, ["profile:polarscale"])]
-    profiles = [lookup(each, PROFILES, "metric", "the name of a profile") for each in metrics]
+    asked = with_the_guess([get_method(each) for each in methods])
+    if predictions is not None and name in {method.name for method in asked}:
+        raise InputError("name", "another name than a method's", name, "choose another name")
+    expected = "the name of a profile, as of a test set"
+    profiles = [lookup(each, PROFILES, "metric", expected) for each in metrics]
     started = time.perf_counter()
     records: list[Record] = []
     for done, each in enumerate(names):
@@ -182,7 +187,8 @@ class _Scorer:
 
     def of_stokes(self, name: str, stokes: FloatArray) -> Record:
         """Score of a Stokes image (height, width, channels, 3)."""
-        return record(self.truth.columns, name, self._values(stokes[self.truth.mask]))
+        estimated = stokes[self.truth.mask].astype(np.float64)  # rounded no more than the truth is
+        return record(self.truth.columns, name, self._values(estimated))
 
     def _values(self, estimated: FloatArray) -> Iterator[MetricValue]:
         true = self.truth.stokes[self.truth.mask].astype(np.float64)
@@ -202,6 +208,12 @@ def _layout(layout: str, component_range: tuple[float, float] | None) -> Layout:
     if (layout == "rgb2pol") != (component_range is not None):
         expected = "what the codes of s1 and s2 stand for, for rgb2pol and no other layout"
         found = "nothing" if component_range is None else "one"
+        raise InputError("component_range", expected, found, "such as -1 1")
+    if (
+        component_range is not None
+        and not -math.inf < component_range[0] < component_range[1] < math.inf
+    ):
+        expected, found = "a smaller and a larger number", "{:g} {:g}".format(*component_range)
         raise InputError("component_range", expected, found, "such as -1 1")
     return LAYOUTS[layout]
 
@@ -236,10 +248,14 @@ def _truth(
         i0, i45, i90, i135 = pictures = [_light(path) for path in paths]
         _check_sizes(paths[0], pictures)
         parts = ((i0 + i45 + i90 + i135) / 2.0, i0 - i90, i45 - i135)
-    stokes = np.stack(parts, axis=-1)
+    stokes = np.stack(parts, axis=-1).astype(np.float32)  # as methods see it: the guess is exact
     path = folder / "mask" / f"{name}.png"
     shape = stokes.shape[0], stokes.shape[1]
     mask = read_mask(path, shape) if path.is_file() else np.ones(shape, dtype=bool)
+    beyond = np.mean(np.hypot(*np.moveaxis(stokes[mask], -1, 0)[1:]) > stokes[mask][..., 0])
+    if beyond > MOST_BEYOND:
+        expected, found = "light polarised by at most all of it", f"more in {beyond:.0%} of values"
+        raise InputError(str(folder / name), expected, found, "check `layout` or `component_range`")
     return PublishedTruth(name, stokes, mask)
 
 

@@ -33,7 +33,12 @@ from malus.bench.running.results import (
     table_of,
     write_results,
 )
-from malus.bench.scoring.extra_metrics import get_metrics, polarisation_error, with_guess
+from malus.bench.scoring.extra_metrics import (
+    GUESS,
+    get_metrics,
+    polarisation_error,
+    with_guess,
+)
 from malus.bench.scoring.judge import Judge, Metric
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
@@ -129,7 +134,7 @@ def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name
     if not names and not predicted:
         expected, hint = "`methods` NAME or `predictions` DIR", "`malus list methods` shows methods"
         raise InputError("score", expected, "neither", hint)
-    if name in names:
+    if name in (*names, GUESS):  # a profile scores the guess, asked for or not
         raise InputError("name", "another name than a method's", name, "choose another name")
     if len(dataset) == 0:
         hint = "`malus render` with the same suite and folder goes on with it"

@@ -9,6 +9,7 @@ from malus.bench.running.results import read_results
 from malus.bench.running.worker_process import WorkerProcess
 from malus.reports.source import is_study
 from malus.reports.write import write_report, write_study
+from malus.scenes.core.errors import InputError
 from malus.scenes.core.remote import as_path
 
 
@@ -37,7 +38,8 @@ def report(
     Raises
     ------
     InputError
-        If the folder holds neither, or its files cannot be read.
+        If the folder holds neither, or its files cannot be read; scores of a published test set,
+        which have a `table` alone.
 
     Examples
     --------
@@ -53,4 +55,8 @@ def report(
         return write_study(where, png)
     studies = tuple(as_path(study) for study in beside)
     elsewhere = None if worker is None else worker.stream
-    return write_report(read_results(where), where, studies, png, elsewhere)
+    results = read_results(where)
+    if "published" in results.run:
+        expected, found = "results of a run, of captures or of a dataset", "scores of a test set"
+        raise InputError(f"results folder {where}", expected, found, "only a `table` shows them")
+    return write_report(results, where, studies, png, elsewhere)

@@ -7,7 +7,7 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -60,7 +60,7 @@ def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Re
         single capture that can be scored.
     """
     started = time.perf_counter()
-    methods = _with_the_guess([get_method(reference) for reference in suite.methods])
+    methods = with_the_guess([get_method(reference) for reference in suite.methods])
     folder = prepare_folder(out, "captures")
     run = _Run(folder, methods, len(suite.capture))
     for number, entry in enumerate(suite.capture):
@@ -70,6 +70,8 @@ def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Re
     if not run.records:
         first = run.failures[0] if run.failures else "nothing"
         expected, found = "a capture that can be scored", f"{len(run.failures)} that failed"
+        with suppress(OSError):  # it holds what an earlier command wrote
+            folder.rmdir()
         raise InputError(f"captures {suite.name}", expected, found, f"the first says: {first}")
     content = json.dumps(suite.model_dump(mode="json", exclude_defaults=True), indent=1)
     write_whole(folder / CAPTURES, lambda path: path.write_text(content + "\n", "utf-8"))
@@ -81,8 +83,14 @@ def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Re
     return read_results(folder)
 
 
-def _with_the_guess(methods: Sequence[Method]) -> list[Method]:
-    """The methods, each once, after the guess that skill is measured against."""
+def with_the_guess(methods: Sequence[Method]) -> list[Method]:
+    """The methods, each once, after the guess that skill is measured against.
+
+    Examples
+    --------
+    >>> [method.name for method in with_the_guess([get_method("eq8"), get_method("eq8")])]
+    ['unpolarised', 'eq8']
+    """
     return list({method.name: method for method in (TRIVIAL, *methods)}.values())
 
 

@@ -39,14 +39,14 @@ def silent(_done: int, _total: int, _label: str) -> None:
 
 
 def with_progress(console: Console, label: str, work: Callable[[Progress], Any]) -> Any:
-    """Call `work` under a progress bar on the console, and return its value."""
+    """Call `work` under a progress bar on the console, if that is a terminal; return its value."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
     )
-    with Bar(*columns, console=console, transient=True) as bar:
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(label, total=None)
 
         def show(done: int, total: int, next_label: str) -> None:

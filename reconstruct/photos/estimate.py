@@ -276,7 +276,9 @@ def _of_objects(
         results.append((mask, Estimate(result.components, told, warned)))
     words = [f"object {label} is left unpolarised: {why}" for label, why in failed.items()]
     if not results:
-        raise Inapplicable("; ".join(words) or "no pixel of an object")
+        reasons = dict.fromkeys(map(str, failed.values()))
+        # What holds for all is told once: a message has little room.
+        raise Inapplicable("; ".join(reasons if len(reasons) == 1 else words) or "no object")
     return results, words
 
 
@@ -338,7 +340,14 @@ def _by_method(
 
 
 def _advice(knowledge: Knowledge) -> str:
-    missing = [name for name in ("normals", "mask", "light") if getattr(knowledge, name) is None]
+    """What else could be given: what a method that is named cannot do without, if that is it."""
+    needs = get_method(knowledge.method).needs if knowledge.method is not None else frozenset()
+    useful = [name for name in ("normals", "light") if name in needs] or (
+        "normals",
+        "mask",
+        "light",
+    )
+    missing = [name for name in useful if getattr(knowledge, name) is None]
     listed = ", ".join(f"`{name}`" for name in missing)
     return f"give {listed}" if missing else "give another picture or light"
 

@@ -24,7 +24,8 @@ def read_mask(path: Path | str, shape: tuple[int, int]) -> BoolArray:
     values = read_picture(path, linear=True).linear.mean(axis=-1)
     _check_shape(path, values.shape, shape)
     if not (values > 0.5).any():
-        raise InputError(str(path), "an object, lighter than half", "none", "check the mask")
+        hint = "check the mask; dark values of several objects are `labels`"
+        raise InputError(str(path), "an object, lighter than half", "none", hint)
     return np.asarray(values > 0.5)
 
 

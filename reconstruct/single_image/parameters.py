@@ -220,5 +220,5 @@ def _notes(eta_known: bool, eta: float, alpha: float, level: FloatArray) -> tupl
     if min(alpha / ALPHA_RANGE[0], ALPHA_RANGE[1] / alpha) < 1.01:
         notes.append(f"alpha ran into its bound {alpha:.2g}")
     if not np.any(level > 0):
-        notes.append("no specular light was found")
+        notes.append("the shape explains the picture best without specular light")
     return tuple(notes)

@@ -134,6 +134,12 @@ def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
         )
 
 
+_OF_OTHER_SCENES = (
+    " Bars over other numbers of scenes do not compare: what a method left out may be hard, or"
+    " easy."
+)
+
+
 def ladders(table: pd.DataFrame) -> Iterator[Drawing]:
     """The error budget of all bodies, where methods were told less than everything.
 
@@ -152,7 +158,9 @@ def ladders(table: pd.DataFrame) -> Iterator[Drawing]:
         "ladder",
         "Parts of the error",
         "Mean NMSE over the scenes on which a method has an error at every rung; what makes it"
-        " smaller stands left of zero, the upright mark is the sum. Every body has its own scale.",
+        " smaller stands left of zero, the upright mark is the sum. Every body has its own scale."
+        + _OF_OTHER_SCENES
+        * bool(numbers.groupby("body")["scenes"].nunique().max() > 1),
         numbers,
         budget(numbers),
         partial(_draw_ladder, numbers),

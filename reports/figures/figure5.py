@@ -152,13 +152,23 @@ def _readable(name: str) -> str:
 
 
 def legend(
-    figure: Figure, ax: Axes, content: FigureContent, entries: Sequence[str], note: str = ENDLESS
+    figure: Figure,
+    ax: Axes,
+    content: FigureContent,
+    entries: Sequence[str],
+    note: str = ENDLESS,
+    over: str = "",
 ) -> None:
-    """Put a legend below a figure; it names the lights where a method's mean lacks some."""
+    """Put a legend below a figure; it names the lights where a method's mean lacks some.
+
+    `over` is what means are over, such as "the pixels of ", in place of one value a scene.
+    """
     column = int(_LETTERS_AN_INCH * (0.5 * figure.get_figwidth() - _HANDLE_INCHES))
     labels = [textwrap.fill(_legend_label(content.rows, entry), column) for entry in entries]
     # The caption is the legend's title, so that the layout keeps both apart from the panels.
-    caption = textwrap.fill(_caption(content.rows), int(_LETTERS_AN_INCH * figure.get_figwidth()))
+    caption = textwrap.fill(
+        _caption(content.rows, over), int(_LETTERS_AN_INCH * figure.get_figwidth())
+    )
     figure.legend(
         ax.get_lines()[: len(labels)], labels, loc="outside lower center", ncols=2,
         title=caption + note, alignment="left",
@@ -178,13 +188,13 @@ def _few(column: pd.Series[str]) -> str:
     return ", ".join(names) if len(names) <= 6 else f"{len(names)} of them"
 
 
-def _caption(rows: pd.DataFrame) -> str:
+def _caption(rows: pd.DataFrame, over: str) -> str:
     if is_of_captures(rows):
         names, groups = _few(rows["shape"]), _few(rows["light"])
         counted = f"{rows['scene'].nunique()} captures: {names}; group {groups}."
-        return drawable(f"Mean ± standard deviation over {counted}")
+        return drawable(f"Mean ± standard deviation over {over}{counted}")
     bodies = ", ".join(distinct(rows["body"]))
     return drawable(
-        f"Mean ± standard deviation over {rows['scene'].nunique()} scenes:"
+        f"Mean ± standard deviation over {over}{rows['scene'].nunique()} scenes:"
         f" {_few(rows['shape'])}; light {_few(rows['light'])}; body {bodies}."
     )

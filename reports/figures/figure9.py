@@ -39,9 +39,10 @@ def figure9(table: pd.DataFrame, body: str) -> Figure:
             ax.set_xticks(sorted(values["x"].unique()))
         axes[0].set_ylim(bottom=0.0)  # of all panels, once everything is drawn
         axes[0].set_ylabel("ΔE76, mean ± std over pixels")
-        axes[0].annotate(
-            "1 JND", (0.5, JUST_NOTICEABLE), (0, 1.5), xycoords=("axes fraction", "data"),
-            textcoords="offset points", ha="center", fontsize=6.5, color=SOFT,
+        axes[-1].annotate(  # beside the panel: inside, some curve runs through it
+            "1 JND", (1.0, JUST_NOTICEABLE), (2, 0), xycoords=("axes fraction", "data"),
+            textcoords="offset points", va="center", fontsize=6.5, color=SOFT,
         )  # fmt: skip
-        legend(figure, axes[0], content, scored_methods(content.rows), note="")
+        methods = scored_methods(content.rows)
+        legend(figure, axes[0], content, methods, note="", over="the pixels of ")
     return figure

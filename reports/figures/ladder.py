@@ -43,13 +43,21 @@ def _panel(ax: Axes, rows: pd.DataFrame, colours: dict[str, str]) -> None:
     for y, method in enumerate(methods):
         _bar(ax, y, rows[rows["method"] == method], colours)
     ax.set_title(f"{rows['body'].iloc[0]} body", loc="left")
-    ax.set_yticks(range(len(methods)), [drawable(name) for name in methods])
+    ax.set_yticks(range(len(methods)), [drawable(name) for name in _labels(rows)])
     ax.invert_yaxis()
     ax.axvline(0.0, color=INK, lw=0.7)
     ax.use_sticky_edges = False
     ax.margins(x=0.12)
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: scientific(value)))
     ax.grid(axis="y", visible=False)
+
+
+def _labels(rows: pd.DataFrame) -> list[str]:
+    """Names of the methods, with their numbers of scenes where these differ: no bars to compare."""
+    scenes = rows.groupby("method", sort=False)["scenes"].first()
+    if scenes.nunique() == 1:
+        return [str(method) for method in scenes.index]
+    return [f"{method}, {count} scenes" for method, count in scenes.items()]
 
 
 def _cycled(count: int) -> list[str]:

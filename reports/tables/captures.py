@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -120,10 +121,26 @@ def _guessing(table: pd.DataFrame) -> list[str]:
 
 
 def negative(table: pd.DataFrame) -> Iterator[str]:
-    """A sentence for every capture and method of negative skill, the worst first."""
+    """A sentence for every capture and method of negative skill, the worst first, with its cause.
+
+    With the slope g of the estimate against the truth and the scale c that fits it best, the
+    estimate's rms over the true one's is √(g / c), and their correlation √(g c) with the sign of g.
+    """
     rows = overall_rows(table, "skill").sort_values("value")
     for row in rows[rows["value"] < 0].to_dict("records"):
-        yield f"{row['method']} on {row['surface']}: skill {skill_text(row['value'])}."
+        told = f"{row['method']} on {row['surface']}: skill {skill_text(row['value'])}"
+        same = table[(table["scene"] == row["scene"]) & (table["method"] == row["method"])]
+        gain, scale = (float(_values(same, name).mean()) for name in ("gain", "scale"))
+        if gain * scale > 0:
+            size, correlation = (
+                math.sqrt(gain / scale),
+                math.copysign(math.sqrt(gain * scale), gain),
+            )
+            told += (
+                f": its polarised light is {size:.2g} times the true one (rms), and correlates with"
+                f" it by {_slope(correlation)}"
+            )
+        yield f"{told}."
 
 
 def notes(table: pd.DataFrame) -> Iterator[str]:
@@ -138,7 +155,7 @@ def fits(run: dict[str, Any]) -> TextTable:
     """How well the sinusoid fits each capture's pictures, and what was taken for granted."""
     heads = (
         "capture", "group", "pictures", "residual", "clipped", "DoLP median", "objects",
-        "pixels scored", "light",
+        "pixels scored", "values",
     )  # fmt: skip
     lines = []
     for capture in run["captures"]:

@@ -191,7 +191,7 @@ _PROFILES = [
           "modulo 180°, mean over pixels and channels whose true DoLP is above 0.1; no value "
           "where there is none"),
          ("polarscale_aolp_pixels", "AoLP pixels", "", "",
-          "how many pixels and channels that is"),
+          "number of pixels and channels behind polarscale_aolp_deg"),
          ("polarscale_impossible", "impossible", "", "lower",
           "share of the picture's pixels and channels with √(s1² + s2² + s3²) > s0")),
 ]  # fmt: skip

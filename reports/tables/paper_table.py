@@ -261,7 +261,8 @@ def _texts(table: PaperTable, method: str) -> list[tuple[str, bool]]:
 def _head(metric: MetricDefinition) -> str:
     """Label, unit and direction of a column; its own name where a label stands for several."""
     general = next((one for one in DEFINITIONS if one.matches(metric.name)), metric)
-    label = metric.name if "*" in general.name or metric.name == metric.label else metric.label
+    one_of_several = "*" in general.name and metric.name != general.name.removesuffix("*")
+    label = metric.name if one_of_several else metric.label
     median = " (median)" if metric.name == _MEDIAN else ""
     unit = f" [{metric.unit}]" if metric.unit else ""
     return f"{_project(metric)}{label}{median}{unit} {metric.arrow}".rstrip()

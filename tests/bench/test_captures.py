@@ -123,7 +123,8 @@ def test_a_field_against_the_true_one_is_worse_than_none(user: Path) -> None:
     assert value(table, "scale", "wrong") == pytest.approx(-1.0, abs=1e-5)
     assert value(table, "scaled_skill", "wrong") == pytest.approx(1.0, abs=1e-6)
     summary = malus.report("out")[-2].read_text("utf-8")
-    assert "wrong on pot: skill −3.00." in summary
+    reason = "its polarised light is 1 times the true one (rms), and correlates with it by −1.00"
+    assert f"wrong on pot: skill −3.00: {reason}." in summary
 
 
 def test_rotation_is_positive_anticlockwise(user: Path) -> None:

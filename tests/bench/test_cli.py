@@ -13,6 +13,7 @@ from runs import one_line, run_malus, run_malus_process
 
 from malus.bench import read_results
 from malus.bench.cli import main
+from malus.bench.public.lists import list_metrics
 from malus.bench.running.output_folder import FOLDERS, prepare_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.self_check import Check
@@ -242,3 +243,20 @@ def test_doctor_says_that_the_library_named_is_not_there(monkeypatch: pytest.Mon
     monkeypatch.setattr("malus.bench.public.doctor.choose", lambda: choose("scalar"))
     done = run_malus("doctor")
     assert "DRJIT_LIBLLVM_PATH names /nonexistent, where no file is" in done.stdout
+
+
+def test_errors_are_one_line_where_nobody_watches_a_bar(tmp_path: Path) -> None:
+    """A bar of progress left an empty line in logs, before the error."""
+    (tmp_path / "a.toml").write_text('[[capture]]\nfolder = "nowhere"\n')
+    done = run_malus("capture", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out"))
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "nowhere: expected a folder of pictures" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_names_to_copy_are_whole_in_lists(monkeypatch: pytest.MonkeyPatch) -> None:
+    """80 columns cut `polaranything_aolp_mae_deg` to `polaranythi…`."""
+    monkeypatch.setenv("COLUMNS", "80")
+    told = run_malus("list", "metrics").stdout
+    assert all(f" {name} " in told for name in list_metrics())

@@ -347,3 +347,11 @@ def test_a_stored_dataset_scores_as_the_run_does(dataset: Dataset, tmp_path: Pat
     # A dataset does not say what rendered it.
     direct = direct.drop(columns="renderer").astype(scored.dtypes)
     pd.testing.assert_frame_equal(scored, direct)
+
+
+def test_predictions_may_not_be_called_as_the_guess_that_a_profile_adds(
+    dataset: Dataset, tmp_path: Path
+) -> None:
+    """Rows of one name were averaged, and the guess had a skill."""
+    with pytest.raises(InputError, match="another name than a method's, found unpolarised"):
+        score_dataset(dataset, [], tmp_path, "unpolarised", metrics=["profile:polarscale"])

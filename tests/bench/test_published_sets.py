@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import malus
 from malus.bench.commands.score import score_command
 from malus.bench.datasets.published_sets import score_published
 from malus.scenes import InputError
@@ -66,7 +68,7 @@ def test_skill_is_one_minus_the_missing_part(tmp_path: Path, layout: str) -> Non
     skill = rows.groupby("method").value.mean()
     # 16 bits of four pictures leave 1e-5 of a tenth of the polarisation.
     assert skill["predictions"] == pytest.approx(0.99, abs=1e-4)
-    assert skill["unpolarised"] == pytest.approx(0.0, abs=1e-6)  # methods see float32
+    assert skill["unpolarised"] == 0  # by definition: it is compared with itself
     assert len(rows) == 2 * len(NAMES)
     psnr = results.headlines[results.headlines.metric == "polarscale_psnr"]
     for name in NAMES:
@@ -125,3 +127,48 @@ def test_the_command_scores_a_published_set(tmp_path: Path) -> None:
     assert "predictions" in (out / "results.csv").read_text()
     result = CliRunner().invoke(score_command, ["--truth", str(tmp_path / "truth")])
     assert result.exit_code == 2
+
+
+def test_the_command_prints_what_it_scored_and_why_not_all(tmp_path: Path) -> None:
+    """The table and refusals are for people, JSON for programs: alone on standard output."""
+    as_pol(tmp_path / "truth", "a", stokes_of("a"))
+    arguments = ["--truth", str(tmp_path / "truth"), "--layout", "pol", "--method", "eq8"]
+    arguments += ["--out", str(tmp_path / "out")]
+    told = CliRunner().invoke(score_command, arguments)
+    assert "unpolarised" in told.stdout
+    assert "eq8 could not work on 1 of 1 scenes: needs alpha" in told.stderr
+    numbers = CliRunner().invoke(score_command, [*arguments, "--json"])
+    assert [row["method"] for row in json.loads(numbers.stdout)["methods"]] == ["unpolarised"]
+
+
+def test_methods_count_once_and_predictions_are_no_method(tmp_path: Path) -> None:
+    """Rows of one name were averaged: predictions called `unpolarised` gave the guess a skill."""
+    for folder in ("truth", "mine"):
+        as_pol(tmp_path / folder, "a", stokes_of("a"))
+    twice = score_published(tmp_path / "truth", "pol", methods=["eq8", "eq8"]).table
+    assert len(twice[twice.method == "eq8"]) == 1
+    with pytest.raises(InputError, match="another name than a method's, found unpolarised"):
+        score_published(tmp_path / "truth", "pol", tmp_path / "mine", name="unpolarised")
+
+
+@pytest.mark.parametrize("wrong", [(1, -1), (0, 0), (math.nan, 1), (-1, math.nan), (-math.inf, 1)])
+def test_a_range_that_is_none_is_refused(tmp_path: Path, wrong: tuple[float, float]) -> None:
+    """Turned round it turned every polarisation by 90°, and both sides alike: nobody saw it."""
+    as_rgb2pol(tmp_path / "truth", "a", stokes_of("a"))
+    with pytest.raises(InputError, match="a smaller and a larger number"):
+        score_published(tmp_path / "truth", "rgb2pol", component_range=wrong)
+
+
+def test_a_range_that_polarises_beyond_all_light_is_refused(tmp_path: Path) -> None:
+    as_rgb2pol(tmp_path / "truth", "a", stokes_of("a"))  # by 0.2 to 0.5
+    with pytest.raises(InputError, match="more in 100% of values; check `layout` or `component_r"):
+        score_published(tmp_path / "truth", "rgb2pol", component_range=(-9, 9))
+
+
+def test_scores_of_a_set_have_a_table_and_no_page(tmp_path: Path) -> None:
+    """Neither camera nor sampling is known of it, which a page tells."""
+    as_pol(tmp_path / "truth", "a", stokes_of("a"))
+    score_published(tmp_path / "truth", "pol", out=tmp_path / "out")
+    with pytest.raises(InputError, match="found scores of a test set; only a `table` shows them"):
+        malus.report(tmp_path / "out")
+    assert malus.table(tmp_path / "out").methods == ("unpolarised",)

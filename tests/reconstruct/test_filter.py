@@ -177,6 +177,7 @@ def test_bad_options_end_in_one_line_and_no_output(tmp_path: Path) -> None:
     path, normals = saved_dome(tmp_path)
     PIL.Image.fromarray(CODES_8).save(tmp_path / "small.png")
     PIL.Image.new("L", (64, 64)).save(tmp_path / "empty.png")
+    PIL.Image.new("L", (64, 64), 2).save(tmp_path / "labels.png")
     np.save(tmp_path / "flat.npy", np.zeros((64, 64)))
     grey = tmp_path / "grey.png"
     PIL.Image.fromarray(np.asarray(PIL.Image.open(path).convert("L"))).save(grey)
@@ -184,6 +185,7 @@ def test_bad_options_end_in_one_line_and_no_output(tmp_path: Path) -> None:
     cases = [
         (path, ["--mask", str(tmp_path / "small.png")], "64 x 64"),
         (path, ["--mask", str(tmp_path / "empty.png")], "an object"),
+        (path, ["--mask", str(tmp_path / "labels.png")], "of several objects are --labels"),
         (path, ["--normals", str(tmp_path / "small.png")], "64 x 64"),
         (path, ["--normals", str(tmp_path / "flat.npy")], "three values"),
         (path, [*good, "--alpha", "7"], "(0, 1]"),
@@ -237,6 +239,15 @@ def test_every_separation_serves_a_picture_of_surrounding_light(separation: str)
     assert filtered.files == ()
     specular = np.hypot(filtered.components.s1, filtered.components.s2)
     assert specular[normals[..., 2] > 0].max() > 0.01
+
+
+def test_what_a_named_method_lacks_is_told_once_and_nothing_else_is_asked_for() -> None:
+    """Every object lacks the same, and a light would not help a method that needs none."""
+    labels = np.repeat([1, 2, 3], 4)[:, None] * np.ones((1, 8), int)
+    knowledge = Knowledge(labels=labels, method="eq8")
+    picture = Picture(RNG.random((12, 8, 3)).astype(np.float32), "PNG", None)
+    with pytest.raises(InputError, match=r"found normals is not known; give `normals`$"):
+        filter_picture(picture, None, knowledge)
 
 
 def test_unknown_names_are_refused() -> None:

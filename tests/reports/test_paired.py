@@ -85,6 +85,14 @@ def test_an_infinite_ratio_is_infinite_in_every_format() -> None:
     assert ",inf," in table.text("csv")
 
 
+def test_heads_are_labels_where_they_are_of_one_metric() -> None:
+    heads = paper_table(
+        table_of({name: {"eq8": [1.0, 2.0]} for name in ("delta_e76", "delta_e76_i_max")}),
+        ["delta_e76", "delta_e76_i_max"],
+    ).text("markdown")
+    assert heads.startswith("| method | ΔE76 ↓ | delta_e76_i_max ↓ | images |")
+
+
 def test_names_are_escaped() -> None:
     table = paper_table(table_of({"nmse": {"my_net & co": [0.1, 0.2]}}))
     assert r"my\_net \& co & " in table.text("latex")

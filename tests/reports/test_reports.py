@@ -294,6 +294,8 @@ def test_figure_9_draws_the_pooled_numbers_of_every_light() -> None:
     values = figure9_numbers(table)
     axes = figure9(table, "unpolarised").axes
     assert [ax.get_title("left") for ax in axes] == ["uniform", "distant 60°"]
+    (legend,) = axes[0].figure.legends
+    assert "deviation over the pixels of" in legend.get_title().get_text()
     for ax in axes:
         rows = values[values["light"] == ax.get_title("left")]
         for method, line in zip(("unpolarised", "eq8"), ax.get_lines(), strict=False):
@@ -414,6 +416,20 @@ def test_the_bars_are_those_parts() -> None:
     for ax, (_, rows) in zip(axes, numbers.groupby("body", sort=False), strict=True):
         widths = [round(bar.get_width(), 12) for bar in ax.patches if bar.get_width()]
         assert widths == [width for width in rows["increment"].round(12) if width]
+
+
+def test_bars_over_other_scenes_say_so() -> None:
+    """A guess over the easier scenes alone stood below a method over all of them."""
+    table = sample.laddered()
+    other = table[table["scene"] != table["scene"].iloc[0]].assign(method="half_vector")
+    count = table["scene"].nunique()
+    both = pd.concat([table, other], ignore_index=True)
+    told = [f"eq8, {count} scenes", f"half_vector, {count - 1} scenes"]
+    for rows, labels in ((table, ["eq8"]), (both, told)):
+        (drawing,) = ladders(rows)
+        (ax,) = figure_ladder(drawing.numbers).axes
+        assert [tick.get_text() for tick in ax.get_yticklabels()] == labels
+        assert ("do not compare" in drawing.caption) == (len(labels) > 1)
 
 
 def test_the_ladder_is_on_the_page_of_a_run_that_has_one(tmp_path: Path) -> None:
