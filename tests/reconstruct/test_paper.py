@@ -181,7 +181,7 @@ def test_an_object_that_fails_costs_itself() -> None:
     assert any(w.startswith("object 2 is left unpolarised") for w in done.warnings)
     assert done.components.s1[labels == 1].any()
     assert not done.components.s1[labels == 2].any()
-    with pytest.raises(InputError, match="object 2 is left unpolarised"):
+    with pytest.raises(InputError, match="the object is dark: no shading"):
         estimate(picture, Knowledge(labels=2 * (labels == 2), method="paper"), "two")
 
 
