@@ -18,7 +18,9 @@ import pytest
 
 from malus.bench import read_results
 from malus.bench.cli import main
+from malus.bench.datasets.render import render_dataset
 from malus.bench.running.worker_process import WorkerProcess
+from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, load_suite
 from malus.scenes.core.result_files import EXAMPLES, PARTS
@@ -35,6 +37,14 @@ SUITE = load_suite("quick").model_copy(
     }
 )
 """Two families of two scenes, whose truths are closed forms: a run takes a moment."""
+
+
+def formula_dataset(folder: Path, side: int = 14) -> Dataset:
+    """A dataset of the same scenes, made without Mitsuba, `side` pixels a side."""
+    suite = SUITE.model_copy(update={"camera": Camera(resolution=side)})
+    render_dataset(suite, folder, NOBODY)
+    return open_dataset(folder)
+
 
 SMALL = load_suite("quick")
 SMALL = SMALL.model_copy(

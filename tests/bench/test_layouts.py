@@ -11,6 +11,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from click.testing import CliRunner
+from runs import formula_dataset
 
 from malus.bench.commands.score import score_command
 from malus.bench.datasets.export import export
@@ -30,18 +31,7 @@ SIDE = 14
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    quick = load_suite("quick")
-    suite = quick.model_copy(
-        update={
-            "renderer": "torrance-sparrow",
-            "lights": quick.lights[1:],
-            "bodies": ("unpolarised",),
-            "camera": Camera(resolution=SIDE),
-        }
-    )
-    folder = tmp_path_factory.mktemp("dataset")
-    render_dataset(suite, folder, NOBODY)
-    return open_dataset(folder)
+    return formula_dataset(tmp_path_factory.mktemp("dataset"), SIDE)
 
 
 def write(path: Path, values: np.ndarray) -> None:

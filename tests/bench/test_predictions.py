@@ -16,37 +16,26 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from made_up import made_up_truth
+from runs import formula_dataset
 
 from malus.bench import read_results, run
 from malus.bench.commands.score import score_command
 from malus.bench.datasets.export import export
 from malus.bench.datasets.predictions import check_predictions
-from malus.bench.datasets.render import render_dataset
 from malus.bench.datasets.score import score_dataset
 from malus.reconstruct import get_method
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.spectral_exr import write_spectral
 from malus.renderers.variant import Variant
-from malus.scenes import Camera, InputError, Suite, load_suite
+from malus.scenes import InputError, Suite
 
 NOBODY = Variant("scalar_spectral_polarized", "not used")
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    quick = load_suite("quick")
-    suite = quick.model_copy(
-        update={
-            "renderer": "torrance-sparrow",
-            "lights": quick.lights[1:],
-            "bodies": ("unpolarised",),
-            "camera": Camera(resolution=14),
-        }
-    )
-    folder = tmp_path_factory.mktemp("dataset")
-    render_dataset(suite, folder, NOBODY)
-    return open_dataset(folder)
+    return formula_dataset(tmp_path_factory.mktemp("dataset"))
 
 
 def quiet(done: int, total: int, label: str) -> None:

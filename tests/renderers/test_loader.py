@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from runs import formula_dataset
 
 import malus
 from malus.bench.datasets.export import export
-from malus.bench.datasets.render import render_dataset
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset
 from malus.renderers.datasets.hdf5 import write_hdf5
 from malus.renderers.datasets.shards import Shards, ShardScene
 from malus.renderers.variant import Variant
-from malus.scenes import Camera, InputError, load_suite
+from malus.scenes import InputError
 
 NOBODY = Variant("scalar_spectral_polarized", "not used")
 SIDE = 14
@@ -28,18 +28,7 @@ MAPS = ("stokes", "image", "mask", "normals", "specular", "diffuse", "standard_e
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    quick = load_suite("quick")
-    suite = quick.model_copy(
-        update={
-            "renderer": "torrance-sparrow",
-            "lights": quick.lights[1:],
-            "bodies": ("unpolarised",),
-            "camera": Camera(resolution=SIDE),
-        }
-    )
-    folder = tmp_path_factory.mktemp("dataset")
-    render_dataset(suite, folder, NOBODY)
-    return open_dataset(folder)
+    return formula_dataset(tmp_path_factory.mktemp("dataset"), SIDE)
 
 
 @pytest.fixture(scope="module")
