@@ -323,7 +323,7 @@ def count_violations(
     `counts` (scenes,) is written: a pixel counts once for every scene whose bands break a rule.
     """
     counts[:] = 0
-    # Counted over flat arrays first, which several values at once are; most estimates break no rule.
+    # Flat arrays first, several values at once: most estimates break no rule.
     broken = 0
     flat_image, x, y, pixels = image.ravel(), s1.ravel(), s2.ravel(), picture.ravel()
     for k in range(flat_image.size):
