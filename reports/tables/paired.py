@@ -106,12 +106,12 @@ def half_width(differences: Float64Array, confidence: float = CONFIDENCE) -> flo
     >>> round(half_width(np.array([1.0, 2.0, 3.0])), 3)
     2.484
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit  # scipy.stats takes a second to import
 
     count = len(differences)
     if count < LEAST_SCENES or not np.isfinite(differences).all():
         return math.nan
-    quantile = float(t.ppf(0.5 + confidence / 2, count - 1))
+    quantile = float(stdtrit(count - 1, 0.5 + confidence / 2))
     return quantile * float(differences.std(ddof=1)) / math.sqrt(count)
 
 
