@@ -57,7 +57,7 @@ def from_lobes(
     tabulated = {name: lobe for name, lobe in lobes.items() if isinstance(lobe, ZenithTables)}
     pixelwise = {name: lobe for name, lobe in lobes.items() if not isinstance(lobe, ZenithTables)}
     table = _joined([lobe.columns for lobe in tabulated.values()])
-    signs = (*(float(lobe.sign) for lobe in tabulated.values()), 0.0, 0.0)[:2]
+    signs = np.array([lobe.sign for lobe in tabulated.values()], np.float64)
 
     dtype = np.result_type(specular.dtype, np.float32)
     image = np.empty(specular.shape, dtype)

@@ -136,8 +136,9 @@ class Stage:
         hidden = self._hidden(light, lit_by, touched, sampling)
 
         def launch(stream: Any) -> Any:
-            opaque = self._opaque(self.dr.width(stream) // HALVES, sampling.seed, half_samples)
-            threads = Threads(self.dr.width(stream), stream, *opaque, touched.hits, hidden)
+            count = self.dr.width(stream)
+            pixels, seed, samples = self._opaque(count // HALVES, sampling.seed, half_samples)
+            threads = Threads(count, stream, pixels, seed, samples, touched.hits, hidden)
             return self._shade(lit_by, shading, threads)
 
         first, *others = touched.streams
@@ -201,9 +202,9 @@ class Stage:
         rays = streams * (sampling.samples // HALVES)
         if rays > MOST_KEPT_HITS or not mi.variant().startswith("llvm"):
             return None
-        shape = mi.ShapePtr(self.scene.shapes()[0])
-        numbers = (dr.empty(kind, rays) for kind in (mi.Float, mi.Float, mi.Float, mi.UInt32))
-        return KeptHits(*numbers, shape, *self._opaque(streams))
+        distance, u, v = (dr.empty(mi.Float, rays) for _ in range(3))
+        shape, (count,) = mi.ShapePtr(self.scene.shapes()[0]), self._opaque(streams)
+        return KeptHits(distance, u, v, dr.empty(mi.UInt32, rays), shape, count)
 
     def _count_hits(self, stream: Any, sampling: Sampling, kept: KeptHits | None) -> Any:
         """Number of samples that hit the object, for each random stream; writes to `kept`."""
