@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 from jinja2 import UndefinedError
 from markupsafe import escape
+from scipy.optimize import isotonic_regression
 
 from malus.reports import write_report
 from malus.reports.figures.drawings import drawings, ladders
@@ -371,6 +372,14 @@ def test_summary_says_what_a_reader_must_know(table: pd.DataFrame) -> None:
         "| render | 1.50 |",
     ):
         assert words in text
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_spread_moves_as_little_as_scipy_does(seed: int) -> None:
+    positions = np.sort(np.random.default_rng(seed).uniform(0.0, 9.0, 12))
+    steps = 1.0 * np.arange(12)
+    expected = isotonic_regression(positions - steps).x + steps
+    np.testing.assert_allclose(spread(positions, 1.0), expected, rtol=1e-13)  # order of the means
 
 
 def test_spread_keeps_order_and_distance() -> None:
