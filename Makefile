@@ -25,9 +25,10 @@ lint: $(VENV)/.ready-dev
 types: $(VENV)/.ready-dev
 	$(BIN)/mypy -p malus
 
-# The reference of the public names, from their docstrings.
+# The documentation as a site, build/docs/site/index.html: strict, and without a network.
 docs: $(VENV)/.ready-dev
-	$(BIN)/pdoc --docformat numpy --output-directory build/docs malus
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --config-file reports/mkdocs.yml
+	@echo build/docs/site/index.html
 
 # The built wheel, in a clean environment outside the checkout, must run a suite.
 wheel: $(VENV)/.ready

@@ -1,0 +1,3 @@
+"""a_data_set."""
+# %% [markdown]
+# # a_data_set

@@ -1,0 +1,3 @@
+"""a_method."""
+# %% [markdown]
+# # a_method

@@ -1,0 +1,3 @@
+"""a_photograph."""
+# %% [markdown]
+# # a_photograph

@@ -1,0 +1,3 @@
+"""first_scene."""
+# %% [markdown]
+# # first_scene
