@@ -286,7 +286,9 @@ def test_a_block_that_is_not_run_says_why() -> None:
     for document in DOCUMENTS:
         text = document.read_text("utf-8")
         markers = re.findall(r"^<!-- not run", text, re.MULTILINE)
-        assert len(markers) == len(MARKED.findall(text)), f"{document.name}: `not run: REASON`, then ```"
+        assert len(markers) == len(MARKED.findall(text)), (
+            f"{document.name}: `not run: REASON`, then ```"
+        )
 
 
 def test_the_commands_were_found() -> None:
@@ -364,7 +366,11 @@ def test_the_version_is_the_same_everywhere() -> None:
 
 
 def test_pictures_are_small() -> None:
-    pictures = [*(ROOT / "reports" / "gallery").iterdir(), *DOCS.rglob("*.png"), *DOCS.rglob("*.svg")]
+    pictures = [
+        *(ROOT / "reports" / "gallery").iterdir(),
+        *DOCS.rglob("*.png"),
+        *DOCS.rglob("*.svg"),
+    ]
     assert pictures
     for picture in pictures:
         assert picture.stat().st_size < 400_000, picture

@@ -1,14 +1,21 @@
-"""The site builds strictly and without a network; its links lead somewhere, and it loads nothing from elsewhere."""
+"""The site builds strictly, its links lead somewhere, and it loads nothing from elsewhere.
+
+The last tests open it in Chromium from `file://`, as whoever built it without a server does.
+"""
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
 import pytest
@@ -71,7 +78,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
 
 
 def test_every_page_was_built(site: Site) -> None:
-    sources = [path.relative_to(ROOT / "reports" / "docs") for path in ROOT.glob("reports/docs/**/*.md")]
+    sources = [
+        path.relative_to(ROOT / "reports" / "docs") for path in ROOT.glob("reports/docs/**/*.md")
+    ]
     built = {path.relative_to(site.folder).with_suffix("").as_posix() for path in site.pages}
     expected = {path.with_suffix("").as_posix() for path in sources}
     assert expected <= built
@@ -92,7 +101,9 @@ def test_links_and_anchors_lead_somewhere(site: Site) -> None:
             assert target.is_file(), f"{path.relative_to(site.folder)}: {link}"
             if parts.fragment and target in site.pages:
                 anchors = site.pages[target].anchors
-                assert unquote(parts.fragment) in anchors, f"{path.relative_to(site.folder)}: {link}"
+                assert unquote(parts.fragment) in anchors, (
+                    f"{path.relative_to(site.folder)}: {link}"
+                )
             checked += 1
     assert checked > 1000  # a parser that finds no links would pass
 
@@ -150,3 +161,75 @@ def test_a_tutorial_becomes_prose_and_code() -> None:
     assert tutorial_page(script) == (
         "# T\n\nWords.\n\n```python\nx = 1\n```\n\n```python\ny = 2\n```"
     )
+
+
+CHROMIUM_FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run")
+
+
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Chromium's driver; without it these tests are skipped, but in CI they fail."""
+    browser, path = shutil.which("chromium"), shutil.which("chromedriver")
+    if not (browser and path):
+        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)("needs chromium-driver")
+    webdriver = pytest.importorskip("selenium.webdriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = browser
+    for flag in (*CHROMIUM_FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options, webdriver.ChromeService(path))
+    yield driver
+    driver.quit()
+
+
+def open_page(driver: Any, page: Path, width: int) -> None:
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    driver.get(page.as_uri())
+
+
+def requests(driver: Any) -> list[str]:
+    events = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
+    sent = [event for event in events if event["method"] == "Network.requestWillBeSent"]
+    return [event["params"]["request"]["url"] for event in sent]
+
+
+@pytest.mark.parametrize(
+    "name", ["index", "start/glossary", "guides/suites", "reference/commands", "reference/suites"]
+)
+def test_a_page_fits_a_telephone_and_asks_for_nothing(driver: Any, site: Site, name: str) -> None:
+    driver.get_log("browser")
+    open_page(driver, site.folder / f"{name}.html", 390)
+    # Wide tables and formulas scroll by themselves.
+    assert driver.execute_script("return document.documentElement.scrollWidth") <= 390
+    asked = requests(driver)
+    assert asked
+    assert [url for url in asked if not url.startswith(("file:", "data:", "chrome:"))] == []
+    assert driver.get_log("browser") == []
+
+
+def test_dark_and_light_are_a_click(driver: Any, site: Site) -> None:
+    open_page(driver, site.folder / "index.html", 1280)
+    schemes = set()
+    for _ in range(2):
+        schemes.add(driver.execute_script("return document.body.dataset.mdColorScheme"))
+        driver.execute_script(
+            "document.querySelector('label.md-header__button[for^=__palette]:not([hidden])').click()"
+        )
+    assert schemes == {"default", "slate"}
+
+
+def test_the_search_works_without_a_server(driver: Any, site: Site) -> None:
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    open_page(driver, site.folder / "start" / "glossary.html", 1280)
+    field = driver.find_element(By.CSS_SELECTOR, ".md-search__input")
+    driver.execute_script("arguments[0].focus()", field)
+    told = "return document.querySelector('.md-search-result__meta').textContent"
+    wait = WebDriverWait(driver, 20, 0.05)
+    wait.until(lambda _: "start searching" in driver.execute_script(told))
+    field.send_keys("roughness")
+    wait.until(lambda _: "matching documents" in driver.execute_script(told))
+    assert [url for url in requests(driver) if not url.startswith(("file:", "data:"))] == []

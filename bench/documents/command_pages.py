@@ -56,7 +56,6 @@ def _paragraphs(text: str) -> Iterator[str]:
 
 
 def _row(option: click.Option, context: click.Context) -> str:
-    names = ", ".join(option.opts)
-    value = "" if option.is_flag else f" {option.make_metavar(context)}"
-    told = " ".join((option.help or "").split()).replace("|", "\\|")
-    return f"| `{names}{value}` | {told} |".replace("\\|`", "|`")
+    names, told = option.get_help_record(context) or ("", "")
+    told = " ".join(told.split()).replace("|", ", ")
+    return f"| `{names.replace('|', ', ')}` | {told} |"  # a bar would end the cell

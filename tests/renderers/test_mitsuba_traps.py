@@ -43,7 +43,8 @@ def largest_dolp(bsdf: dict[str, Any]) -> float:
 
 
 @pytest.mark.parametrize(
-    "kind", ["roughdielectric", "roughplastic", "plastic", "principled", "thindielectric", "diffuse"]
+    "kind",
+    ["roughdielectric", "roughplastic", "plastic", "principled", "thindielectric", "diffuse"],
 )
 def test_most_bsdfs_depolarise_in_silence(kind: str) -> None:
     assert largest_dolp({"type": kind}) == 0.0
