@@ -132,11 +132,6 @@ def test_a_page_that_loads_from_elsewhere_would_be_seen() -> None:
 def test_the_reference_has_every_public_name(site: Site) -> None:
     anchors = set().union(*(page.anchors for page in site.pages.values()))
     for name in malus.__all__:
-        listed = any(
-            f"::: malus.{name}\n" in path.read_text("utf-8")
-            for path in (ROOT / "reports" / "docs" / "reference").glob("api_*.md")
-        )
-        assert listed, f"no page of the reference has malus.{name}"
         home = getattr(getattr(malus, name), "__module__", "")
         assert {f"malus.{name}", f"{home}.{name}"} & anchors, name
 

@@ -12,8 +12,8 @@ from malus.bench.cli import cli
 
 INTRODUCTION = """# Commands
 
-Made from the command line itself: `malus COMMAND --help` says the same. Exit codes: 0 done, 1 a gate or
-check failed or a run left something out, 2 bad input.
+Made from the command line itself: `malus COMMAND --help` says the same. Exit codes: 0 done, 1 a
+gate or check failed or a run left something out, 2 bad input.
 """
 
 
@@ -25,10 +25,18 @@ def command_page() -> str:
     >>> "## malus run" in command_page()
     True
     """
-    sections = [INTRODUCTION]
+    sections = [INTRODUCTION, _overview()]
     for name, command in sorted(cli.commands.items()):
         sections += _sections(f"malus {name}", command, level=2)
     return "\n".join(sections)
+
+
+def _overview() -> str:
+    rows = [
+        f"| [`malus {name}`](#malus-{name}) | {command.get_short_help_str(200)} |"
+        for name, command in sorted(cli.commands.items())
+    ]
+    return "\n".join(["| command | does |", "|---|---|", *rows, ""])
 
 
 def _sections(path: str, command: click.Command, level: int) -> Iterator[str]:

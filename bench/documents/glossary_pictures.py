@@ -55,8 +55,8 @@ def balls(resolution: int = 112, samples: int = 256) -> Balls:
 
 def _strip(panels: int) -> tuple[Figure, Sequence[Axes]]:
     figure = Figure(figsize=(HEIGHT * panels * 1.02, HEIGHT * 1.17), layout="constrained", dpi=110)
-    figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02)  # type: ignore[union-attr]
-    return figure, np.atleast_1d(figure.subplots(1, panels))
+    figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02)
+    return figure, figure.subplots(1, panels, squeeze=False)[0]
 
 
 def _show(ax: Axes, values: FloatArray, title: str, truth: Truth, **how: Any) -> None:

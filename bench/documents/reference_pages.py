@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import malus
 from malus.bench.public.lists import list_methods, list_metrics, list_suites
 from malus.scenes.suite import Suite
 
@@ -46,8 +47,9 @@ def suite_page() -> str:
     return "\n".join(parts)
 
 
-_SUITE = """Made from the classes that read a suite, so that it says what is accepted. What the keys of the
-first table mean stands in [files](../files.md#a-suite), with examples; guides show whole suites.
+_SUITE = """Made from the classes that read a suite, so that it says what is accepted. What the keys
+of the first table mean stands in [files](../files.md#a-suite), with examples; guides show
+whole suites.
 `kind` chooses among the tables of shapes, lights and patterns.
 """
 
@@ -141,8 +143,9 @@ def metric_page() -> str:
     return "\n".join(["# Metrics\n", _METRICS, table(head, rows)])
 
 
-_METRICS = """What `malus list metrics` and the `metrics.json` beside every report say. Columns and further names
-are in [files](../files.md#metrics). A metric without a name under "asked for with" is in every run.
+_METRICS = """What `malus list metrics` and the `metrics.json` beside every report say. Columns and
+further names are in [files](../files.md#metrics). A metric without a name under
+"asked for with" is in every run.
 """
 
 
@@ -169,9 +172,58 @@ def _lists() -> Iterator[str]:
         ["suite", "what it is", "scenes"],
         [[f"`{name}`", s.description, str(_count(s))] for name, s in list_suites().items()],
     )
-    yield "`malus list` also has materials, metals, surfaces, swatches, patterns, shapes, lights, maps"
-    yield "and sensors.\n"
+    yield "`malus list` also has materials, metals, surfaces, swatches, patterns, shapes, lights,"
+    yield "maps and sensors.\n"
 
 
 def _count(suite: Suite) -> int:
     return suite.random.count if suite.random else sum(1 for _ in suite.scenes())
+
+
+_API = {
+    "scenes": ("Python: scenes and truths", "What to look at, and what a render of it is."),
+    "runs": ("Python: runs and data sets", "What the commands do, as functions."),
+    "methods": (
+        "Python: methods and pictures",
+        "What a method is and sees; photographs, captures.",
+    ),
+}
+_PAGES = {
+    "malus.renderers.datasets": "runs",
+    "malus.scenes": "scenes",
+    "malus.renderers": "scenes",
+    "malus.reconstruct": "methods",
+    "malus.bench": "runs",
+}
+"""The page of the public names of each package; the first that fits counts."""
+
+
+def api_pages() -> dict[str, str]:
+    """Markdown of the reference of `import malus`, by the name of its page: who made a name, where.
+
+    Examples
+    --------
+    >>> "::: malus.render\\n" in api_pages()["scenes"]
+    True
+    """
+    names: dict[str, list[str]] = {page: [] for page in _API}
+    for name in sorted(malus.__all__, key=str.lower):
+        names[
+            next(_PAGES[package] for package in _PAGES if _home(name).startswith(package))
+        ].append(name)
+    return {
+        page: "\n".join(
+            [
+                f"# {title}\n",
+                f"{told} All of them are names of `import malus`.\n",
+                *(f"::: malus.{name}\n" for name in names[page]),
+            ]
+        )
+        for page, (title, told) in _API.items()
+    }
+
+
+def _home(name: str) -> str:
+    """The module that a public name comes from; a union of classes has none and is a scene's."""
+    module = str(getattr(getattr(malus, name), "__module__", ""))
+    return module if module.startswith("malus.") else "malus.scenes"

@@ -41,14 +41,19 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Pictures of the gallery lie beside the pages' folder in the repository, and in it on the site."""
+    """Point to the gallery in the site: in the repository it lies beside the pages' folder."""
     return re.sub(r'([("])\.\./((?:\.\./)*gallery/)', r"\1\2", markdown)
 
 
 def generated_pages() -> dict[str, str]:
     """Markdown of every page that no file holds, by its path on the site."""
     from malus.bench.documents.command_pages import command_page
-    from malus.bench.documents.reference_pages import list_page, metric_page, suite_page
+    from malus.bench.documents.reference_pages import (
+        api_pages,
+        list_page,
+        metric_page,
+        suite_page,
+    )
     from malus.bench.documents.tutorial_pages import tutorial_page
 
     pages = {
@@ -59,6 +64,7 @@ def generated_pages() -> dict[str, str]:
         "project/contributing.md": (ROOT / "CONTRIBUTING.md").read_text("utf-8"),
         "project/changes.md": (ROOT / "CHANGELOG.md").read_text("utf-8"),
     }
+    pages |= {f"reference/api_{name}.md": text for name, text in api_pages().items()}
     for script in sorted(TUTORIALS.glob("*.py")):
         pages[f"tutorials/{script.stem}.md"] = tutorial_page(script.read_text("utf-8"))
     return pages

@@ -1,4 +1,4 @@
-"""Tutorials are Python scripts; their pages show the comments as prose and the code between them."""
+"""Tutorials are Python scripts; their pages show comments as prose, and the code between them."""
 
 from __future__ import annotations
 
