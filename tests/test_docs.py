@@ -70,7 +70,7 @@ NOT_RUN = {
 """Commands that are documented and cannot be run here, with the reason."""
 
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-MARKED = re.compile(r"^<!-- not run: \S.* -->\n```.*?^```$", re.MULTILINE | re.DOTALL)
+MARKED = re.compile(r"^<!-- not run: [^\n]+ -->\n```.*?^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(
     r"^ {4}((?:malus|make|python|pip|git|\.ci/run|sudo|apt-get)\b.*)$", re.MULTILINE
 )
