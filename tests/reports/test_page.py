@@ -275,8 +275,10 @@ def test_band_and_scene_are_the_ones_chosen(opened: Browser) -> None:
 
 
 CIE_1931 = {
-    450: (0.33620, 0.03800, 1.77211), 550: (0.43345, 0.99495, 0.00875), 650: (0.28350, 0.10700, 0.0),
-}  # fmt: skip
+    450: (0.33620, 0.03800, 1.77211),
+    550: (0.43345, 0.99495, 0.00875),
+    650: (0.28350, 0.10700, 0.00000),
+}
 """Rows of the printed table of colour matching functions."""
 
 E_TO_D65 = np.array([
