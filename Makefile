@@ -8,7 +8,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 SUITE ?= fig5
 
-.PHONY: run test lint types docs wheel gate check clean
+.PHONY: run test lint types docs gallery wheel gate check clean
 
 run: $(VENV)/.ready
 	$(BIN)/malus run $(SUITE)
@@ -29,6 +29,11 @@ types: $(VENV)/.ready-dev
 docs: $(VENV)/.ready-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --config-file reports/mkdocs.yml
 	@echo build/docs/site/index.html
+
+# Pictures of every light, body, surface, shape and room, rendered anew; some are stored in
+# reports/gallery. For some of them: `make gallery SHEETS="photo rooms"`.
+gallery: $(VENV)/.ready
+	$(BIN)/python -m malus.bench.documents.gallery build/gallery $(SHEETS)
 
 # The built wheel, in a clean environment outside the checkout, must run a suite.
 wheel: $(VENV)/.ready

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from malus.reports.page import Section
-from malus.reports.sections import figures, image_viewer, maps, of_study
+from malus.reports.sections import figures, image_viewer, made_by, maps, of_study
 from malus.reports.source import Source, read_study
 from malus.reports.tables import captures, sentences, text_tables
 from malus.reports.tables.colour_errors import table1, table1_text
@@ -61,7 +61,7 @@ def _errors(source: Source) -> Section:
 
 
 def _provenance(source: Source) -> Section:
-    content = render(
+    content = made_by(source.run) + render(
         "captures.html",
         explanation=[],
         tables=[
