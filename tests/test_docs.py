@@ -375,7 +375,7 @@ def test_pictures_are_small() -> None:
     ]
     assert pictures
     for picture in pictures:
-        assert picture.stat().st_size < 400_000, picture
+        assert picture.stat().st_size < 500_000, picture
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)

@@ -34,7 +34,7 @@ def on_files(files: Files, *, config: Any) -> Files:
 
     for path, text in generated_pages().items():
         files.append(File.generated(config, path, content=text))
-    for picture in sorted(GALLERY.glob("*.png")):
+    for picture in sorted((*GALLERY.glob("*.png"), *GALLERY.glob("*.jpg"))):
         path = f"gallery/{picture.name}"
         files.append(File.generated(config, path, abs_src_path=str(picture)))
     return files
@@ -61,6 +61,7 @@ def generated_pages() -> dict[str, str]:
         "reference/suites.md": suite_page(),
         "reference/metrics.md": metric_page(),
         "reference/lists.md": list_page(),
+        "gallery.md": gallery_page(),
         "project/contributing.md": (ROOT / "CONTRIBUTING.md").read_text("utf-8"),
         "project/changes.md": (ROOT / "CHANGELOG.md").read_text("utf-8"),
     }
@@ -68,3 +69,23 @@ def generated_pages() -> dict[str, str]:
     for script in sorted(TUTORIALS.glob("*.py")):
         pages[f"tutorials/{script.stem}.md"] = tutorial_page(script.read_text("utf-8"))
     return pages
+
+
+def gallery_page() -> str:
+    """Markdown of the sheets that the repository holds.
+
+    Examples
+    --------
+    >>> "gallery/photo.jpg" in gallery_page()
+    True
+    """
+    sheets = sorted(path for path in GALLERY.glob("*.jpg") if path.stem != "photo")
+    shown = [GALLERY / "photo.jpg", *sheets]
+    parts = [f"## {path.stem.title()}\n\n![{path.stem}](gallery/{path.name})" for path in shown]
+    return "\n\n".join([_GALLERY, *parts])
+
+
+_GALLERY = """# Gallery
+
+Every picture is rendered from suites in the repository: `make gallery` draws all of them anew. Beside a
+colour picture stands its degree of polarisation, each with a scale of its own."""
