@@ -27,7 +27,7 @@ types: $(VENV)/.ready-dev
 
 # The documentation as a site, build/docs/site/index.html: strict, and without a network.
 docs: $(VENV)/.ready-dev
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --config-file reports/mkdocs.yml
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --config-file reports/mkdocs.yml
 	@echo build/docs/site/index.html
 
 # Pictures of every light, body, surface, shape and room, rendered anew; some are stored in

@@ -73,6 +73,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
     build = [sys.executable, "-m", *shlex.split(recipe[1]), "--site-dir", str(folder)]
     done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+    # MkDocs counts no warning that it does not print: quiet, it would not be strict.
+    assert "INFO" in done.stderr
     pages = {path: Page(path.read_text("utf-8")) for path in folder.rglob("*.html")}
     return Site(folder, pages)
 
