@@ -87,5 +87,5 @@ def gallery_page() -> str:
 
 _GALLERY = """# Gallery
 
-Every picture is rendered from suites in the repository: `make gallery` draws all of them anew. Beside a
-colour picture stands its degree of polarisation, each with a scale of its own."""
+Every picture is rendered from suites in the repository: `make gallery` draws all of them anew.
+Beside a colour picture stands its degree of polarisation, each with a scale of its own."""
