@@ -140,13 +140,9 @@ def _polarisation(rows: pd.DataFrame, best: str) -> Iterator[Tile]:
         values = overall_rows(rows, metric).groupby("method")["value"].mean()
         if best in values:
             known = definition_of(metric)
-            own, *guess = (
-                f"{values[method]:.2g}{known.unit}"
-                for method in (best, TRIVIAL)
-                if method in values
-            )
-            beside = f"; of the trivial guess {guess[0]}" if guess else ""
-            yield own, f"mean {known.label} of {best}{beside}"
+            guess = values.get(TRIVIAL)
+            beside = "" if guess is None else f"; of the trivial guess {guess:.2g}{known.unit}"
+            yield f"{values[best]:.2g}{known.unit}", f"mean {known.label} of {best}{beside}"
 
 
 def _skills(rows: pd.DataFrame, best: str) -> Iterator[Tile]:
