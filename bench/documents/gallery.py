@@ -44,14 +44,18 @@ class Contents:
     caption: Callable[[Scene], str]
 
 
+def _room_and_light(scene: Scene) -> str:
+    return f"{scene.surroundings.name}, {scene.light.label}" if scene.surroundings else ""
+
+
 SHEETS = {
     "lights": Contents(("lights",), lambda scene: scene.light.label),
-    "bodies": Contents(("bodies",), lambda scene: f"{scene.surface.body} body"),
+    "bodies": Contents(("bodies",), lambda scene: f"body: {scene.surface.body}"),
     "surfaces": Contents(("surfaces",), lambda scene: scene.surface.label),
     "materials": Contents(("materials", "metals"), lambda scene: scene.surface.material_label),
     "shapes": Contents(("shapes",), lambda scene: scene.shape.label),
     "patterns": Contents(("patterns",), lambda scene: scene.surface.label),
-    "rooms": Contents(("indoor", "outdoor"), lambda scene: scene.label),
+    "rooms": Contents(("indoor", "outdoor"), _room_and_light),
 }
 """By file name; a suite is one beside this module, or one that malus brings."""
 

@@ -90,14 +90,17 @@ function paintRadiance(out, at, stokes, degrees, scale, middle, table) {
 function paintColour(out, at, channels, degrees, scale, curve) {
   const top = curve.length - 1, double = degrees * Math.PI / 90;
   const half = 0.5 * scale, cosine = half * Math.cos(double), sine = half * Math.sin(double);
-  const code = ([s0, s1, s2], i) => {
-    const v = half * s0[i] - cosine * s1[i] - sine * s2[i] + 0.5;
-    return v !== v ? NaN : curve[v < 0 ? 0 : v > top ? top : v | 0];
-  };
-  const [red, green, blue] = channels;
+  const [red, green, blue] = channels.map(([s0, s1, s2]) => {
+    const codes = new Int16Array(at.length);
+    for (let i = 0; i < at.length; i++) {
+      const v = half * s0[i] - cosine * s1[i] - sine * s2[i] + 0.5;
+      codes[i] = v !== v ? -1 : curve[v < 0 ? 0 : v > top ? top : v | 0];
+    }
+    return codes;
+  });
   for (let i = 0; i < at.length; i++) {
-    const r = code(red, i), g = code(green, i), b = code(blue, i), sum = r + g + b;
-    out[at[i]] = sum !== sum ? BAD : packed(r, g, b);
+    const r = red[i], g = green[i], b = blue[i];
+    out[at[i]] = (r | g | b) < 0 ? BAD : packed(r, g, b);
   }
 }
 

@@ -66,16 +66,17 @@ def write_sheet(path: Path, tiles: Sequence[Tile], columns: int, side: int, lett
 def draw_sheet(tiles: Sequence[Tile], columns: int, side: int, letters: int) -> Image.Image:
     """The sheet as an image; see `write_sheet`."""
     blocks = [_block(tile, side, letters) for tile in tiles]
-    cell = max(block.width for block in blocks)
     rows = [blocks[start : start + columns] for start in range(0, len(blocks), columns)]
     heights = [max(block.height for block in row) for row in rows]
-    used = min(columns, len(blocks))
-    size = (used * (cell + _GAP) + _GAP, sum(heights) + _GAP * (len(rows) + 1))
+    widths = [max(block.width for block in blocks[k::columns]) for k in range(len(rows[0]))]
+    size = (sum(widths) + _GAP * (len(widths) + 1), sum(heights) + _GAP * (len(rows) + 1))
     sheet = Image.new("RGB", size, _PAPER)
     top = _GAP
     for row, height in zip(rows, heights, strict=True):
-        for column, block in enumerate(row):
-            sheet.paste(block, (_GAP + column * (cell + _GAP), top))
+        left = _GAP
+        for block, width in zip(row, widths, strict=False):
+            sheet.paste(block, (left, top))
+            left += width + _GAP
         top += height + _GAP
     return sheet
 

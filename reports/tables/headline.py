@@ -140,8 +140,9 @@ def _polarisation(rows: pd.DataFrame, best: str) -> Iterator[Tile]:
         values = overall_rows(rows, metric).groupby("method")["value"].mean()
         if best in values:
             known = definition_of(metric)
-            trivial = f"; of the trivial guess {values[TRIVIAL]:.2g}" if TRIVIAL in values else ""
-            yield f"{values[best]:.2g}{known.unit}", f"mean {known.label} of {best}{trivial}"
+            guess = values.get(TRIVIAL)
+            beside = "" if guess is None else f"; of the trivial guess {guess:.2g}{known.unit}"
+            yield f"{values[best]:.2g}{known.unit}", f"mean {known.label} of {best}{beside}"
 
 
 def _skills(rows: pd.DataFrame, best: str) -> Iterator[Tile]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from malus.reports.viewer.examples import Example
 from malus.scenes.core.arrays import AnyArray, Float64Array
 
-BUDGET = 11_000_000
+BUDGET = 10_500_000
 """Characters of image data in a page: what is left of 15 MB is for figures and tables."""
 
 _WAYS = ((None, True), (None, False), (3, True), (1, True))
