@@ -81,11 +81,15 @@ def gallery_page() -> str:
     """
     sheets = sorted(path for path in GALLERY.glob("*.jpg") if path.stem != "photo")
     shown = [GALLERY / "photo.jpg", *sheets]
-    parts = [f"## {path.stem.title()}\n\n![{path.stem}](gallery/{path.name})" for path in shown]
-    return "\n\n".join([_GALLERY, *parts])
+    parts = [_GALLERY]
+    for path in shown:
+        address = f"gallery/{path.name}"
+        parts.append(f"## {path.stem.title()}\n\n[![{path.stem}]({address})]({address})")
+    return "\n\n".join(parts)
 
 
 _GALLERY = """# Gallery
 
 Every picture is rendered from suites in the repository: `make gallery` draws all of them anew.
-Beside a colour picture stands its degree of polarisation, each with a scale of its own."""
+Beside a colour picture stands its degree of polarisation, each with a scale of its own. A click
+shows a picture in full."""
