@@ -42,7 +42,8 @@ def covering(mi: ModuleType, film: Film, scene: Any, shapes: Sequence[Any]) -> I
     hit = scene.ray_intersect_preliminary(ray).shape
     index = dr.full(mi.Int32, -1, len(x))
     for number, shape in enumerate(shapes):
-        index = dr.select(hit == mi.ShapePtr(shape), number, index)
+        # Opaque: the number of an object is data, and no part of the kernel.
+        index = dr.select(hit == dr.opaque(mi.ShapePtr, shape), dr.opaque(mi.Int32, number), index)
     corners = np.asarray(index).reshape(resolution + 1, resolution + 1)
     upper_left, others = corners[:-1, :-1], (corners[1:, :-1], corners[:-1, 1:], corners[1:, 1:])
     same = np.logical_and.reduce([upper_left == other for other in others])

@@ -97,8 +97,20 @@ def pattern_on(mi: ModuleType, placed: Placed) -> SurfaceNumber:
 
 def to_own_frame(mi: ModuleType, placed: Placed) -> Callable[[Any], Any]:
     """The function that takes points of the world to the frame of an object's shape."""
-    to_own = mi.Matrix3f((placed.rotation.T / placed.scale).tolist())
-    return lambda point: mi.Point3f(to_own @ mi.Vector3f(point - mi.Point3f(*placed.position)))
+    import drjit as dr
+
+    # Opaque: another place needs no new kernel.
+    rows = [
+        mi.Vector3f(*(dr.opaque(mi.Float, value) for value in row))
+        for row in (placed.rotation.T / placed.scale).tolist()
+    ]
+    centre = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in placed.position))
+
+    def own(point: Any) -> Any:
+        away = mi.Vector3f(point - centre)
+        return mi.Point3f(*(dr.dot(row, away) for row in rows))
+
+    return own
 
 
 def _share_of_next(mi: ModuleType, number_at: SurfaceNumber, index: int) -> Any:

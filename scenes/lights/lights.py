@@ -277,7 +277,34 @@ class Sky(AllAround):
         return level * math.sin(azimuth), math.sin(elevation), level * math.cos(azimuth)
 
 
-Light = Annotated[Uniform | Distant | Area | Environment | Sky, Field(discriminator="kind")]
+class Interior(AllAround):
+    """A room drawn at random, seen from its middle: walls, windows and lamps; y is up.
+
+    Its `radiance` is the mean over all directions. The lamps are 50 to 1000 times as bright as the
+    walls: see `malus.scenes.lights.interior`. `AllAround` says how it is turned.
+
+    Examples
+    --------
+    >>> Interior(seed=2).label
+    'interior-2'
+    """
+
+    kind: Literal["interior"] = "interior"
+    seed: int = Field(default=0, ge=0)
+    radiance: Strength = 1.0
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return self.kind if self.seed == 0 else f"{self.kind}-{self.seed}"
+
+
+MapLight = Environment | Sky | Interior
+"""Lights that are radiance maps."""
+
+Light = Annotated[
+    Uniform | Distant | Area | Environment | Sky | Interior, Field(discriminator="kind")
+]
 
 
 def turned(light: Light, angle_deg: float) -> Light:
@@ -292,7 +319,7 @@ def turned(light: Light, angle_deg: float) -> Light:
         return light
     if isinstance(light, Distant | Area) and light.polarised:
         return rotated(light, _about(2, angle_deg))
-    key = "turn_deg" if isinstance(light, Environment | Sky) else "azimuth_deg"
+    key = "turn_deg" if isinstance(light, MapLight) else "azimuth_deg"
     # Back into the keys' range, whatever the sum.
     angle = math.remainder(getattr(light, key) + angle_deg, 360.0)
     return light.model_copy(update={key: angle})
@@ -309,7 +336,7 @@ def rotated(light: Light, rotation: Float64Array) -> Light:
     """
     if isinstance(light, Uniform):
         return light
-    if isinstance(light, Environment | Sky):
+    if isinstance(light, MapLight):
         return light.model_copy(update=_turns(rotation @ light.rotation))
     direction = rotation @ np.array(light.direction)
     update: dict[str, object] = {**_angles(direction)}
