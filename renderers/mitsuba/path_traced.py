@@ -24,8 +24,9 @@ import numpy as np
 from malus.renderers.mitsuba.coverage import covering
 from malus.renderers.mitsuba.lighting import Sampler, sampler
 from malus.renderers.mitsuba.lobe_samples import HALVES, spread_of, unit
+from malus.renderers.mitsuba.padding import padding
 from malus.renderers.mitsuba.patterns import surface_shares
-from malus.renderers.mitsuba.placed import object_bsdf, parts_of, pattern_on, placed_object
+from malus.renderers.mitsuba.placed import object_bsdfs_of, parts_of, pattern_on, placed_object
 from malus.renderers.mitsuba.polarised_emitters import room_emitters
 from malus.renderers.mitsuba.pooled import pooled
 from malus.renderers.mitsuba.rays import Film, stream_number, streams, to_camera_frame
@@ -177,12 +178,15 @@ class Room:
 
         self.mi, self.described, self.sampling = mi, described, sampling
         scene = described
-        object_bsdfs = [object_bsdf(mi, placed) for placed in scene.objects]
+        object_bsdfs = object_bsdfs_of(mi, scene.objects)
         self.bsdfs = [bsdf for _, bsdfs in object_bsdfs for bsdf in bsdfs]
         self.shapes = [
             placed_object(mi, placed, bsdf)
             for placed, (bsdf, _) in zip(scene.objects, object_bsdfs, strict=True)
         ]
+        blends = sum(len(bsdfs) - 1 for _, bsdfs in object_bsdfs)
+        count = blends + sum(bsdf.count for bsdf in self.bsdfs)
+        self.spare = padding(mi, count, len(self.shapes))
         parts = {f"object{i}": shape for i, shape in enumerate(self.shapes)}
         reach = scene_radius(scene)
         away = scene.camera.distance or 2 * reach

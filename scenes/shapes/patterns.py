@@ -31,7 +31,7 @@ Size = Annotated[float, Field(ge=1e-3, le=10)]
 GRAIN = 6.0
 """How many times longer the waves of a noise are along its grain."""
 
-_OCTAVES = (0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 1.0, 1.0, 1.5, 2.0)
+_OCTAVES = (0.0, 0.0, 0.0, 0.5, 0.5, 1.0, 1.5)
 """Binary logarithms of the size over the length of each wave of a noise."""
 
 
