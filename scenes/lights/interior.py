@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
 from malus.scenes.lights.lights import Interior
 
 HEIGHT = 256
@@ -62,7 +62,7 @@ def _log(draw: Draw, low: float, high: float) -> float:
     return low * (high / low) ** draw()
 
 
-def _sides(draw: Draw, side: Float64Array, point: Float64Array) -> Float64Array:
+def _sides(draw: Draw, side: IntArray, point: Float64Array) -> Float64Array:
     """Level of walls, ceiling and floor, which fades along them."""
     levels = np.array([_log(draw, 0.25, 1.0) for _ in range(6)])
     levels[2], levels[3] = _log(draw, 0.5, 1.6), _log(draw, 0.08, 0.5)
@@ -74,7 +74,7 @@ def _sides(draw: Draw, side: Float64Array, point: Float64Array) -> Float64Array:
 def _furnish(
     draw: Draw,
     level: Float64Array,
-    here: Float64Array,
+    here: BoolArray,
     point: Float64Array,
     along: int,
     below: float,
@@ -90,7 +90,7 @@ def _furnish(
 def _windows(
     draw: Draw,
     level: Float64Array,
-    side: Float64Array,
+    side: IntArray,
     point: Float64Array,
     distances: list[float],
 ) -> None:
@@ -126,7 +126,7 @@ def _lamps(draw: Draw, level: Float64Array, toward: Float64Array) -> None:
 
 def _inside(
     point: Float64Array, along: int, middle: tuple[float, float], half: tuple[float, float]
-) -> Float64Array:
+) -> BoolArray:
     """Whether points of a wall lie in an upright rectangle; `along` is the wall's level axis."""
     beside = np.abs(point[..., along] - middle[0]) < half[0]
     return np.asarray(beside & (np.abs(point[..., 1] - middle[1]) < half[1]))

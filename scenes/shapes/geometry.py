@@ -325,9 +325,9 @@ def _radial_mesh(
     return _in_single_precision(fitted(points), normals, faces)
 
 
-@functools.lru_cache(maxsize=1)
+@functools.lru_cache(maxsize=2)
 def _kept_grid(subdivisions: int) -> tuple[Float64Array, Faces]:
-    """The grid of all star-shaped surfaces, read-only: half of the time of a mesh is its."""
+    """The grids of star-shaped surfaces, fine and coarse, read-only: half of a mesh's time."""
     grid = icosahedral_grid(subdivisions)
     for array in grid:
         array.setflags(write=False)

@@ -19,7 +19,7 @@ from malus.scenes.shapes.shapes import (
 )
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=1 << 15)
 def lowest(shape: ShapeOrPlane) -> float:
     """Height of a shape's lowest point before it is scaled, -1 to 0; from a coarse mesh.
 
