@@ -8,6 +8,7 @@ ray meets, and so every truth, stays the same.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
@@ -18,14 +19,15 @@ BSDFS, SHAPES = 12, 4
 """Numbers that those of a scene's BSDFs and shapes are made multiples of."""
 
 
-def padding(mi: ModuleType, bsdfs: int, shapes: int) -> list[Any]:
-    """Objects that make the numbers of a scene multiples; they are to live as long as it does."""
-    spare: list[Any] = [
-        mi.load_dict({"type": "rectangle", "bsdf": _spare_bsdf(mi)})
-        for _ in range(-shapes % SHAPES)
-    ]
-    # A shape brings its BSDF.
-    return spare + [_spare_bsdf(mi) for _ in range(-(bsdfs + len(spare)) % BSDFS)]
+def padding(mi: ModuleType, bsdfs: Sequence[Sequence[SurfaceBSDF]]) -> list[Any]:
+    """Objects that make the numbers of a scene multiples; they are to live as long as it does.
+
+    `bsdfs` are those of the surfaces of each object, which several surfaces blend.
+    """
+    bsdf = {"bsdf": _spare_bsdf(mi)}
+    shapes = [mi.load_dict({"type": "rectangle"} | bsdf) for _ in range(-len(bsdfs) % SHAPES)]
+    count = 1 + sum(len(own) - 1 + sum(part.count for part in own) for own in bsdfs)
+    return [*shapes, bsdf, *(_spare_bsdf(mi) for _ in range(-count % BSDFS))]
 
 
 def _spare_bsdf(mi: ModuleType) -> Any:

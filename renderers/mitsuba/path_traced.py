@@ -184,9 +184,7 @@ class Room:
             placed_object(mi, placed, bsdf)
             for placed, (bsdf, _) in zip(scene.objects, object_bsdfs, strict=True)
         ]
-        blends = sum(len(bsdfs) - 1 for _, bsdfs in object_bsdfs)
-        count = blends + sum(bsdf.count for bsdf in self.bsdfs)
-        self.spare = padding(mi, count, len(self.shapes))
+        self.spare = padding(mi, [bsdfs for _, bsdfs in object_bsdfs])
         parts = {f"object{i}": shape for i, shape in enumerate(self.shapes)}
         reach = scene_radius(scene)
         away = scene.camera.distance or 2 * reach

@@ -17,7 +17,7 @@ from malus.scenes.core.errors import InputError
 from malus.scenes.shapes.geometry import Faces, TriangleMesh, fitted
 
 SIDES, STEPS = 192, 192
-"""Points around the axis and along the profile: 73,344 triangles."""
+"""Points around the axis and along the profile: 72,960 triangles."""
 
 
 def lathe(seed: int = 0, sides: int = SIDES, steps: int = STEPS) -> TriangleMesh:
@@ -34,7 +34,7 @@ def lathe(seed: int = 0, sides: int = SIDES, steps: int = STEPS) -> TriangleMesh
     Examples
     --------
     >>> len(lathe(seed=3).faces)
-    73344
+    72960
     """
     if seed < 0:
         raise InputError("lathe", "seed >= 0", f"{seed}", "choose another seed")
