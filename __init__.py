@@ -119,9 +119,12 @@ if TYPE_CHECKING:
         Environment as Environment,
         ImageTexture as ImageTexture,
         InputError as InputError,
+        Interior as Interior,
+        Lathe as Lathe,
         Light as Light,
         Measured as Measured,
         MeshFile as MeshFile,
+        Noise as Noise,
         Patterned as Patterned,
         Placed as Placed,
         Plane as Plane,
@@ -189,9 +192,9 @@ _NAMES = {
     "malus.renderers.datasets.opened": "open_dataset",
     "malus.renderers.datasets.samples": "Samples",
     "malus.scenes": "Area Blob Camera Checker Conductor Crease Dielectric Distant Environment"
-    " ImageTexture InputError Light Measured MeshFile Patterned Placed Plane Polariser Sampling"
-    " Scene Shape Sky SkyPolarisation Sphere Spots Stripes Suite Superquadric Surroundings Torus"
-    " Uniform Views load_suite suite_names",
+    " ImageTexture InputError Interior Lathe Light Measured MeshFile Noise Patterned Placed Plane"
+    " Polariser Sampling Scene Shape Sky SkyPolarisation Sphere Spots Stripes Suite Superquadric"
+    " Surroundings Torus Uniform Views load_suite suite_names",
     "malus.scenes.sensor": "Sensor",
     "malus.scenes.sensor_frame": "SensorFrame expose",
 }
