@@ -89,13 +89,13 @@ def in_blocks(codes: JaxArray, coarseness: JaxArray) -> JaxArray:
 def random_camera(key: JaxArray) -> Camera:
     """A camera drawn at random; one in five never saturates, and half have eight bits."""
     white, never, shot, read, bits, jpeg, coarse, tone = jax.random.split(key, 8)
-    eight_bits = jax.random.bernoulli(bits)
     limit = _log_uniform(white, 1.5, 30.0)
+    eight_bits = jax.random.bernoulli(bits, 0.7) & (limit < 15.0)
     return Camera(
         white=jnp.where(jax.random.bernoulli(never, 0.2), 200.0, limit),
         shot=_log_uniform(shot, 1e-3, 3e-2),
         read=_log_uniform(read, 1e-4, 5e-3),
-        eight_bits=eight_bits & (limit < 15.0),
+        eight_bits=eight_bits,
         jpeg=jnp.where(jax.random.bernoulli(jpeg) & eight_bits, _log_uniform(coarse, 0.5, 5), 0.0),
         tone=jnp.exp(0.1 * jax.random.normal(tone)),
     )

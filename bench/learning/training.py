@@ -29,7 +29,7 @@ from malus.bench.running.progress import Progress
 VALIDATIONS = 20
 """Times that the weights are validated and kept."""
 
-_RATE = 2e-3
+_RATE = 1e-3
 _WARM_UP = 0.04
 _LARGEST_SIDE = 128
 _TIMED_STEPS = 4
