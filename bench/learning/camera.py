@@ -29,8 +29,8 @@ _STEPS = 1.0 + 1.5 * (_FREQUENCY[:, None] + _FREQUENCY[None, :])
 class Camera(NamedTuple):
     """How one picture is taken; every field is a number.
 
-    `white` is the level that saturates, in means of the picture; `shot` and `read` are noise of a
-    level of 1 and of darkness, in levels of white; `eight_bits` is 0 or 1; `jpeg` the coarseness in
+    `white` is the level that saturates, in means of the picture; `shot` and `read` are the
+    noise at the mean and in darkness, in means; `eight_bits` is 0 or 1; `jpeg` the coarseness in
     codes, 0 for none; `tone` the exponent by which an unknown tone curve is misjudged.
     """
 
@@ -57,11 +57,10 @@ def photographed(key: JaxArray, picture: JaxArray, camera: Camera) -> tuple[JaxA
     >>> seen.max().item(), lit.any().item()
     (2.0, False)
     """
-    level = picture / camera.white
-    lit = level < 1.0
-    level = jnp.clip(level, 0.0, 1.0)
-    deviation = jnp.sqrt(camera.shot**2 * level + camera.read**2)
-    level = jnp.clip(level + deviation * jax.random.normal(key, level.shape), 0.0, 1.0)
+    lit = picture < camera.white
+    deviation = jnp.sqrt(camera.shot**2 * picture + camera.read**2)
+    noisy = picture + deviation * jax.random.normal(key, picture.shape)
+    level = jnp.clip(noisy / camera.white, 0.0, 1.0)
     codes = _CODES * jnp.maximum(level, 1e-12) ** (1 / _GAMMA)
     codes = jnp.where(camera.jpeg > 0, in_blocks(codes, jnp.maximum(camera.jpeg, 1e-3)), codes)
     decoded = (jnp.clip(jnp.round(codes), 0, _CODES) / _CODES) ** _GAMMA
@@ -87,14 +86,15 @@ def in_blocks(codes: JaxArray, coarseness: JaxArray) -> JaxArray:
 
 
 def random_camera(key: JaxArray) -> Camera:
-    """A camera drawn at random; one in five never saturates, and half have eight bits."""
+    """A camera drawn at random; one in five never saturates, and most others have eight bits."""
     white, never, shot, read, bits, jpeg, coarse, tone = jax.random.split(key, 8)
-    limit = _log_uniform(white, 1.5, 30.0)
-    eight_bits = jax.random.bernoulli(bits, 0.7) & (limit < 15.0)
+    limit = jnp.where(jax.random.bernoulli(never, 0.2), 200.0, _log_uniform(white, 1.5, 30.0))
+    # A picture of eight bits is exposed so that its mean is not dark.
+    eight_bits = jax.random.bernoulli(bits, 0.8) & (limit < 15.0)
     return Camera(
-        white=jnp.where(jax.random.bernoulli(never, 0.2), 200.0, limit),
-        shot=_log_uniform(shot, 1e-3, 3e-2),
-        read=_log_uniform(read, 1e-4, 5e-3),
+        white=limit,
+        shot=_log_uniform(shot, 1e-3, 5e-2),
+        read=_log_uniform(read, 1e-4, 1e-2),
         eight_bits=eight_bits,
         jpeg=jnp.where(jax.random.bernoulli(jpeg) & eight_bits, _log_uniform(coarse, 0.5, 5), 0.0),
         tone=jnp.exp(0.1 * jax.random.normal(tone)),

@@ -151,7 +151,7 @@ def test_eight_bits_cost_half_a_code() -> None:
 def test_noise_has_the_deviation_that_is_asked_for() -> None:
     picture = np.full((96, 96, 3), 1.0, np.float32)
     seen, _ = photographed(jax.random.key(0), picture, camera(shot=0.02, read=0.01))
-    expected = 4.0 * np.hypot(0.02 * 0.5, 0.01)  # a quarter of white
+    expected = np.hypot(0.02, 0.01)
     assert float(seen.std()) == pytest.approx(expected, rel=0.03)  # 4 / √(2 · 27648)
 
 
