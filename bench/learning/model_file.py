@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import onnx
+from numpy.typing import ArrayLike
 from onnx import TensorProto, helper, numpy_helper
 
 from malus.bench.learning.arrays import Weights
@@ -25,7 +26,6 @@ from malus.bench.learning.network import (
     Architecture,
     layers,
 )
-from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.files import replace_file
 
 KEY = "malus"
@@ -117,7 +117,7 @@ class _Graph:
         self.nodes.append(helper.make_node(operation, list(inputs), [output], **attributes))
         return output
 
-    def _constant(self, values: AnyArray | float, dtype: Any = np.float32) -> str:
+    def _constant(self, values: ArrayLike, dtype: Any = np.float32) -> str:
         name = f"c{len(self.constants)}"
         self.constants.append(numpy_helper.from_array(np.asarray(values, dtype), name))
         return name

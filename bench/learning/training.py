@@ -7,6 +7,7 @@ the number of the step alone: a training that was stopped goes on as if it had n
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from functools import partial
@@ -18,7 +19,7 @@ import numpy as np
 import optax
 
 from malus.bench.learning.arrays import JaxArray, Weights
-from malus.bench.learning.augment import augmented
+from malus.bench.learning.augment import Batch, augmented
 from malus.bench.learning.examples import Examples
 from malus.bench.learning.network import STRIDE, Architecture, forward, initial_weights
 from malus.bench.learning.objective import loss
@@ -88,7 +89,9 @@ def fit(
     kept : Progressed, optional
     """
     began = time.monotonic()
-    one_step = partial(_step_function(options, train), *jax.device_put(tuple(train)))
+    function = _step_function(options.batch, options.turn_deg, options.prior, side_of(train))
+    key = jax.random.key(options.seed)
+    one_step = partial(function, *jax.device_put(tuple(train)), key)
     if kept is None:
         state = start(options)
         steps = options.steps or _affordable(one_step, val, state, options, began)
@@ -142,23 +145,29 @@ def side_of(examples: Examples) -> int:
     return min(_LARGEST_SIDE, max(STRIDE, min(examples.mask.shape[1:]) // STRIDE * STRIDE))
 
 
-def _step_function(options: TrainingOptions, train: Examples) -> Any:
-    """One step as a compiled function of all pictures, the state, and the step's number."""
-    side, optimiser = side_of(train), _optimiser()
+@functools.cache
+def _step_function(batch: int, turn_deg: float, prior: str, side: int) -> Any:
+    """One step as a compiled function of all pictures, a key, the state, and the step's number."""
+    optimiser = _optimiser()
     # Half the memory traffic, where the device has units for it.
     dtype = jnp.bfloat16 if jax.default_backend() == "gpu" else jnp.float32
-    root = jax.random.key(options.seed + 1)
 
-    def error(weights: Weights, batch: Any) -> JaxArray:
-        return loss(*forward(weights, batch.picture, options.prior, dtype), batch)
+    def error(weights: Weights, examples: Batch) -> JaxArray:
+        return loss(*forward(weights, examples.picture, prior, dtype), examples)
 
     def step(
-        light: JaxArray, mask: JaxArray, state: State, number: int, rate: float, decay: float
+        light: JaxArray,
+        mask: JaxArray,
+        root: JaxArray,
+        state: State,
+        number: int,
+        rate: float,
+        decay: float,
     ) -> tuple[State, JaxArray]:
         draw, change = jax.random.split(jax.random.fold_in(root, number))
-        chosen = jax.random.randint(draw, (options.batch,), 0, light.shape[0])
-        batch = augmented(change, light[chosen], mask[chosen], options.turn_deg, side)
-        value, gradient = jax.value_and_grad(error)(state.weights, batch)
+        chosen = jax.random.randint(draw, (batch,), 0, light.shape[0])
+        examples = augmented(change, light[chosen], mask[chosen], turn_deg, side)
+        value, gradient = jax.value_and_grad(error)(state.weights, examples)
         change_by, memory = optimiser.update(gradient, state.optimiser, state.weights)
         weights = jax.tree.map(lambda w, u: w - rate * u, state.weights, change_by)
         average = jax.tree.map(lambda a, w: decay * a + (1 - decay) * w, state.average, weights)
