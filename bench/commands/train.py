@@ -58,10 +58,11 @@ def train_command(
     model = out or Path("net.onnx")
     done = with_progress(console, "reading", lambda show: train(dataset, model, options, show))
     if as_json:
-        print_json(done.recipe)
+        print_json(done.facts)
         return
-    skill = ", ".join(f"{split} {value:.3f}" for split, value in done.recipe["skill"].items())
-    click.echo(f"{done.model}: median skill {skill} after {done.recipe['steps']} steps")
+    steps, test = done.facts["recipe"]["steps"], done.facts["test_skill"]
+    others = "" if test is None else f", test {test:.3f}"
+    click.echo(f"{done.model}: median skill val {done.skill:.3f}{others} after {steps} steps")
 
 
 def _table(rows: list[dict[str, Any]]) -> Any:

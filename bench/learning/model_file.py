@@ -1,4 +1,4 @@
-"""Write a trained network as one ONNX file, with its recipe as metadata.
+"""Write a trained network as one ONNX file, with its recipe among its metadata.
 
 Input `image`: float32 (1, 3, height, width), sides multiples of 16; red, green, blue in linear
 light, over the mean of the valid pixels of the whole picture. Outputs `stokes` (1, 6, height,
@@ -29,7 +29,7 @@ from malus.bench.learning.network import (
 from malus.scenes.core.files import replace_file
 
 KEY = "malus"
-"""Name of the metadata that holds the recipe."""
+"""Name of the metadata that holds the facts."""
 
 _OPSET = 18
 _IR_VERSION = 8
@@ -41,7 +41,7 @@ def write_model(
     weights: Weights,
     architecture: Architecture,
     calibration: float,
-    recipe: dict[str, Any],
+    facts: dict[str, Any],
 ) -> None:
     """Write a network to a file, whole or not at all.
 
@@ -51,7 +51,7 @@ def write_model(
     architecture : Architecture
     calibration : float
         Factor on the deviations.
-    recipe : dict
+    facts : dict
         Written as JSON into the metadata `malus`.
     """
     graph = _Graph()
@@ -69,7 +69,7 @@ def write_model(
         ir_version=_IR_VERSION,
         producer_name="malus",
     )
-    helper.set_model_props(model, {KEY: json.dumps(recipe, sort_keys=True)})
+    helper.set_model_props(model, {KEY: json.dumps(facts, sort_keys=True)})
     onnx.checker.check_model(model, full_check=True)
     replace_file(path, lambda temporary: temporary.write_bytes(model.SerializeToString()))
 

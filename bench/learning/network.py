@@ -117,7 +117,7 @@ def radius(architecture: Architecture) -> int:
     Examples
     --------
     >>> radius(Architecture(width=16, prior="none"))
-    154
+    153
     """
     reach, scale = 0, 1
     for layer in layers(architecture):

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from malus.bench.learning.arrays import Weights
 from malus.bench.learning.examples import Examples, read_examples, splits_of
 from malus.bench.learning.kept import KeptTraining
 from malus.bench.learning.model_file import write_model
@@ -28,9 +29,10 @@ from malus.scenes.core.files import replace_text
 from malus.scenes.core.versions import versions
 
 FORMAT = 1
-"""Version of the recipe in a model file."""
+"""Version of the facts in a model file."""
 
 TEST = "test"
+"""Split on which nothing is decided."""
 
 
 @dataclass(frozen=True)
@@ -41,25 +43,25 @@ class Training:
     ----------
     model : Path
         The ONNX file.
-    recipe : dict
-        What it was made from and how good it is; the metadata `malus` of the file, too.
+    facts : dict
+        How good it is, and the recipe it was made by; the metadata `malus` of the file, too.
     history : list of dict
         One row a validation: step, loss, skill, calibration.
 
     Examples
     --------
-    >>> Training(Path("net.onnx"), {"skill": {"val": 0.5}}, []).skill
+    >>> Training(Path("net.onnx"), {"validation_skill": 0.5}, []).skill
     0.5
     """
 
     model: Path
-    recipe: dict[str, Any]
+    facts: dict[str, Any]
     history: list[dict[str, float]]
 
     @property
     def skill(self) -> float:
         """Median skill over the scenes of the split `val`."""
-        return float(self.recipe["skill"]["val"])
+        return float(self.facts["validation_skill"])
 
 
 class Data(NamedTuple):
@@ -107,37 +109,46 @@ def train_model(
     kept = KeptTraining(model, {"dataset": data.dataset.sha256, "options": asdict(options)})
     training = fit(data.train, data.val, options, progress, kept.write, kept.read(start(options)))
     weights = rounded(training.best)
-    recipe = _recipe(data, options, training) | _results(data, options, weights)
-    recipe["seconds"] = round(time.monotonic() - began, 1)
+    facts = _facts(data, options, weights)
+    facts["recipe"] = _recipe(data, options, training, time.monotonic() - began)
     architecture = Architecture(options.width, options.prior)
-    write_model(model, weights, architecture, recipe["calibration"], recipe)
+    write_model(model, weights, architecture, facts["calibration"], facts)
     history = training.history
-    text = json.dumps(recipe | {"history": history}, indent=1)
+    text = json.dumps(facts | {"history": history}, indent=1)
     replace_text(model.with_suffix(".json"), text + "\n")
     replace_text(model.with_suffix(".svg"), svg(figure_learning(history, model.stem)))
     kept.remove()
-    return Training(model, recipe, history)
+    return Training(model, facts, history)
 
 
-def _results(data: Data, options: TrainingOptions, weights: Any) -> dict[str, Any]:
-    """Skill on val and test with the weights as they are stored, and the deviations' factor."""
+def _facts(data: Data, options: TrainingOptions, weights: Weights) -> dict[str, Any]:
+    """What who runs the network must know, measured with the weights as they are stored."""
     val = measured(weights, data.val, options.prior)
-    skill = {"val": round(val.skill, 4)}
-    if data.test is not None:
-        skill[TEST] = round(measured(weights, data.test, options.prior).skill, 4)
+    test = None if data.test is None else measured(weights, data.test, options.prior)
     usable = np.isfinite(val.calibration) and val.calibration > 0
-    factor = float(np.sqrt(val.calibration)) if usable else 1.0
-    return {"skill": skill, "above_guess": round(val.above_guess, 4), "calibration": factor}
+    architecture = Architecture(options.width, options.prior)
+    return {
+        "format": FORMAT,
+        "validation_skill": round(val.skill, 4),
+        "test_skill": None if test is None else round(test.skill, 4),
+        "above_guess": round(val.above_guess, 4),
+        "calibration": float(np.sqrt(val.calibration)) if usable else 1.0,
+        "stride": STRIDE,
+        "receptive_radius": radius(architecture),
+        "resolution": max(data.train.mask.shape[1:]),
+        "operations": round(operations(architecture)),
+        "weights": sum(int(np.size(w)) for w in weights.values()),
+    }
 
 
-def _recipe(data: Data, options: TrainingOptions, training: Progressed) -> dict[str, Any]:
+def _recipe(
+    data: Data, options: TrainingOptions, training: Progressed, seconds: float
+) -> dict[str, Any]:
     """What somebody needs to train the same network again."""
     suite = data.dataset.record.suite or {}
     random = suite.get("random") or {}
     device = jax.devices()[0]
-    architecture = Architecture(options.width, options.prior)
     return {
-        "format": FORMAT,
         "dataset": {
             "sha256": data.dataset.sha256,
             "suite": suite.get("name"),
@@ -151,11 +162,7 @@ def _recipe(data: Data, options: TrainingOptions, training: Progressed) -> dict[
         "steps": training.steps,
         "device": f"{device.platform}: {device.device_kind}",
         "versions": versions("malus", "jax", "optax", "onnx", "numpy"),
-        "stride": STRIDE,
-        "radius": radius(architecture),
-        "working_resolution": max(data.train.mask.shape[1:]),
-        "operations": round(operations(architecture)),
-        "weights": sum(int(np.size(w)) for w in training.best.values()),
+        "seconds": round(seconds, 1),
     }
 
 
@@ -186,7 +193,7 @@ def ablation(
             yield _compared("mean with its mirror image", data, own.prior, weights, training.steps)
 
 
-def _compared(row: str, data: Data, prior: str, weights: Any, steps: int) -> dict[str, Any]:
+def _compared(row: str, data: Data, prior: str, weights: Weights, steps: int) -> dict[str, Any]:
     mirrored = row == "mean with its mirror image"
     val = measured(weights, data.val, prior, mirrored)
     test = None if data.test is None else measured(weights, data.test, prior, mirrored)
