@@ -44,7 +44,7 @@ CONTENT: dict[str, Any] = {
         "seed": 1,
         "shapes": [{"kind": "sphere"}],
         "materials": [{"eta": {"uniform": [1.3, 1.8]}}],
-        "surfaces": [{"alpha": {"uniform": [0.2, 0.4]}, "albedo": {"uniform": [0.05, 0.3]}}],
+        "surfaces": [{"alpha": {"uniform": [0.2, 0.4]}, "albedo": [0.05, 0.1, 0.2]}],
         "lights": [{"kind": "distant", "incidence_deg": {"uniform": [40, 80]}}],
     },
     "splits": {"train": 0.7, "val": 0.2, "test": 0.1, "disjoint": ["material", "light"]},
@@ -173,19 +173,55 @@ def test_ratios_stay_within_all_light() -> None:
     assert np.isfinite(deviations).all()
 
 
+def reached(place: int, side: int) -> np.ndarray:
+    """Pixels of a line that a change at `place` reaches through the network, by brute force."""
+
+    def convolved(line: np.ndarray) -> np.ndarray:
+        return line | np.append(line[1:], False) | np.insert(line[:-1], 0, False)
+
+    def blocks(line: np.ndarray, count: int) -> np.ndarray:
+        for _ in range(2 * count):
+            line = convolved(line)
+        return line
+
+    line = convolved(np.arange(side) == place)
+    lines = [line]
+    for count in (1, 1, 1, 2):
+        line = blocks(convolved(line)[::2], count)
+        lines.append(line)
+    for finer in lines[-2::-1]:
+        line = blocks(finer | np.repeat(line, 2), 1)
+    return line
+
+
 def test_nothing_farther_than_the_radius_has_an_influence() -> None:
-    weights = random_weights(TINY)
     reach = network.radius(TINY)
     side = 16 * ((2 * reach + 48) // 16)
+    farthest = [
+        np.abs(np.nonzero(reached(place, side))[0] - place).max()
+        for place in range(side // 2 - 8, side // 2 + 8)
+    ]
+    assert max(farthest) == reach
+    weights = random_weights(TINY)
     picture = np.random.default_rng(1).uniform(0.5, 1.5, (1, side, side, 3)).astype(np.float32)
     changed = picture.copy()
     place = side // 2
     changed[0, place, place] *= 30.0
     one, two = (np.asarray(network.forward(weights, p, "lobes")[0]) for p in (picture, changed))
-    # Rows and columns that differ by more than rounding.
-    rows, columns = np.nonzero((np.abs(one - two) > 1e-6).any(axis=(-1, -2))[0])
-    farthest = max(np.abs(rows - place).max(), np.abs(columns - place).max())
-    assert reach / 4 < farthest <= reach
+    rows, columns = np.nonzero((np.abs(one - two) > 1e-6).any(axis=(-1, -2))[0])  # rounding
+    seen = max(np.abs(rows - place).max(), np.abs(columns - place).max())
+    assert reach / 4 < seen <= reach
+
+
+def test_every_step_sees_other_examples(spheres: Path) -> None:
+    train = read_examples(malus.open_dataset(spheres), "train", 0, silent)
+    step = training._step_function(QUICK.batch, QUICK.turn_deg, QUICK.prior, 32)
+    state = training.start(QUICK)
+    errors = {
+        float(step(*train, jax.random.key(seed), state, number, 0.0, 0.0)[1])
+        for seed, number in ((0, 0), (0, 1), (1, 0))
+    }
+    assert len(errors) == 3
 
 
 def test_skill_is_that_of_the_five_angles() -> None:
@@ -217,6 +253,7 @@ def test_red_comes_first_and_the_mean_is_one(spheres: Path) -> None:
     dataset = malus.open_dataset(spheres)
     val = read_examples(dataset, "val", 0, silent)
     sample = dataset.samples("val", maps=("stokes", "mask"))[2]
+    assert sample["stokes"][..., 2, 0].sum() > 1.2 * sample["stokes"][..., 0, 0].sum()
     expected = sample["stokes"][:, :, ::-1]  # 650 nm first
     expected = expected / expected[sample["mask"]][..., 0].mean()
     np.testing.assert_array_equal(val.mask[2], sample["mask"])
@@ -292,7 +329,9 @@ def test_bad_input_ends_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_datasets_without_splits_or_with_other_bands_are_refused(tmp_path: Path) -> None:
     few = {"camera": {"resolution": 8}, "random": CONTENT["random"] | {"count": 10}}
-    one_band = Suite.parse(CONTENT | few | {"wavelengths_nm": [550]}, "test")
+    grey = {"surfaces": [{"alpha": 0.3, "albedo": 0.1}]}
+    content = CONTENT | few | {"wavelengths_nm": [550], "random": few["random"] | grey}
+    one_band = Suite.parse(content, "test")
     render_dataset(one_band, tmp_path / "one", Variant("none", "not used"))
     with pytest.raises(InputError, match="pictures of three bands"):
         malus.train(tmp_path / "one", tmp_path / "net.onnx", QUICK)
