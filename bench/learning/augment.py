@@ -19,6 +19,9 @@ from malus.bench.learning.warp import moved, random_motion
 HIGHLIGHT = 10.0
 """Means of a picture above which a pixel counts no more than one of that brightness."""
 
+WHOLE = 0.95
+"""Share of valid pixels above which a picture fills the frame."""
+
 _DARK = 1e-6
 """Level below which nothing is divided."""
 
@@ -52,8 +55,10 @@ def augmented(key: JaxArray, light: JaxArray, mask: JaxArray, turn_deg: float, s
     """
     movement, behind, others = jax.random.split(key, 3)
     count = light.shape[0]
-    motions = jax.vmap(random_motion, (0, None, None))(
-        jax.random.split(movement, count), turn_deg, side
+    # Of a picture that fills the frame nobody knows what is around it: it is not made smaller.
+    least = jnp.where(mask.mean(axis=(1, 2)) > WHOLE, 1.0, 0.5)
+    motions = jax.vmap(random_motion, (0, None, None, 0))(
+        jax.random.split(movement, count), turn_deg, side, least
     )
     light, mask = jax.vmap(moved, (0, 0, 0, None))(light.astype(jnp.float32), mask, motions, side)
     collage = jax.random.bernoulli(behind, 0.4, (count,))

@@ -98,11 +98,11 @@ def bilinear(planes: JaxArray, rows: JaxArray, columns: JaxArray) -> JaxArray:
     return upper * (1 - down) + lower * down
 
 
-def random_motion(key: JaxArray, turn_deg: float, side: int) -> Motion:
-    """A motion drawn at random: turned by at most `turn_deg`, scaled by 1/2 to 2, shifted a bit."""
+def random_motion(key: JaxArray, turn_deg: float, side: int, least: JaxArray) -> Motion:
+    """A motion drawn at random: turned by at most `turn_deg`, scaled by `least` to 2, and shifted."""
     mirror, turn, zoom, shift = jax.random.split(key, 4)
     limit = jnp.deg2rad(turn_deg)
-    scale = 2.0 ** jax.random.uniform(zoom, minval=-1.0, maxval=1.0)
+    scale = 2.0 ** jax.random.uniform(zoom, minval=jnp.log2(least), maxval=1.0)
     return Motion(
         mirror=jnp.where(jax.random.bernoulli(mirror), 1.0, -1.0),
         turn=jax.random.uniform(turn, minval=-limit, maxval=limit),

@@ -87,11 +87,11 @@ def test_magnified_pictures_keep_their_middle_and_know_their_edge() -> None:
 
 
 def test_motions_stay_in_their_range() -> None:
-    many = jax.vmap(random_motion, (0, None, None))(
-        jax.random.split(jax.random.key(0), 400), 20, 64
-    )
+    keys, least = jax.random.split(jax.random.key(0), 400), np.repeat(np.float32([0.5, 1.0]), 200)
+    many = jax.vmap(random_motion, (0, None, None, 0))(keys, 20, 64, least)
     assert float(np.abs(many.turn).max()) <= np.radians(20) + ROUNDING
     assert 0.5 <= float(many.zoom.min()) < 0.6 < 1.8 < float(many.zoom.max()) <= 2.0
+    assert 1.0 <= float(many.zoom[200:].min()) < 1.1
     assert 0.4 < float((many.mirror > 0).mean()) < 0.6  # 4 standard deviations of 400 coins
 
 
