@@ -77,7 +77,7 @@ class TrainingOptions:
 
 
 def _check_whole(name: str, value: int, least: int, most: int) -> None:
-    if not least <= value <= most:
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         expected = f"a whole number from {least} to {most}"
         raise InputError(name, expected, f"{value}", f"choose another {name}")
 

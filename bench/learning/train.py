@@ -101,8 +101,10 @@ def train_model(
     Raises
     ------
     InputError
-        See `read_data` and `KeptTraining.read`; a file that cannot be written.
+        See `read_data` and `KeptTraining.read`; a file of another kind, or that cannot be written.
     """
+    if model.suffix != ".onnx" or model.is_dir():
+        raise InputError("out", "the name of a file that ends in .onnx", str(model), "choose one")
     model.parent.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     data = read_data(folder, options.seed, progress)

@@ -99,7 +99,7 @@ def bilinear(planes: JaxArray, rows: JaxArray, columns: JaxArray) -> JaxArray:
 
 
 def random_motion(key: JaxArray, turn_deg: float, side: int, least: JaxArray) -> Motion:
-    """A motion drawn at random: turned by at most `turn_deg`, scaled by `least` to 2, and shifted."""
+    """A motion drawn at random: turned by at most `turn_deg`, scaled by `least` to 2, shifted."""
     mirror, turn, zoom, shift = jax.random.split(key, 4)
     limit = jnp.deg2rad(turn_deg)
     scale = 2.0 ** jax.random.uniform(zoom, minval=jnp.log2(least), maxval=1.0)

@@ -319,6 +319,8 @@ def test_bad_input_ends_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     both = run_malus("train", str(tmp_path), "--seconds", "3", "--steps", "2")
     assert both.returncode == 2
     assert "--seconds, --steps: expected one of them" in one_line(both.stderr)
+    other = run_malus("train", str(tmp_path), "--out", str(tmp_path / "net.json"))
+    assert "--out: expected the name of a file that ends in .onnx" in one_line(other.stderr)
     turned = run_malus("train", str(tmp_path), "--turn", "200")
     assert "--turn: expected degrees from 0 to 180" in one_line(turned.stderr)
     monkeypatch.setattr(options, "PACKAGES", ("jax", "no_such_package"))
