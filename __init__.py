@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from malus.bench.datasets.published_sets import score_published as score_published
     from malus.bench.datasets.render import render_dataset as render_dataset
     from malus.bench.datasets.score import score_dataset as score_dataset
+    from malus.bench.learning.options import TrainingOptions as TrainingOptions
     from malus.bench.public.captures import run_captures as run_captures
     from malus.bench.public.doctor import doctor as doctor, self_check as self_check
     from malus.bench.public.gates import (
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from malus.bench.public.report import report as report
     from malus.bench.public.suites import Plan as Plan, plan as plan, run as run
     from malus.bench.public.tables import compare as compare, table as table
+    from malus.bench.public.train import ablate as ablate, train as train
     from malus.bench.running.capture_suite import (
         CaptureEntry as CaptureEntry,
         CaptureSuite as CaptureSuite,
@@ -166,6 +168,7 @@ _NAMES = {
     "malus.bench.datasets.render": "render_dataset",
     "malus.bench.datasets.published_sets": "score_published",
     "malus.bench.datasets.score": "score_dataset",
+    "malus.bench.learning.options": "TrainingOptions",
     "malus.bench.public.captures": "run_captures",
     "malus.bench.public.doctor": "doctor self_check",
     "malus.bench.public.gates": "BaselineUpdate GateResult gate update_baseline",
@@ -175,6 +178,7 @@ _NAMES = {
     "malus.bench.public.report": "report",
     "malus.bench.public.suites": "Plan plan run",
     "malus.bench.public.tables": "compare table",
+    "malus.bench.public.train": "ablate train",
     "malus.bench.running.capture_suite": "CaptureEntry CaptureSuite load_captures",
     "malus.bench.running.results": "Results read_results",
     "malus.bench.running.status": "Status status",

@@ -43,7 +43,7 @@ ROOMS = {
         "capture_report", "write",
     ),
     "bench": (
-        "scoring", "running", "datasets", "gates", "studies", "public", "commands", "cli",
+        "scoring", "running", "datasets", "gates", "studies learning", "public", "commands", "cli",
         "documents",
     ),
 }  # fmt: skip
