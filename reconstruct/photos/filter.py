@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from malus.reconstruct.observation import Components
 from malus.reconstruct.photos.contact_sheet import SHEET_SIDE, reduced, thumbnail, write_sheet
-from malus.reconstruct.photos.estimate import Estimate, Knowledge, estimate
+from malus.reconstruct.photos.estimate import Estimate, estimate
+from malus.reconstruct.photos.knowledge import Knowledge
 from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
 from malus.reconstruct.photos.read_picture import read_picture
@@ -96,7 +97,8 @@ def filter_picture(
 
     Into a folder `out` it writes STEM_angle000 …, STEM_imax and STEM_imin in the picture's own
     form; STEM_dolp.png (0 to 1) and STEM_aolp.png (180° are 65536, from +x) with 16 bits;
-    STEM_sheet.png, STEM_sweep.gif.
+    STEM_uncertainty.png, likewise, where the method says how sure it is: the standard deviation of
+    s1/s0 and of s2/s0, 0 to 1; STEM_sheet.png, STEM_sweep.gif.
 
     Parameters
     ----------
@@ -224,7 +226,10 @@ def _angle_name(angle_deg: float) -> str:
 
 
 def _maps(folder: Path, stem: str, components: Components) -> list[Thumbnail]:
-    """Write DoLP and AoLP of the sum over the bands as 16-bit grey; return their thumbnails."""
+    """Write DoLP, AoLP and uncertainty of the sum over the bands as 16-bit grey.
+
+    Return their thumbnails.
+    """
     from matplotlib import colormaps
 
     planes = (components.image, components.s1, components.s2)
@@ -233,15 +238,33 @@ def _maps(folder: Path, stem: str, components: Components) -> list[Thumbnail]:
     aolp = polarisation.aolp(stokes) / np.pi
     save_16bit(folder / f"{stem}_dolp.png", to_16bit(dolp))
     save_16bit(folder / f"{stem}_aolp.png", aolp_16bit(stokes))
+    coloured = [("dolp", "dolp 0 to 1", dolp, "viridis"), ("aolp", "aolp 0 to 180", aolp, "twilight")]
+    if components.deviation is not None:
+        uncertainty = _uncertainty(components)
+        save_16bit(folder / f"{stem}_uncertainty.png", to_16bit(uncertainty))
+        brightest = max(float(uncertainty.max()), 0.01)
+        label = f"uncertainty 0 to {brightest:.2f}"
+        coloured.append(("uncertainty", label, uncertainty / brightest, "magma"))
     thumbnails = []
-    for name, values, colours in (("dolp", dolp, "viridis"), ("aolp", aolp, "twilight")):
+    for name, label, values, colours in coloured:
         small = reduced(values[..., None], SHEET_SIDE)[..., 0]
         picture = (colormaps[colours](small)[..., :3] * 255).astype(np.uint8)
         if name == "aolp":
             # Light that is not polarised has no angle.
             picture[reduced(dolp[..., None], SHEET_SIDE)[..., 0] < _UNPOLARISED] = 128
-        thumbnails.append((f"{name} 0 to {'1' if name == 'dolp' else '180'}", picture))
+        thumbnails.append((label, picture))
     return thumbnails
+
+
+def _uncertainty(components: Components) -> AnyArray:
+    """Standard deviation (height, width) of s1/s0 and of s2/s0 of the sum over the bands.
+
+    Errors of neighbouring bands have the same causes, so that deviations add as light does.
+    """
+    assert components.deviation is not None
+    total = components.image.sum(axis=-1)
+    weighted = np.einsum("yxb,yxb->yx", components.deviation, components.image)
+    return np.divide(weighted, total, out=np.zeros_like(total), where=total > 0)
 
 
 def _sweep(path: Path, picture: Picture, components: Components, gain: np.float32) -> None:

@@ -17,7 +17,7 @@ from pictures import dome, saved_dome
 
 from malus.bench.commands.filter import filter_command
 from malus.reconstruct import Components
-from malus.reconstruct.photos.estimate import PRESETS, Knowledge, read_knowledge
+from malus.reconstruct.photos.knowledge import PRESETS, Knowledge, read_knowledge
 from malus.reconstruct.photos.filter import FilterOutput, filter_picture, polarised
 from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.read_picture import read_picture
