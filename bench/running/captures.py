@@ -300,7 +300,7 @@ class Photographed:
                 yield MetricValue(f"skill_object_{number}", skill)
 
     def _calibration(self, estimate: Estimate) -> Iterator[MetricValue]:
-        """Stated against actual errors where a method stated one; the pictures' noise is in them."""
+        """Stated against actual errors, with the pictures' noise in them."""
         told = [mask for n, mask in enumerate(self.objects, 1) if n not in estimate.refused]
         chosen = np.any(told, axis=0) & self.scored if told else self.scored
         if estimate.deviation is not None and chosen.any():

@@ -1,4 +1,4 @@
-"""Bands of a picture as the three channels of a network, and the channels' values back at the bands.
+"""Bands of a picture as the channels of a network, and its values back at the bands.
 
 A network knows red, green and blue. How light is polarised changes slowly with the wavelength, by
 the index and by the share of light from the body, so that neighbouring bands may share a channel.

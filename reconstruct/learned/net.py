@@ -1,4 +1,4 @@
-"""Method `net`: polarisation from a picture alone, by a network that was trained on malus' scenes."""
+"""Method `net`: polarisation from a picture alone, by a network trained on malus' scenes."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ from malus.scenes.core.arrays import BoolArray, Float32Array, FloatArray
 
 SIDES = 2
 """Longer side that a picture is reduced to, over the side of the pictures of the training."""
+
+FEWEST = 16
+"""Fewest pixels that are worth looking at."""
 
 
 def net(
@@ -68,9 +71,7 @@ def net(
     light, kept = _reduced(image, seen, size)
     output = _physical(model.run(_normalised(light @ to_channels.T.astype(np.float32), kept)))
     inside = valid & mask
-    s1, s2, deviation = (
-        _at_full_size(values, kept, inside, to_channels) for values in output
-    )
+    s1, s2, deviation = (_at_full_size(values, kept, inside, to_channels) for values in output)
     lit = np.where(inside[..., None], np.maximum(image, 0), 0)
     s1 *= lit
     s2 *= lit
@@ -96,6 +97,8 @@ def _reduced(
 def _normalised(light: Float32Array, seen: BoolArray) -> Float32Array:
     """Light (height, width, 3) over its mean where it is seen."""
     mean = float(light[seen].mean(dtype=np.float64)) if seen.any() else 0.0
+    if np.count_nonzero(seen) < FEWEST:
+        raise Inapplicable(f"{np.count_nonzero(seen)} pixels: too few to see anything in them")
     if not mean > 0:
         raise Inapplicable("no light in the picture")
     return light / np.float32(mean)

@@ -67,7 +67,9 @@ class Description(Model):
         """The keys that are used, of all that stand in a file."""
         if not isinstance(described, dict):
             raise InputError(where, "a table of keys", type(described).__name__, "train it again")
-        return cls.parse({key: described.get(key) for key in cls.model_fields & described.keys()}, where)
+        return cls.parse(
+            {key: described.get(key) for key in cls.model_fields & described.keys()}, where
+        )
 
     @property
     def margin(self) -> int:
@@ -203,7 +205,9 @@ def _loaded(file: str, _changed: int, _size: int) -> Network:
 
 def _check_form(file: str, session: Any) -> None:
     """Refuse networks of other inputs and outputs."""
-    names = [[node.name for node in nodes] for nodes in (session.get_inputs(), session.get_outputs())]
+    names = [
+        [node.name for node in nodes] for nodes in (session.get_inputs(), session.get_outputs())
+    ]
     if names[0] != ["image"] or not set(OUTPUTS) <= set(names[1]):
         found = f"{', '.join(names[0])} to {', '.join(names[1])}"
         raise InputError(file, "image to stokes, deviation", found, "give another file")

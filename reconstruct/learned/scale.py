@@ -36,7 +36,8 @@ def smaller(image: FloatArray, valid: BoolArray, size: Size) -> tuple[Float32Arr
 
     Examples
     --------
-    >>> image, valid = np.array([[[2.0], [4.0], [9.0], [9.0]]]), np.array([[True, True, True, False]])
+    >>> image = np.array([[[2.0], [4.0], [9.0], [9.0]]])
+    >>> valid = np.array([[True, True, True, False]])
     >>> light, kept = smaller(image, valid, (1, 2))
     >>> light[..., 0].tolist(), kept.tolist()
     ([[3.0, 9.0]], [[True, True]])

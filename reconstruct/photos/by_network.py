@@ -33,7 +33,9 @@ def check_side(side: int | None, method: str | None, is_default: bool) -> None:
         raise InputError("net_size", "a number of pixels from 1 on", f"{side}", "correct it")
     if not (is_default or is_network(method)):
         expected = "the method net, which works on a picture made smaller"
-        raise InputError("net_size", expected, f"the method {method or 'blind'}", "leave it out")
+        raise InputError(
+            "net_size", expected, f"the method {method}" if method else "another", "leave it out"
+        )
 
 
 def by_network(

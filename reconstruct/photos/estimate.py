@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from malus.reconstruct.image import from_lobes
+from malus.reconstruct.learned.net import is_network
 from malus.reconstruct.lobe_models import diffuse, microfacets
 from malus.reconstruct.methods import get_method
 from malus.reconstruct.observation import Components, Inapplicable, Observation
-from malus.reconstruct.learned.net import is_network
 from malus.reconstruct.photos.by_network import DEFAULT, by_network
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.reconstruct.single_image.blind import BLIND_METHODS, ChainResult, run_chain
@@ -43,8 +43,9 @@ def estimate(image: Float32Array, knowledge: Knowledge, where: str) -> Estimate:
 
     A method that is named is used. Otherwise, of a picture alone `net` tells it; with a light or
     without normals, there is one distant light and `blind` does it all; with normals and no light,
-    light comes from all around: facets are weighted by what the viewer sees. Every object that has a label is estimated on its own; one
-    of which nothing can be told is left unpolarised, with a warning.
+    light comes from all around: facets are weighted by what the viewer sees. Every object that has
+    a label is estimated on its own; one of which nothing can be told is left unpolarised, with a
+    warning.
 
     Raises
     ------

@@ -238,7 +238,10 @@ def _maps(folder: Path, stem: str, components: Components) -> list[Thumbnail]:
     aolp = polarisation.aolp(stokes) / np.pi
     save_16bit(folder / f"{stem}_dolp.png", to_16bit(dolp))
     save_16bit(folder / f"{stem}_aolp.png", aolp_16bit(stokes))
-    coloured = [("dolp", "dolp 0 to 1", dolp, "viridis"), ("aolp", "aolp 0 to 180", aolp, "twilight")]
+    coloured = [
+        ("dolp", "dolp 0 to 1", dolp, "viridis"),
+        ("aolp", "aolp 0 to 180", aolp, "twilight"),
+    ]
     if components.deviation is not None:
         uncertainty = _uncertainty(components)
         save_16bit(folder / f"{stem}_uncertainty.png", to_16bit(uncertainty))

@@ -166,19 +166,7 @@ def read_knowledge(
     True
     """
     typical = PRESETS.get(preset or "")
-    if preset is not None and typical is None:
-        raise InputError("preset", f"one of {', '.join(PRESETS)}", preset, "choose one of them")
-    if typical is not None and typical.mirror and (normals is None or light is not None):
-        raise InputError(
-            "preset",
-            f"`normals` and no `light` for {preset}, as a mirror shows what is around it",
-            "no `normals`" if normals is None else "`light`",
-            "a mirror's shading tells neither shape nor light",
-        )
-    if alpha is not None and not 0 < alpha <= 1:
-        raise InputError("alpha", "a roughness in (0, 1]", f"{alpha:g}", "correct this value")
-    if light is not None and not 1e-6 < float(np.linalg.norm(light)) < np.inf:
-        raise InputError("light", "a direction X,Y,Z that is not zero", f"{light}", "correct it")
+    _check(preset, normals, light, alpha)
     eta = material(material_name).eta_d if material_name else typical.eta if typical else None
     return Knowledge(
         read_normals(normals, shape) if normals else None,
@@ -195,3 +183,24 @@ def read_knowledge(
     )
 
 
+def _check(
+    preset: str | None,
+    normals: Path | str | None,
+    light: tuple[float, float, float] | None,
+    alpha: float | None,
+) -> None:
+    """Refuse values that are none, and a mirror whose surroundings are not what it shows."""
+    typical = PRESETS.get(preset or "")
+    if preset is not None and typical is None:
+        raise InputError("preset", f"one of {', '.join(PRESETS)}", preset, "choose one of them")
+    if typical is not None and typical.mirror and (normals is None or light is not None):
+        raise InputError(
+            "preset",
+            f"`normals` and no `light` for {preset}, as a mirror shows what is around it",
+            "no `normals`" if normals is None else "`light`",
+            "a mirror's shading tells neither shape nor light",
+        )
+    if alpha is not None and not 0 < alpha <= 1:
+        raise InputError("alpha", "a roughness in (0, 1]", f"{alpha:g}", "correct this value")
+    if light is not None and not 1e-6 < float(np.linalg.norm(light)) < np.inf:
+        raise InputError("light", "a direction X,Y,Z that is not zero", f"{light}", "correct it")

@@ -95,7 +95,9 @@ def test_many_bands_share_channels(weights: Path) -> None:
     falling = np.repeat(picture(), 2, axis=-1)  # red twice, green twice, blue twice
     wavelengths = (700.0, 650.0, 560.0, 540.0, 460.0, 420.0)
     result = net(whole(falling, wavelengths_nm=wavelengths), weights)
-    np.testing.assert_allclose(result.s1[..., ::2], net(whole(picture()), weights).s1, atol=ROUNDING)
+    np.testing.assert_allclose(
+        result.s1[..., ::2], net(whole(picture()), weights).s1, atol=ROUNDING
+    )
     np.testing.assert_array_equal(result.s1[..., ::2], result.s1[..., 1::2])
 
 
@@ -188,7 +190,9 @@ def test_reduction_keeps_light_and_takes_none_from_off_the_mask() -> None:
     image[~valid] = 1e6
     light, kept = smaller(image, valid, (6, 9))
     assert light.max() <= 0.9
-    area = np.add.reduceat(np.add.reduceat(valid.astype(float), range(0, 60, 10)), range(0, 90, 10), 1)
+    area = np.add.reduceat(
+        np.add.reduceat(valid.astype(float), range(0, 60, 10)), range(0, 90, 10), 1
+    )
     np.testing.assert_array_equal(kept, area > 0)
     total = (light * area[..., None]).sum(axis=(0, 1))
     np.testing.assert_allclose(total, image[valid].sum(axis=0), rtol=1e-5)  # single precision
@@ -206,7 +210,9 @@ def test_a_method_of_ones_own_file(weights: Path) -> None:
     method = get_method(f"net:{weights}")
     assert (method.name, method.needs, method.per_pixel) == (f"net:{weights}", frozenset(), False)
     image = picture()
-    np.testing.assert_array_equal(method.reconstruct(whole(image)).s1, net(whole(image), weights).s1)
+    np.testing.assert_array_equal(
+        method.reconstruct(whole(image)).s1, net(whole(image), weights).s1
+    )
     mask = np.zeros((32, 32), bool)
     mask[8:24] = True
     seen = get_method(f"net-around:{weights}").reconstruct(Observation(image, mask))
@@ -268,7 +274,9 @@ def test_methods_are_listed_without_the_runtime() -> None:
         "import sys; from malus.reconstruct import methods; methods();"
         "print([m for m in ('onnxruntime', 'onnx', 'torch') if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "[]"
 
 
