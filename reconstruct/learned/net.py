@@ -13,7 +13,7 @@ from malus.reconstruct.learned.channels import at_bands, channel_weights
 from malus.reconstruct.learned.network import Output, network
 from malus.reconstruct.learned.scale import larger, smaller, working_size
 from malus.reconstruct.observation import Components, Inapplicable, Observation
-from malus.scenes.core.arrays import BoolArray, Float32Array, FloatArray
+from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray
 
 SIDES = 2
 """Longer side that a picture is reduced to, over the side of the pictures of the training."""
@@ -65,7 +65,7 @@ def net(
     model = network(weights)
     image, mask = observation.image, observation.mask
     to_channels = channel_weights(image.shape[2], observation.wavelengths_nm)
-    valid = np.isfinite(image).all(axis=-1)
+    valid = np.asarray(np.isfinite(image).all(axis=-1))
     seen = valid if around else valid & mask
     size = working_size((image.shape[0], image.shape[1]), side or SIDES * model.about.resolution)
     light, kept = _reduced(image, seen, size)
@@ -106,12 +106,12 @@ def _normalised(light: Float32Array, seen: BoolArray) -> Float32Array:
 
 def _physical(output: Output) -> Output:
     """Ratios that are at most completely polarised light, deviations that are not negative."""
-    over = np.maximum(np.hypot(output.s1, output.s2), 1)
+    over: Float32Array = np.maximum(np.hypot(output.s1, output.s2), np.float32(1))
     return Output(output.s1 / over, output.s2 / over, np.maximum(output.deviation, 0))
 
 
 def _at_full_size(
-    values: Float32Array, kept: BoolArray, inside: BoolArray, to_channels: FloatArray
+    values: Float32Array, kept: BoolArray, inside: BoolArray, to_channels: Float64Array
 ) -> Float32Array:
     """Values (height, width, 3) of the network for all bands, at the size of the picture."""
     bands = at_bands(values, to_channels)

@@ -170,10 +170,10 @@ def _together(whole: Observation, results: list[tuple[BoolArray, Estimate]]) -> 
     s1, s2 = np.zeros_like(whole.image), np.zeros_like(whole.image)
     for mask, result in results:
         s1[mask], s2[mask] = result.components.s1[mask], result.components.s2[mask]
-    if any(result.components.deviation is None for _, result in results):
-        return Components(whole.image, s1, s2)
     deviation = np.zeros_like(whole.image)
     for mask, result in results:
+        if result.components.deviation is None:
+            return Components(whole.image, s1, s2)
         deviation[mask] = result.components.deviation[mask]
     return Components(whole.image, s1, s2, deviation=deviation)
 
