@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from malus.reconstruct.photos.read_picture import read_picture
 from malus.reconstruct.photos.write_picture import write_picture
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import AnyArray
+from malus.scenes.core.cores import usable_cores
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import add_to_folder
 
@@ -31,6 +33,8 @@ Thumbnail = tuple[str, NDArray[np.uint8]]
 
 SWEEP_SIDE = 512
 SWEEP_FRAMES = 36
+WRITERS = 2
+"""Pictures that are encoded at a time: each takes memory for its light."""
 _UNPOLARISED = 0.002
 """DoLP below which the contact sheet shows no angle."""
 _CLIPPED = 0.001
@@ -194,12 +198,18 @@ def _write(
         ("imax", lambda: 0.5 * components.image + half_polarised),
         ("imin", lambda: 0.5 * components.image - half_polarised),
     ]
-    thumbnails = []
-    for i, (name, light) in enumerate(images):
-        tell(f"writing {name}", 0.3 + 0.6 * i / len(images))
+
+    def write(image: tuple[str, Callable[[], AnyArray]]) -> Thumbnail:
+        name, light = image
         filtered = picture.with_light(np.maximum(gain * light(), 0))
         write_picture(folder / f"{stem}_{name}{picture.suffix}", filtered)
-        thumbnails.append((name, thumbnail(filtered.linear, picture, SHEET_SIDE)))
+        return name, thumbnail(filtered.linear, picture, SHEET_SIDE)
+
+    thumbnails: list[Thumbnail] = []
+    with ThreadPoolExecutor(min(WRITERS, usable_cores())) as pool:
+        for written in pool.map(write, images):
+            thumbnails.append(written)
+            tell(f"written {written[0]}", 0.3 + 0.6 * len(thumbnails) / len(images))
     tell("writing maps", 0.92)
     thumbnails += _maps(folder, stem, components)
     write_sheet(folder / f"{stem}_sheet.png", thumbnails)
