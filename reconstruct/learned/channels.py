@@ -56,8 +56,8 @@ def at_bands(values: FloatArray, weights: Float64Array) -> Float32Array:
     >>> values = np.array([[[1.0, 2.0, 6.0]]])
     >>> at_bands(values, channel_weights(1, None)).tolist()
     [[[3.0]]]
-    >>> at_bands(values, channel_weights(2, (450, 650))).round(2).tolist()
-    [[[4.67, 1.33]]]
+    >>> [round(v, 2) for v in at_bands(values, channel_weights(2, (450, 650))).ravel().tolist()]
+    [4.67, 1.33]
     """
     shares = (weights / weights.sum(axis=0)).astype(np.float32)
     return np.asarray(values @ shares, dtype=np.float32)

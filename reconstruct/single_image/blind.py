@@ -190,7 +190,12 @@ def run_chain(
     )
     components = _polarised(filled, parameters.body)
     if convergence is not None:
-        components = replace(components, converged=convergence.converged)
+        stated = np.where(observation.mask[..., None], np.float32(convergence.deviation), 0)
+        components = replace(
+            components,
+            converged=convergence.converged,
+            deviation=np.broadcast_to(stated, components.image.shape),
+        )
     return ChainResult(filled, parameters.body, components, convergence, statements)
 
 
