@@ -35,6 +35,8 @@ SWEEP_SIDE = 512
 SWEEP_FRAMES = 36
 WRITERS = 2
 """Pictures that are encoded at a time: each takes memory for its light."""
+_EVERY = 4
+"""Every how many rows and columns are enough for a median."""
 _UNPOLARISED = 0.002
 """DoLP below which the contact sheet shows no angle."""
 _CLIPPED = 0.001
@@ -167,6 +169,13 @@ def _check_angles(angles_deg: Sequence[float]) -> None:
 
 def _statements(picture: Picture, result: Estimate, output: FilterOutput) -> tuple[str, ...]:
     statements = [picture.assumption, *picture.notes, *result.statements]
+    if (deviation := result.components.deviation) is not None:
+        told = deviation[::_EVERY, ::_EVERY]
+        median = float(np.median(told[told > 0])) if (told > 0).any() else 0.0
+        statements.append(
+            f"it expects errors of s1/s0 and s2/s0 of {median:.2g} (standard deviation, median over"
+            " pixels): the map of uncertainty tells where"
+        )
     if not output.physical:
         statements.append(
             "exposure makes up for the filter's one stop, which `physical` leaves out"

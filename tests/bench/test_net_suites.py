@@ -16,6 +16,7 @@ from malus.bench.scoring.calibration import calibration_values
 from malus.bench.scoring.judge import Judge
 from malus.reconstruct import Components, Method, get_method
 from malus.renderers import render
+from malus.reports.tables.captures import agreements
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
 
 SCENE = Scene(
@@ -150,6 +151,9 @@ def test_a_capture_says_how_strong_and_how_sure_it_is(
     expected = np.mean(np.square(error / told.deviation[..., None]))
     assert rows["calibration"] == pytest.approx(expected, rel=1e-3)
     assert isinstance(rows["deviation_rank"], float)
+    # A skill of 0 at twice the strength: the sentence tells strength and correlation apart.
+    (told,) = agreements(table)
+    assert told.endswith("is 2 times the true one (rms), and correlates with it by 1.00.")
 
 
 def test_objects_of_a_capture_keep_their_deviation(tmp_path: Path) -> None:

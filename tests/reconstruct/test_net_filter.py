@@ -38,6 +38,7 @@ def test_a_picture_alone_is_told_by_the_network(tmp_path: Path) -> None:
     assert "- method net: " in stdout
     assert "the network saw 64 x 64 pixels" in stdout
     assert "cannot know" in stdout
+    assert "it expects errors of s1/s0 and s2/s0 of 0.0" in stdout
     assert "light is" not in stdout  # of the light's colour nothing was assumed
     assert not stderr
     names = {file.name for file in (tmp_path / "out").iterdir()}
