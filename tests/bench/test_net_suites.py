@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
+from click.testing import CliRunner
 from networks import SURE, edges
 from scipy.stats import spearmanr
 
 import malus
+from malus.bench.commands.capture import capture_command
 from malus.bench.running.captures import reconstruct
 from malus.bench.scoring.calibration import calibration_values
 from malus.bench.scoring.judge import Judge
@@ -130,8 +133,6 @@ def test_the_runtime_is_there_where_tests_run() -> None:
 def test_a_capture_says_how_strong_and_how_sure_it_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import tifffile
-
     image = np.random.default_rng(0).uniform(0.2, 0.9, (24, 24, 3)).astype(np.float32)
     method = get_method(f"net:{edges(tmp_path / 'n.onnx')}")
     whole = [np.ones((24, 24), bool)]
@@ -154,6 +155,20 @@ def test_a_capture_says_how_strong_and_how_sure_it_is(
     # A skill of 0 at twice the strength: the sentence tells strength and correlation apart.
     (told,) = agreements(table)
     assert told.endswith("is 2 times the true one (rms), and correlates with it by 1.00.")
+
+
+def test_a_capture_is_seen_at_the_size_that_is_asked_for(
+    tmp_path: Path, stand_in_net: Path
+) -> None:
+    image = np.random.default_rng(0).uniform(0.2, 0.9, (24, 24, 3)).astype(np.float32)
+    for angle in (0, 45, 90, 135):
+        name = tmp_path / f"pol_{angle:03d}.tif"
+        tifffile.imwrite(name, (0.5 + 0.001 * angle) * image, photometric="rgb")
+    arguments = [str(tmp_path), "--linear", "--method", "net", "--net-size", "16"]
+    result = CliRunner().invoke(capture_command, arguments)
+    assert result.exit_code == 0, result.output
+    assert "the network saw 16 x 16 pixels" in result.output
+    assert "best gain" in result.output
 
 
 def test_objects_of_a_capture_keep_their_deviation(tmp_path: Path) -> None:
