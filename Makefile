@@ -60,7 +60,7 @@ endef
 export LIST_CHECKOUT
 
 $(VENV)/.ready: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[net]'
 	mkdir -p $(VENV)/checkout
 	ln -sfn $(CURDIR) $(VENV)/checkout/malus
 	$(BIN)/python -c "$$LIST_CHECKOUT" $(abspath $(VENV)/checkout)

@@ -54,7 +54,7 @@ def _errors(source: Source) -> Section:
         "captures.html",
         explanation=[],
         tables=tables,
-        lines=[*captures.negative(source.table), *captures.notes(source.table)],
+        lines=[*captures.agreements(source.table), *captures.notes(source.table)],
         doubts=[],
     )
     return Section("errors", "Every capture", content)
@@ -106,7 +106,7 @@ def _blocks(
     yield as_markdown(captures.by_capture(table))
     if objects := captures.by_object(table):
         yield as_markdown(objects)
-    yield _list((*captures.negative(table), *captures.notes(table)))
+    yield _list((*captures.agreements(table), *captures.notes(table)))
     yield "## How this came about"
     yield _list(captures.what_was_run(run))
     yield as_markdown(captures.fits(run))

@@ -35,7 +35,7 @@ ROOMS = {
     ),
     "reconstruct": (
         "observation fresnel kernels", "pixel_block quadrature", "facets", "lobe_models",
-        "known_light_kernels", "known_lights", "image", "single_image", "builtin_methods",
+        "known_light_kernels", "known_lights", "image", "single_image learned", "builtin_methods",
         "methods", "photos",
     ),
     "reports": (
