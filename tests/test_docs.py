@@ -147,7 +147,8 @@ def take_pictures(folder: Path) -> None:
         grey = np.clip(255 * image / truth.image.max(), 0, 255).astype(np.uint8)
         Image.fromarray(grey[..., ::-1].copy()).save(folder / name)
 
-    save(truth.image, "vase.jpg")
+    for name in ("vase.jpg", "holiday.jpg"):
+        save(truth.image, name)
     (folder / "kettle").mkdir()
     for horizontal in (0, 45, 90, 135):
         save(truth.polarised(horizontal - 90.0), f"kettle/pol_{horizontal:03d}.png")
@@ -237,7 +238,9 @@ def test_names_in_contributing_exist() -> None:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
-def test_what_a_document_shows_works(document: Path, workspace: Path, no_reports: None) -> None:
+def test_what_a_document_shows_works(
+    document: Path, workspace: Path, no_reports: None, stand_in_net: Path
+) -> None:
     names = follow(document, workspace)
     promised = PROMISES.get(name_of(document).removeprefix("reports/docs/"))
     if promised:

@@ -26,7 +26,10 @@ def small(script: str) -> str:
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_a_tutorial_runs_and_draws_what_its_page_shows(path: Path, tmp_path: Path) -> None:
+def test_a_tutorial_runs_and_draws_what_its_page_shows(
+    path: Path, tmp_path: Path, stand_in_net: Path
+) -> None:
+    """With a network of closed form: its own quality is tested elsewhere."""
     script = path.read_text("utf-8")
     with mpl.rc_context({"backend": "agg"}), contextlib.chdir(tmp_path), no_worker_process():
         exec(compile(small(script), path.name, "exec"), {"__name__": "__main__"})
