@@ -44,13 +44,17 @@ class Contents:
     caption: Callable[[Scene], str]
 
 
+def _material_and_body(scene: Scene) -> str:
+    return f"{scene.surface.material_label}, body: {scene.surface.body}"
+
+
 def _room_and_light(scene: Scene) -> str:
     return f"{scene.surroundings.name}, {scene.light.label}" if scene.surroundings else ""
 
 
 SHEETS = {
     "lights": Contents(("lights",), lambda scene: scene.light.label),
-    "bodies": Contents(("bodies",), lambda scene: f"body: {scene.surface.body}"),
+    "bodies": Contents(("bodies",), _material_and_body),
     "surfaces": Contents(("surfaces",), lambda scene: scene.surface.label),
     "materials": Contents(("materials", "metals"), lambda scene: scene.surface.material_label),
     "shapes": Contents(("shapes",), lambda scene: scene.shape.label),

@@ -11,6 +11,7 @@ class Viewer {
     this.data = data;
     this.view = new View();
     this.angle = 0;
+    this.wanted = new Set();
     this.find = (id) => root.querySelector("#" + id);
     this.curve = screenCurve();
     this.tables = {
@@ -199,15 +200,15 @@ class Viewer {
     this.find("diff-most").textContent = "+" + number(this.spread);
   }
 
-  /** Ask for a repaint ("paint") or only a new view ("draw") at the next frame. */
+  /** Ask for new colours ("paint"), a new view of all panels ("draw"), or both at the next frame. */
   ask(what) {
-    this.wanted = this.wanted === "paint" ? "paint" : what;
+    this.wanted.add(what);
     this.frame ||= requestAnimationFrame(() => {
       this.frame = 0;
-      const wanted = this.wanted;
-      this.wanted = "";
-      if (wanted === "paint") this.paint();
-      else Object.values(this.panels).forEach((panel) => panel.draw());
+      const { wanted } = this;
+      this.wanted = new Set();
+      if (wanted.has("paint")) this.paint();
+      if (wanted.has("draw")) Object.values(this.panels).forEach((panel) => panel.draw());
       this.tell();
     });
   }

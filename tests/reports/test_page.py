@@ -357,7 +357,11 @@ def test_mask_can_be_laid_over_the_pictures(browser: Browser, coloured: Path) ->
     browser.open(coloured)
     away, inside = ~_near_the_pick(browser), disc()
     plain = {name: browser.rgb(name) for name in ("truth", "estimate", "dolp-truth")}
-    browser.js("document.getElementById('off-mask').click()")
+    # While the polariser turns, too: what does not turn with it is drawn anew all the same.
+    browser.js(
+        "document.getElementById('angle').dispatchEvent(new Event('input'));"
+        "document.getElementById('off-mask').click()"
+    )
     browser.settle()
     for name, before in plain.items():
         after = browser.rgb(name)
