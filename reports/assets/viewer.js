@@ -98,7 +98,9 @@ class Viewer {
     const name = red === green && green === blue ? "all, as grey" : "all, in colour";
     if (scene.colours[0].length > 1) bands.unshift(new Option(name, COLOUR));
     keep("band", bands);
-    if (this.find("method").value === "unpolarised" && scene.methods.eq8) this.find("method").value = "eq8";
+    const better = ["eq8", ...Object.keys(scene.methods)].find(
+      (name) => name !== "unpolarised" && scene.methods[name]);
+    if (this.find("method").value === "unpolarised" && better) this.find("method").value = better;
     const mixed = this.mixed = mixedOf(scene);
     this.find("unmixed").closest(".unmixed").hidden = !mixed.size;
     this.find("unmixed-text").textContent =

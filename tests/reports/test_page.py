@@ -314,8 +314,23 @@ def coloured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "examples").mkdir()
     np.savez(folder / "examples" / "0.npz", truth=coloured_stokes(1), mask=disc(),
              meta=np.array(json.dumps(meta)), **{"method.eq8": coloured_stokes(2)})  # fmt: skip
-    write_report(SimpleNamespace(table=sample.table(), run=sample.run()), folder)
+    run = sample.run() | {"command": f"malus run '{EVIL}'"}
+    write_report(SimpleNamespace(table=sample.table(), run=run), folder)
     return folder / "report.html"
+
+
+def test_the_command_can_be_copied(browser: Browser, coloured: Path) -> None:
+    browser.open(coloured)
+    assert browser.js("return document.querySelector('.command code').textContent") == (
+        f"malus run '{EVIL}'"
+    )
+    browser.js("document.querySelector('button.copy').click()")
+    text = "document.querySelector('button.copy').textContent"
+    browser.until(f"{text} !== 'Copy the command'")
+    # A browser may refuse; the command is marked then.
+    marked = browser.js("return String(window.getSelection())")
+    assert browser.js(f"return {text}") == "Copied" or marked == f"malus run '{EVIL}'"
+    assert browser.logs() == []
 
 
 @pytest.mark.parametrize(("panel", "seed"), [("truth", 1), ("estimate", 2)])
