@@ -181,11 +181,12 @@ def filter_tiles(truth: Truth) -> list[Tile]:
     tiles = [Tile("A photograph", [pictures.encoded(light)])]
     for caption, knowledge in told.items():
         filtered = filter_picture(Picture(light, "EXR", None), knowledge=knowledge).components
-        shown = [2.0 * filtered.i_min, pictures.degree(filtered.stokes, bands, most)]
-        tiles.append(Tile(f"{caption}: {_DARKEST}", [pictures.encoded(shown[0]), shown[1]], most))
-    true_least = 2.0 * preview(polarisation.extremes(stokes)[1], bands) / white
-    shown = [pictures.encoded(true_least), pictures.degree(stokes, bands, most)]
-    return [*tiles, Tile("The same in truth", shown, most)]
+        least = pictures.encoded(2.0 * filtered.i_min)
+        degree = pictures.degree(filtered.stokes, bands, most)
+        tiles.append(Tile(f"{caption}: {_DARKEST}", [least, degree], most))
+    least = pictures.encoded(2.0 * preview(polarisation.extremes(stokes)[1], bands) / white)
+    degree = pictures.degree(stokes, bands, most)
+    return [*tiles, Tile("The same in truth", [least, degree], most)]
 
 
 _WRITERS: dict[str, Callable[[Path, float], None]] = {
