@@ -776,6 +776,15 @@ def test_colour_is_of_all_bands_also_where_few_are_shown() -> None:
     assert np.ptp(found[..., 0], axis=-1).max() > 0.2  # the test sees colours
 
 
+def test_only_light_that_is_known_is_shown_beside_the_object() -> None:
+    scene = example(8, 3)
+    scene.truth[0, :3] = 0
+    scene.truth[0, 3, 1, 2] = np.nan
+    wanted = ~scene.mask
+    wanted[0, :4] = False
+    np.testing.assert_array_equal(scene.beyond, wanted)
+
+
 def _packed_colour(shown: Shown) -> Float64Array:
     """Stokes vectors (pixels, channels, 3) of the truth as the page has them."""
     packer = Packer()
