@@ -15,7 +15,7 @@ import numpy as np
 
 from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.observe import observe
-from malus.reconstruct import get_method
+from malus.reconstruct import get_method, methods
 from malus.reconstruct.photos.estimate import Knowledge
 from malus.reconstruct.photos.filter import filter_picture
 from malus.reconstruct.photos.picture import Picture
@@ -32,6 +32,11 @@ STORED = Path(__file__).parents[2] / "reports" / "gallery"
 METHOD = "shadowed+body"
 """The method of the photo's last picture."""
 
+_LEARNED = "net"
+"""A method that needs nothing but the picture, shown too where it is there."""
+
+_DARKEST = "the least light through any polariser, and degree of polarisation"
+
 ANGLES_DEG = (0.0, 90.0)
 """Polariser angles of the photo: across the light that a table reflects, and along it."""
 
@@ -44,13 +49,17 @@ class Contents:
     caption: Callable[[Scene], str]
 
 
+def _material_and_body(scene: Scene) -> str:
+    return f"{scene.surface.material_label}, body: {scene.surface.body}"
+
+
 def _room_and_light(scene: Scene) -> str:
     return f"{scene.surroundings.name}, {scene.light.label}" if scene.surroundings else ""
 
 
 SHEETS = {
     "lights": Contents(("lights",), lambda scene: scene.light.label),
-    "bodies": Contents(("bodies",), lambda scene: f"body: {scene.surface.body}"),
+    "bodies": Contents(("bodies",), _material_and_body),
     "surfaces": Contents(("surfaces",), lambda scene: scene.surface.label),
     "materials": Contents(("materials", "metals"), lambda scene: scene.surface.material_label),
     "shapes": Contents(("shapes",), lambda scene: scene.shape.label),
@@ -156,36 +165,28 @@ def photo_tiles(truth: Truth) -> list[Tile]:
 def _write_filter(path: Path, scale: float) -> None:
     """Before and after `malus filter`: what is told of the picture is the object's mask."""
     suite = suite_of("filter", scale)
-    tiles: list[Tile] = []
-    for scene in suite.scenes():
-        truth = render(scene, suite.sampling)
-        tiles += filter_tiles(truth)
-    write_sheet(path, tiles, columns=3, side=240, letters=14)
+    rows = [filter_tiles(render(scene, suite.sampling)) for scene in suite.scenes()]
+    tiles = [tile for row in rows for tile in row]
+    write_sheet(path, tiles, columns=len(rows[0]), side=240, letters=14)
 
 
 def filter_tiles(truth: Truth) -> list[Tile]:
-    """A photograph, what `malus filter` leaves of it at its darkest, and what a filter would."""
+    """A photograph, what `malus filter` makes of it at its darkest, and what a filter would."""
     bands, stokes = truth.scene.wavelengths_nm, truth.stokes
-    white = pictures.white_of(stokes, bands)
+    white, most = pictures.white_of(stokes, bands), pictures.most_of(stokes, bands)
     light = np.ascontiguousarray(preview(truth.image, bands) / white, dtype=np.float32)
-    knowledge = Knowledge(mask=truth.mask)
-    filtered = filter_picture(Picture(light, "EXR", None), knowledge=knowledge).components
-    true_least = preview(polarisation.extremes(stokes)[1], bands) / white
-    most = pictures.most_of(stokes, bands)
-    return [
-        Tile("A photograph", [pictures.encoded(light)]),
-        Tile(
-            "At its darkest through a polariser, and degree of polarisation: malus filter, told"
-            " the mask",
-            [pictures.encoded(2.0 * filtered.i_min), pictures.degree(filtered.stokes, bands, most)],
-            most,
-        ),
-        Tile(
-            "The same in truth",
-            [pictures.encoded(2.0 * true_least), pictures.degree(stokes, bands, most)],
-            most,
-        ),
-    ]
+    told = {"malus filter, told the mask": Knowledge(mask=truth.mask)}
+    if _LEARNED in methods():
+        told["malus filter, told nothing"] = Knowledge(method=_LEARNED)
+    tiles = [Tile("A photograph", [pictures.encoded(light)])]
+    for caption, knowledge in told.items():
+        filtered = filter_picture(Picture(light, "EXR", None), knowledge=knowledge).components
+        least = pictures.encoded(2.0 * filtered.i_min)
+        degree = pictures.degree(filtered.stokes, bands, most)
+        tiles.append(Tile(f"{caption}: {_DARKEST}", [least, degree], most))
+    least = pictures.encoded(2.0 * preview(polarisation.extremes(stokes)[1], bands) / white)
+    degree = pictures.degree(stokes, bands, most)
+    return [*tiles, Tile("The same in truth", [least, degree], most)]
 
 
 _WRITERS: dict[str, Callable[[Path, float], None]] = {

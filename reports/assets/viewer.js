@@ -11,6 +11,7 @@ class Viewer {
     this.data = data;
     this.view = new View();
     this.angle = 0;
+    this.wanted = new Set();
     this.find = (id) => root.querySelector("#" + id);
     this.curve = screenCurve();
     this.tables = {
@@ -97,7 +98,9 @@ class Viewer {
     const name = red === green && green === blue ? "all, as grey" : "all, in colour";
     if (scene.colours[0].length > 1) bands.unshift(new Option(name, COLOUR));
     keep("band", bands);
-    if (this.find("method").value === "unpolarised" && scene.methods.eq8) this.find("method").value = "eq8";
+    const better = ["eq8", ...Object.keys(scene.methods)].find(
+      (name) => name !== "unpolarised" && scene.methods[name]);
+    if (this.find("method").value === "unpolarised" && better) this.find("method").value = better;
     const mixed = this.mixed = mixedOf(scene);
     this.find("unmixed").closest(".unmixed").hidden = !mixed.size;
     this.find("unmixed-text").textContent =
@@ -199,15 +202,15 @@ class Viewer {
     this.find("diff-most").textContent = "+" + number(this.spread);
   }
 
-  /** Ask for a repaint ("paint") or only a new view ("draw") at the next frame. */
+  /** Ask for new colours ("paint"), a new view of all panels ("draw"), or both at the next frame. */
   ask(what) {
-    this.wanted = this.wanted === "paint" ? "paint" : what;
+    this.wanted.add(what);
     this.frame ||= requestAnimationFrame(() => {
       this.frame = 0;
-      const wanted = this.wanted;
-      this.wanted = "";
-      if (wanted === "paint") this.paint();
-      else Object.values(this.panels).forEach((panel) => panel.draw());
+      const { wanted } = this;
+      this.wanted = new Set();
+      if (wanted.has("paint")) this.paint();
+      if (wanted.has("draw")) Object.values(this.panels).forEach((panel) => panel.draw());
       this.tell();
     });
   }

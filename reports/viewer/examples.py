@@ -71,7 +71,9 @@ class Example:
     @cached_property
     def beyond(self) -> BoolArray:
         """Pixels (height, width) off the mask at which there is light: edges, walls, ground."""
-        return np.asarray((self.truth[..., 0] != 0).any(axis=-1) & ~self.mask)
+        lit = (self.truth[..., 0] != 0).any(axis=-1)
+        known = np.isfinite(self.truth).all(axis=(-2, -1))
+        return np.asarray(lit & known & ~self.mask)
 
 
 def read_examples(folder: Path) -> Iterator[Example]:

@@ -314,8 +314,23 @@ def coloured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "examples").mkdir()
     np.savez(folder / "examples" / "0.npz", truth=coloured_stokes(1), mask=disc(),
              meta=np.array(json.dumps(meta)), **{"method.eq8": coloured_stokes(2)})  # fmt: skip
-    write_report(SimpleNamespace(table=sample.table(), run=sample.run()), folder)
+    run = sample.run() | {"command": f"malus run '{EVIL}'"}
+    write_report(SimpleNamespace(table=sample.table(), run=run), folder)
     return folder / "report.html"
+
+
+def test_the_command_can_be_copied(browser: Browser, coloured: Path) -> None:
+    browser.open(coloured)
+    assert browser.js("return document.querySelector('.command code').textContent") == (
+        f"malus run '{EVIL}'"
+    )
+    browser.js("document.querySelector('button.copy').click()")
+    text = "document.querySelector('button.copy').textContent"
+    browser.until(f"{text} !== 'Copy the command'")
+    # A browser may refuse; the command is marked then.
+    marked = browser.js("return String(window.getSelection())")
+    assert browser.js(f"return {text}") == "Copied" or marked == f"malus run '{EVIL}'"
+    assert browser.logs() == []
 
 
 @pytest.mark.parametrize(("panel", "seed"), [("truth", 1), ("estimate", 2)])
@@ -357,7 +372,11 @@ def test_mask_can_be_laid_over_the_pictures(browser: Browser, coloured: Path) ->
     browser.open(coloured)
     away, inside = ~_near_the_pick(browser), disc()
     plain = {name: browser.rgb(name) for name in ("truth", "estimate", "dolp-truth")}
-    browser.js("document.getElementById('off-mask').click()")
+    # While the polariser turns, too: what does not turn with it is drawn anew all the same.
+    browser.js(
+        "document.getElementById('angle').dispatchEvent(new Event('input'));"
+        "document.getElementById('off-mask').click()"
+    )
     browser.settle()
     for name, before in plain.items():
         after = browser.rgb(name)
@@ -755,6 +774,15 @@ def test_colour_is_of_all_bands_also_where_few_are_shown() -> None:
         found[..., 0], preview(scene.truth[..., 0], scene.wavelengths_nm)[scene.mask], atol=4e-5
     )
     assert np.ptp(found[..., 0], axis=-1).max() > 0.2  # the test sees colours
+
+
+def test_only_light_that_is_known_is_shown_beside_the_object() -> None:
+    scene = example(8, 3)
+    scene.truth[0, :3] = 0
+    scene.truth[0, 3, 1, 2] = np.nan
+    wanted = ~scene.mask
+    wanted[0, :4] = False
+    np.testing.assert_array_equal(scene.beyond, wanted)
 
 
 def _packed_colour(shown: Shown) -> Float64Array:
