@@ -32,7 +32,7 @@ docs: $(VENV)/.ready-dev
 
 # Pictures of every light, body, surface, shape and room, rendered anew; some are stored in
 # reports/gallery. For some of them: `make gallery SHEETS="photo rooms"`.
-gallery: $(VENV)/.ready
+gallery: $(VENV)/.ready-dev
 	$(BIN)/python -m malus.bench.documents.gallery build/gallery $(SHEETS)
 
 # The built wheel, in a clean environment outside the checkout, must run a suite.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,8 @@ import numpy as np
 
 from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.observe import observe
-from malus.reconstruct import get_method, methods
+from malus.reconstruct import Inapplicable, get_method
+from malus.reconstruct.learned.network import network
 from malus.reconstruct.photos.estimate import Knowledge
 from malus.reconstruct.photos.filter import filter_picture
 from malus.reconstruct.photos.picture import Picture
@@ -31,9 +33,6 @@ STORED = Path(__file__).parents[2] / "reports" / "gallery"
 
 METHOD = "shadowed+body"
 """The method of the photo's last picture."""
-
-_LEARNED = "net"
-"""A method that needs nothing but the picture, shown too where it is there."""
 
 _DARKEST = "the least light through any polariser, and degree of polarisation"
 
@@ -176,8 +175,9 @@ def filter_tiles(truth: Truth) -> list[Tile]:
     white, most = pictures.white_of(stokes, bands), pictures.most_of(stokes, bands)
     light = np.ascontiguousarray(preview(truth.image, bands) / white, dtype=np.float32)
     told = {"malus filter, told the mask": Knowledge(mask=truth.mask)}
-    if _LEARNED in methods():
-        told["malus filter, told nothing"] = Knowledge(method=_LEARNED)
+    with suppress(Inapplicable):  # a copy without weights, or without what runs them
+        network()
+        told["malus filter, told nothing"] = Knowledge(method="net")
     tiles = [Tile("A photograph", [pictures.encoded(light)])]
     for caption, knowledge in told.items():
         filtered = filter_picture(Picture(light, "EXR", None), knowledge=knowledge).components
