@@ -18,8 +18,8 @@ from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, get_method
 from malus.reconstruct.learned.network import network
-from malus.reconstruct.photos.estimate import Knowledge
 from malus.reconstruct.photos.filter import filter_picture
+from malus.reconstruct.photos.knowledge import Knowledge
 from malus.reconstruct.photos.picture import Picture
 from malus.renderers import Truth, render
 from malus.reports.figures import stokes_pictures as pictures
