@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from malus.bench.datasets.published_sets import score_published as score_published
     from malus.bench.datasets.render import render_dataset as render_dataset
     from malus.bench.datasets.score import score_dataset as score_dataset
+    from malus.bench.learning.options import TrainingOptions as TrainingOptions
     from malus.bench.public.captures import run_captures as run_captures
     from malus.bench.public.doctor import doctor as doctor, self_check as self_check
     from malus.bench.public.gates import (
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from malus.bench.public.report import report as report
     from malus.bench.public.suites import Plan as Plan, plan as plan, run as run
     from malus.bench.public.tables import compare as compare, table as table
+    from malus.bench.public.train import ablate as ablate, train as train
     from malus.bench.running.capture_suite import (
         CaptureEntry as CaptureEntry,
         CaptureSuite as CaptureSuite,
@@ -91,14 +93,14 @@ if TYPE_CHECKING:
         CaptureFit as CaptureFit,
         fit_capture as fit_capture,
     )
-    from malus.reconstruct.photos.estimate import (
-        Knowledge as Knowledge,
-        read_knowledge as read_knowledge,
-    )
     from malus.reconstruct.photos.filter import (
         FilteredPicture as FilteredPicture,
         FilterOutput as FilterOutput,
         filter_picture as filter_picture,
+    )
+    from malus.reconstruct.photos.knowledge import (
+        Knowledge as Knowledge,
+        read_knowledge as read_knowledge,
     )
     from malus.reconstruct.photos.picture import Picture as Picture
     from malus.reconstruct.photos.read_picture import read_picture as read_picture
@@ -119,9 +121,12 @@ if TYPE_CHECKING:
         Environment as Environment,
         ImageTexture as ImageTexture,
         InputError as InputError,
+        Interior as Interior,
+        Lathe as Lathe,
         Light as Light,
         Measured as Measured,
         MeshFile as MeshFile,
+        Noise as Noise,
         Patterned as Patterned,
         Placed as Placed,
         Plane as Plane,
@@ -163,6 +168,7 @@ _NAMES = {
     "malus.bench.datasets.render": "render_dataset",
     "malus.bench.datasets.published_sets": "score_published",
     "malus.bench.datasets.score": "score_dataset",
+    "malus.bench.learning.options": "TrainingOptions",
     "malus.bench.public.captures": "run_captures",
     "malus.bench.public.doctor": "doctor self_check",
     "malus.bench.public.gates": "BaselineUpdate GateResult gate update_baseline",
@@ -172,6 +178,7 @@ _NAMES = {
     "malus.bench.public.report": "report",
     "malus.bench.public.suites": "Plan plan run",
     "malus.bench.public.tables": "compare table",
+    "malus.bench.public.train": "ablate train",
     "malus.bench.running.capture_suite": "CaptureEntry CaptureSuite load_captures",
     "malus.bench.running.results": "Results read_results",
     "malus.bench.running.status": "Status status",
@@ -180,8 +187,8 @@ _NAMES = {
     "malus.bench.scoring.observe": "observe",
     "malus.bench.studies.registry": "run_study",
     "malus.bench.studies.study": "Findings Study",
-    "malus.reconstruct.photos.estimate": "Knowledge read_knowledge",
     "malus.reconstruct.photos.filter": "FilterOutput FilteredPicture filter_picture",
+    "malus.reconstruct.photos.knowledge": "Knowledge read_knowledge",
     "malus.reconstruct.photos.read_picture": "read_picture",
     "malus.reconstruct.photos.sensor_stokes": "demosaiced_stokes",
     "malus.renderers": "Truth render",
@@ -189,9 +196,9 @@ _NAMES = {
     "malus.renderers.datasets.opened": "open_dataset",
     "malus.renderers.datasets.samples": "Samples",
     "malus.scenes": "Area Blob Camera Checker Conductor Crease Dielectric Distant Environment"
-    " ImageTexture InputError Light Measured MeshFile Patterned Placed Plane Polariser Sampling"
-    " Scene Shape Sky SkyPolarisation Sphere Spots Stripes Suite Superquadric Surroundings Torus"
-    " Uniform Views load_suite suite_names",
+    " ImageTexture InputError Interior Lathe Light Measured MeshFile Noise Patterned Placed Plane"
+    " Polariser Sampling Scene Shape Sky SkyPolarisation Sphere Spots Stripes Suite Superquadric"
+    " Surroundings Torus Uniform Views load_suite suite_names",
     "malus.scenes.sensor": "Sensor",
     "malus.scenes.sensor_frame": "SensorFrame expose",
 }

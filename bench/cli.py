@@ -21,6 +21,7 @@ from malus.bench.commands.report import report_command
 from malus.bench.commands.run import run_command
 from malus.bench.commands.score import score_command
 from malus.bench.commands.status import status_command
+from malus.bench.commands.train import train_command
 
 BAD_INPUT, INTERRUPTED, TERMINATED = 2, 130, 143
 """Exit codes, besides 0 and the 1 of a command whose work failed in part."""
@@ -48,6 +49,7 @@ for _command in (
     render_command,
     export_command,
     score_command,
+    train_command,
     gate_command,
     compare_command,
     bench_command,

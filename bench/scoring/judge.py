@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from malus.bench.scoring.calibration import calibration_values
 from malus.bench.scoring.field_agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreement
 from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.metric_value import MetricValue
@@ -59,7 +60,7 @@ class Score:
     agreement : Agreement
         Slope and rotation of the estimated against the true field.
     extra : tuple of MetricValue
-        Values of the further metrics that were asked for.
+        Values of the further metrics that were asked for, after those of a stated deviation.
     converged : bool or None
         Whether the method's own search converged; None where it searches nothing.
     unmixed : Unmixed or None
@@ -282,18 +283,27 @@ class Judge:
                 products(self.draws[0]) / scale**2,
                 self.pixels.true[0].size,
             ),
-            tuple(self._extra(estimate, metrics)) if metrics else (),
+            (*self._calibration(estimate), *self._extra(estimate, metrics)),
             estimate.converged,
             self._unmixed(moments, components),
             float(self.own_range.errors(estimate)[0]),
         )
 
     def _extra(self, estimate: Components, metrics: Sequence[Metric]) -> Iterator[MetricValue]:
+        if not metrics:
+            return
         stokes = np.stack([estimate.image[0], estimate.s1[0], estimate.s2[0]], axis=-1)
         for metric in metrics:
             if metric not in self._stokes_metrics:
                 self._stokes_metrics[metric] = metric(self.truth)
             yield from self._stokes_metrics[metric](stokes)
+
+    def _calibration(self, estimate: Components) -> Iterator[MetricValue]:
+        """Stated against actual errors, of a method that states them."""
+        if estimate.deviation is not None:
+            pixels, estimated = self.pixels, np.stack([estimate.s1[0], estimate.s2[0]])
+            image, stated = pixels.observation.image[0], estimate.deviation[0]
+            yield from calibration_values(image, pixels.true, estimated, stated, pixels.draw)
 
     def _sums(self, estimate: ThreeImages) -> tuple[Float64Array, Float64Array]:
         """Moments and totals of an estimate, see `difference_sums`; `self.draws` is written."""

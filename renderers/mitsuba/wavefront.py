@@ -30,7 +30,7 @@ from malus.renderers.mitsuba.translate import sensor, shape_object
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import BoolArray, IntArray
-from malus.scenes.lights.lights import Distant, Environment, Light, Sky
+from malus.scenes.lights.lights import Distant, Light, MapLight
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes.shapes import CONVEX, Shape
 
@@ -54,9 +54,7 @@ def stage(variant: Variant, shape: Shape, camera: Camera, light: Light) -> Stage
 
 
 @functools.lru_cache(maxsize=STAGES)
-def cached_stage(
-    variant: Variant, shape: Shape, camera: Camera, around: Environment | Sky | None
-) -> Stage:
+def cached_stage(variant: Variant, shape: Shape, camera: Camera, around: MapLight | None) -> Stage:
     """The stage of a shape, a camera and the radiance map around them, or None without one."""
     return Stage(mitsuba(variant), shape, camera, around)
 
@@ -97,7 +95,7 @@ class Stage:
         mi: ModuleType,
         shape: Shape,
         camera: Camera,
-        around: Environment | Sky | None = None,
+        around: MapLight | None = None,
     ) -> None:
         import drjit as dr
 

@@ -1,0 +1,75 @@
+"""`malus train`: a network that tells polarisation from one picture, from a dataset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from malus.bench.commands.options import command, json_option
+
+
+@command("train")
+@click.argument("dataset", type=click.Path(path_type=Path))
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="The model, an ONNX file [default: net.onnx]."
+)
+@click.option("--seconds", type=float, help="Time to train for, after reading [default: 600].")
+@click.option("--steps", type=int, help="Steps to train for, instead: repeats a training exactly.")
+@click.option("--batch", type=int, default=32, help="Pictures a step [32].")
+@click.option("--turn", "turn_deg", type=float, default=20, help="Largest turn in degrees [20].")
+@click.option(
+    "--prior",
+    type=click.Choice(["none", "lobes"]),
+    default="none",
+    help="lobes: further inputs that tell glare from the body's colour.",
+)
+@click.option("--width", type=int, default=16, help="Channels of the network's first level [16].")
+@click.option("--seed", type=int, default=0, help="Of weights and examples [0].")
+@click.option("--ablate", "ablates", is_flag=True, help="Compare priors instead; writes no model.")
+@json_option
+def train_command(
+    dataset: Path, out: Path | None, ablates: bool, as_json: bool, **given: Any
+) -> None:
+    """Train a small network on DATASET: from one picture to its polarisation.
+
+    DATASET has three bands and splits, as random suites have. Beside the model are its recipe
+    (.json) and its loss curve (.svg). Needs: pip install "malus[learn]"
+
+    \b
+    Example:
+      malus render random --out random-dataset
+      malus train random-dataset --out net.onnx --seconds 600
+    """
+    from rich.console import Console
+
+    from malus.bench.commands.printing import print_json
+    from malus.bench.learning.options import TrainingOptions
+    from malus.bench.public.train import ablate, train
+    from malus.bench.running.progress import with_progress
+
+    options = TrainingOptions(**given)
+    console = Console(stderr=True)
+    if ablates:
+        rows = with_progress(console, "reading", lambda show: ablate(dataset, options, show))
+        print_json(rows) if as_json else Console().print(_table(rows))
+        return
+    model = out or Path("net.onnx")
+    done = with_progress(console, "reading", lambda show: train(dataset, model, options, show))
+    if as_json:
+        print_json(done.facts)
+        return
+    steps, test = done.facts["recipe"]["steps"], done.facts["test_skill"]
+    others = "" if test is None else f", test {test:.3f}"
+    click.echo(f"{done.model}: median skill val {done.skill:.3f}{others} after {steps} steps")
+
+
+def _table(rows: list[dict[str, Any]]) -> Any:
+    from malus.bench.commands.printing import plain_table
+
+    table = plain_table("network", "steps", "skill val", "skill test", "scenes above 0")
+    for row in rows:
+        skills = ("–" if row[name] is None else f"{row[name]:.3f}" for name in ("val", "test"))
+        table.add_row(row["row"], f"{row['steps']}", *skills, f"{row['above_guess']:.0%}")
+    return table

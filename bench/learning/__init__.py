@@ -1,0 +1,1 @@
+"""Train a small network that tells polarisation from one picture, on datasets of malus."""

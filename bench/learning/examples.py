@@ -1,0 +1,147 @@
+"""Pictures of a dataset in memory: the Stokes vectors of three channels, and the mask."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from malus.bench.running.progress import Progress
+from malus.bench.running.worker_process import WorkerProcess
+from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.scenes.core.arrays import AnyArray, BoolArray, IntArray
+from malus.scenes.core.cores import usable_cores
+from malus.scenes.core.errors import InputError
+
+MEMORY = 8e9
+"""Bytes that the pictures of a split may take; of a larger one a part is drawn at random."""
+
+ALONE = 150
+"""Scenes that one process has read before others would have started."""
+
+_WORKERS = 8
+_LARGEST = 6e4
+"""Largest number that half precision holds, nearly."""
+
+HINT = "render a suite with [random] and [splits], such as random"
+
+
+class Examples(NamedTuple):
+    """Pictures of one split.
+
+    `light` (count, height, width, 3, 3), half precision: Stokes vectors of the channels red, green,
+    blue, over the mean of s0 over the valid pixels of all channels; `mask` (count, height, width).
+    """
+
+    light: AnyArray
+    mask: BoolArray
+
+
+def splits_of(dataset: Dataset) -> dict[str, int]:
+    """Number of scenes of each split.
+
+    Raises
+    ------
+    InputError
+        Unless the dataset has `train` and `val`, and pictures of three bands.
+    """
+    counts: dict[str, int] = {}
+    for entry in dataset.record.scenes:
+        if entry.split is not None:
+            counts[entry.split] = counts.get(entry.split, 0) + 1
+    missing = [name for name in ("train", "val") if not counts.get(name)]
+    if missing:
+        found = f"no scenes of {' and '.join(missing)}"
+        raise InputError(str(dataset.path), "a dataset with splits train and val", found, HINT)
+    bands = dataset.scene(dataset.scenes[0]).scene.wavelengths_nm
+    if len(bands) != 3:
+        hint = "render the suite in three bands"
+        raise InputError(str(dataset.path), "pictures of three bands", f"{len(bands)}", hint)
+    return counts
+
+
+def read_examples(
+    dataset: Dataset, split: str, seed: int, progress: Progress, memory: float = MEMORY
+) -> Examples:
+    """Read the pictures of a split, in several processes where there are many.
+
+    Raises
+    ------
+    InputError
+        A damaged dataset, pictures of different sizes or bands, or no light in any.
+    """
+    numbers = np.arange(sum(entry.split == split for entry in dataset.record.scenes))
+    height, width = dataset.scene(dataset.scenes[0]).shape
+    most = max(1, int(memory // (19 * height * width)))  # nine halves and the mask
+    if len(numbers) > most:
+        numbers = np.sort(np.random.default_rng(seed).choice(numbers, most, replace=False))
+    light = np.zeros((len(numbers), height, width, 3, 3), np.float16)
+    mask = np.zeros((len(numbers), height, width), bool)
+    for done, (place, one, valid) in enumerate(_in_processes(dataset.path, split, numbers)):
+        progress(done, len(numbers), f"reading {split}")
+        if valid.shape != (height, width):
+            expected = f"pictures of {width} × {height} pixels"
+            found = f"{valid.shape[1]} × {valid.shape[0]}"
+            raise InputError(str(dataset.path), expected, found, "render them in one suite")
+        light[place], mask[place] = one, valid
+    return Examples(light, mask)
+
+
+_One = tuple[int, AnyArray, BoolArray]
+"""Position of a picture, its light and its mask."""
+
+
+def _in_processes(folder: Path, split: str, numbers: IntArray) -> Iterator[_One]:
+    """Pictures in any order, each with its position in `numbers`."""
+    places = np.arange(len(numbers))
+    if len(numbers) <= ALONE:
+        yield from read_some(folder, split, places, numbers)
+        return
+    count = min(_WORKERS, usable_cores())
+    parts = [(places[k::count], numbers[k::count]) for k in range(count)]
+    with ThreadPoolExecutor(count) as pool:
+        for part in pool.map(lambda part: _in_one(folder, split, *part), parts):
+            yield from part
+
+
+def _in_one(folder: Path, split: str, places: IntArray, numbers: IntArray) -> list[_One]:
+    with WorkerProcess() as worker:
+        return list(worker.stream(read_some, folder, split, places, numbers))
+
+
+def read_some(folder: Path, split: str, places: IntArray, numbers: IntArray) -> Iterator[_One]:
+    """Pictures of those numbers in a split, one after the other."""
+    dataset = open_dataset(folder)
+    samples = dataset.samples(split, maps=("stokes", "mask"))
+    for place, number in zip(places, numbers, strict=True):
+        sample = samples[int(number)]
+        bands = dataset.scene(sample["scene"]).scene.wavelengths_nm
+        if len(bands) != 3:
+            where, hint = f"scene {sample['scene']}", "render it in three bands"
+            raise InputError(where, "three bands", f"{len(bands)}", hint)
+        order = np.argsort(bands)[::-1]  # red first
+        stokes, mask = sample["stokes"][:, :, order], sample["mask"]
+        yield int(place), normalised(stokes, mask), mask
+
+
+def normalised(stokes: AnyArray, mask: BoolArray) -> AnyArray:
+    """Stokes vectors over the mean of s0 in the mask, in half precision, 0 in the background.
+
+    Light that is not finite or negative counts as none.
+
+    Examples
+    --------
+    >>> normalised(np.full((1, 1, 3, 3), 4.0), np.ones((1, 1), bool))[0, 0, 0].tolist()
+    [1.0, 1.0, 1.0]
+    """
+    valid = np.isfinite(stokes).all(axis=-1, keepdims=True) & (stokes[..., :1] >= 0)
+    clean = np.where(valid & mask[..., None, None], stokes, 0.0)
+    mean = clean[mask][..., 0].mean(dtype=np.float64) if mask.any() else 0.0
+    if mean <= 0:
+        return np.zeros(stokes.shape, np.float16)
+    light = clean / mean
+    brightest = np.maximum(light[..., :1] / _LARGEST, 1.0)
+    return (light / brightest).astype(np.float16)

@@ -1,0 +1,208 @@
+"""Train a network on a dataset, write its model file, recipe and loss curve; compare priors."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from malus.bench.learning.arrays import Weights
+from malus.bench.learning.examples import Examples, read_examples, splits_of
+from malus.bench.learning.kept import KeptTraining
+from malus.bench.learning.model_file import write_model
+from malus.bench.learning.network import STRIDE, Architecture, operations, radius, rounded
+from malus.bench.learning.options import TrainingOptions
+from malus.bench.learning.training import Progressed, fit, start
+from malus.bench.learning.validation import measured
+from malus.bench.running.progress import Progress
+from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.reports.figures.learning import figure_learning
+from malus.reports.figures.style import svg
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import replace_text
+from malus.scenes.core.versions import versions
+
+FORMAT = 1
+"""Version of the facts in a model file."""
+
+TEST = "test"
+"""Split on which nothing is decided."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """A finished training.
+
+    Attributes
+    ----------
+    model : Path
+        The ONNX file.
+    facts : dict
+        How good it is, and the recipe it was made by; the metadata `malus` of the file, too.
+    history : list of dict
+        One row a validation: step, loss, skill, calibration.
+
+    Examples
+    --------
+    >>> Training(Path("net.onnx"), {"validation_skill": 0.5}, []).skill
+    0.5
+    """
+
+    model: Path
+    facts: dict[str, Any]
+    history: list[dict[str, float]]
+
+    @property
+    def skill(self) -> float:
+        """Median skill over the scenes of the split `val`."""
+        return float(self.facts["validation_skill"])
+
+
+class Data(NamedTuple):
+    """The pictures of a dataset's splits; `test` is None where there is no such split."""
+
+    dataset: Dataset
+    train: Examples
+    val: Examples
+    test: Examples | None
+    counts: dict[str, int]
+
+
+def read_data(folder: Path, seed: int, progress: Progress) -> Data:
+    """Read the splits of a dataset.
+
+    Raises
+    ------
+    InputError
+        A dataset without splits train and val, or not of three bands, or damaged; no polarised
+        light in the split val.
+    """
+    dataset = open_dataset(folder)
+    counts = splits_of(dataset)
+    train, val = (read_examples(dataset, name, seed, progress) for name in ("train", "val"))
+    if not val.light[val.mask][..., 1:].any() or not train.mask.any():
+        hint = "render a suite with polarised light"
+        raise InputError(str(folder), "polarised light in train and val", "none", hint)
+    test = read_examples(dataset, TEST, seed, progress) if counts.get(TEST) else None
+    return Data(dataset, train, val, test, counts)
+
+
+def train_model(
+    folder: Path, model: Path, options: TrainingOptions, progress: Progress
+) -> Training:
+    """Train on a dataset and write MODEL, and MODEL's name with .json and .svg beside it.
+
+    Raises
+    ------
+    InputError
+        See `read_data` and `KeptTraining.read`; a file of another kind, or that cannot be written.
+    """
+    if model.suffix != ".onnx" or model.is_dir():
+        raise InputError("out", "the name of a file that ends in .onnx", str(model), "choose one")
+    model.parent.mkdir(parents=True, exist_ok=True)
+    began = time.monotonic()
+    data = read_data(folder, options.seed, progress)
+    kept = KeptTraining(model, {"dataset": data.dataset.sha256, "options": asdict(options)})
+    training = fit(data.train, data.val, options, progress, kept.write, kept.read(start(options)))
+    weights = rounded(training.best)
+    facts = _facts(data, options, weights)
+    facts["recipe"] = _recipe(data, options, training, time.monotonic() - began)
+    architecture = Architecture(options.width, options.prior)
+    write_model(model, weights, architecture, facts["calibration"], facts)
+    history = training.history
+    text = json.dumps(facts | {"history": history}, indent=1)
+    replace_text(model.with_suffix(".json"), text + "\n")
+    replace_text(model.with_suffix(".svg"), svg(figure_learning(history, model.stem)))
+    kept.remove()
+    return Training(model, facts, history)
+
+
+def _facts(data: Data, options: TrainingOptions, weights: Weights) -> dict[str, Any]:
+    """What who runs the network must know, measured with the weights as they are stored."""
+    val = measured(weights, data.val, options.prior)
+    test = None if data.test is None else measured(weights, data.test, options.prior)
+    usable = np.isfinite(val.calibration) and val.calibration > 0
+    architecture = Architecture(options.width, options.prior)
+    return {
+        "format": FORMAT,
+        "validation_skill": round(val.skill, 4),
+        "test_skill": None if test is None else round(test.skill, 4),
+        "above_guess": round(val.above_guess, 4),
+        "calibration": float(np.sqrt(val.calibration)) if usable else 1.0,
+        "stride": STRIDE,
+        "receptive_radius": radius(architecture),
+        "resolution": max(data.train.mask.shape[1:]),
+        "operations": round(operations(architecture)),
+        "weights": sum(int(np.size(w)) for w in weights.values()),
+    }
+
+
+def _recipe(
+    data: Data, options: TrainingOptions, training: Progressed, seconds: float
+) -> dict[str, Any]:
+    """What somebody needs to train the same network again."""
+    suite = data.dataset.record.suite or {}
+    random = suite.get("random") or {}
+    device = jax.devices()[0]
+    return {
+        "dataset": {
+            "sha256": data.dataset.sha256,
+            "suite": suite.get("name"),
+            "seed": random.get("seed"),
+            "count": random.get("count"),
+            "splits": data.counts,
+            "used": {"train": len(data.train.mask), "val": len(data.val.mask)},
+            "versions": data.dataset.record.versions,
+        },
+        "options": asdict(options),
+        "steps": training.steps,
+        "device": f"{device.platform}: {device.device_kind}",
+        "versions": versions("malus", "jax", "optax", "onnx", "numpy"),
+        "seconds": round(seconds, 1),
+    }
+
+
+ABLATION: dict[str, dict[str, Any]] = {
+    "as it is": {},
+    "inputs of the prior lobes": {"prior": "lobes"},
+    "never turned": {"turn_deg": 0.0},
+    "turned by any angle": {"turn_deg": 180.0},
+}
+"""Rows of the ablation: what differs from the options that are given."""
+
+
+def ablation(
+    folder: Path, options: TrainingOptions, progress: Progress
+) -> Iterator[dict[str, Any]]:
+    """Train once for each row of `ABLATION` and yield its skill on val and test.
+
+    The first network is also measured with its estimates for a picture and for its mirror image
+    averaged.
+    """
+    data = read_data(folder, options.seed, progress)
+    for row, change in ABLATION.items():
+        own = replace(options, **change)
+        training = fit(data.train, data.val, own, progress, lambda _: None)
+        weights = rounded(training.best)
+        yield _compared(row, data, own.prior, weights, training.steps)
+        if not change:
+            yield _compared("mean with its mirror image", data, own.prior, weights, training.steps)
+
+
+def _compared(row: str, data: Data, prior: str, weights: Weights, steps: int) -> dict[str, Any]:
+    mirrored = row == "mean with its mirror image"
+    val = measured(weights, data.val, prior, mirrored)
+    test = None if data.test is None else measured(weights, data.test, prior, mirrored)
+    return {
+        "row": row,
+        "steps": steps,
+        "val": val.skill,
+        "test": None if test is None else test.skill,
+        "above_guess": val.above_guess,
+    }

@@ -1,0 +1,195 @@
+"""The training itself: steps of gradient descent on new examples, validated as it goes.
+
+The best weights are those of the highest median skill over the scenes of the split `val`. All of a
+training's state is kept at every validation, and what is drawn at random depends on the seed and
+the number of the step alone: a training that was stopped goes on as if it had not been.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from malus.bench.learning.arrays import JaxArray, Weights
+from malus.bench.learning.augment import Batch, augmented
+from malus.bench.learning.examples import Examples
+from malus.bench.learning.network import STRIDE, Architecture, forward, initial_weights
+from malus.bench.learning.objective import loss
+from malus.bench.learning.options import TrainingOptions
+from malus.bench.learning.validation import Measured, measured
+from malus.bench.running.progress import Progress
+
+VALIDATIONS = 20
+"""Times that the weights are validated and kept."""
+
+_RATE = 1e-3
+_WARM_UP = 0.04
+_LARGEST_SIDE = 128
+_TIMED_STEPS = 4
+_TOGETHER = 10
+"""Steps that are under way at once."""
+
+
+class State(NamedTuple):
+    """What changes from step to step; `average` are the mean weights of the last steps."""
+
+    weights: Weights
+    average: Weights
+    optimiser: Any
+
+
+class Progressed(NamedTuple):
+    """A training up to a step, as it is kept on disk.
+
+    `steps` is the number that there will be; `history` has one row a validation.
+    """
+
+    state: State
+    best: Weights
+    step: int
+    steps: int
+    history: list[dict[str, float]]
+
+
+Keep = Callable[[Progressed], None]
+"""Keeps a training, so that it can go on after it was stopped."""
+
+
+def start(options: TrainingOptions) -> State:
+    """The state before the first step."""
+    architecture = Architecture(options.width, options.prior)
+    weights = initial_weights(options.seed, architecture)
+    return State(weights, weights, _optimiser().init(weights))
+
+
+def fit(
+    train: Examples,
+    val: Examples,
+    options: TrainingOptions,
+    progress: Progress,
+    keep: Keep,
+    kept: Progressed | None = None,
+) -> Progressed:
+    """Train from the start, or on from what was kept.
+
+    Parameters
+    ----------
+    train, val : Examples
+    options : TrainingOptions
+    progress : function of (steps done, steps in all, label)
+    keep : function that keeps the training, called at every validation
+    kept : Progressed, optional
+    """
+    began = time.monotonic()
+    function = _step_function(options.batch, options.turn_deg, options.prior, side_of(train))
+    key = jax.random.key(options.seed)
+    one_step = partial(function, *jax.device_put(tuple(train)), key)
+    if kept is None:
+        state = start(options)
+        steps = options.steps or _affordable(one_step, val, state, options, began)
+        kept = Progressed(state, state.average, 0, steps, [])
+    state, best, first, steps, history = kept
+    every = max(1, steps // VALIDATIONS)
+    losses = []
+    for step in range(first, steps):
+        state, error = one_step(state, step, *_rates(step, steps))
+        losses.append(error)
+        if step % _TOGETHER == 0:
+            error.block_until_ready()
+            progress(step, steps, _label(history))
+        if (step + 1) % every == 0 or step + 1 == steps:
+            found = measured(state.average, val, options.prior)
+            if found.skill >= max((row["skill"] for row in history), default=-np.inf):
+                best = state.average
+            history.append(_row(step + 1, losses, found))
+            keep(Progressed(state, best, step + 1, steps, history))
+            losses = []
+    return Progressed(state, best, steps, steps, history)
+
+
+def _row(step: int, losses: list[JaxArray], found: Measured) -> dict[str, float]:
+    mean = float(np.mean([float(one) for one in losses]))
+    return {"step": step, "loss": mean, "skill": found.skill, "calibration": found.calibration}
+
+
+def _label(history: list[dict[str, float]]) -> str:
+    return f"steps, skill {history[-1]['skill']:.3f}" if history else "steps"
+
+
+def _rates(step: int, steps: int) -> tuple[float, float]:
+    """Learning rate of a step, warmed up and then a cosine; and decay of the mean weights."""
+    share = (step + 0.5) / steps
+    rate = _RATE * min(share / _WARM_UP, 1.0) * 0.5 * (1 + np.cos(np.pi * share))
+    return float(rate), min(0.999, (1 + step) / (10 + step))
+
+
+def _optimiser() -> Any:
+    """Adam with gradients of bounded length and decaying weights; the rate is applied outside."""
+    return optax.chain(
+        optax.clip_by_global_norm(1.0),
+        optax.scale_by_adam(b2=0.99),
+        optax.add_decayed_weights(1e-3),
+    )
+
+
+def side_of(examples: Examples) -> int:
+    """Pixels a side of the pictures that the network is trained on."""
+    return min(_LARGEST_SIDE, max(STRIDE, min(examples.mask.shape[1:]) // STRIDE * STRIDE))
+
+
+@functools.cache
+def _step_function(batch: int, turn_deg: float, prior: str, side: int) -> Any:
+    """One step as a compiled function of all pictures, a key, the state, and the step's number."""
+    optimiser = _optimiser()
+    # Half the memory traffic, where the device has units for it.
+    dtype = jnp.bfloat16 if jax.default_backend() == "gpu" else jnp.float32
+
+    def error(weights: Weights, examples: Batch) -> JaxArray:
+        return loss(*forward(weights, examples.picture, prior, dtype), examples)
+
+    def step(
+        light: JaxArray,
+        mask: JaxArray,
+        root: JaxArray,
+        state: State,
+        number: int,
+        rate: float,
+        decay: float,
+    ) -> tuple[State, JaxArray]:
+        draw, change = jax.random.split(jax.random.fold_in(root, number))
+        chosen = jax.random.randint(draw, (batch,), 0, light.shape[0])
+        examples = augmented(change, light[chosen], mask[chosen], turn_deg, side)
+        value, gradient = jax.value_and_grad(error)(state.weights, examples)
+        change_by, memory = optimiser.update(gradient, state.optimiser, state.weights)
+        weights = jax.tree.map(lambda w, u: w - rate * u, state.weights, change_by)
+        average = jax.tree.map(lambda a, w: decay * a + (1 - decay) * w, state.average, weights)
+        return State(weights, average, memory), value
+
+    return jax.jit(step)
+
+
+def _affordable(
+    one_step: Any, val: Examples, state: State, options: TrainingOptions, began: float
+) -> int:
+    """Number of steps in the time that is given, from the speed of a few that are thrown away."""
+    assert options.seconds is not None
+    trial = one_step(state, 0, *_rates(0, 100))[1].block_until_ready()  # compiles
+    measured(state.average, val, options.prior)
+    started = time.monotonic()
+    for number in range(_TIMED_STEPS):
+        trial = one_step(state, number, *_rates(number, 100))[1]
+    trial.block_until_ready()
+    a_step = (time.monotonic() - started) / _TIMED_STEPS
+    started = time.monotonic()
+    measured(state.average, val, options.prior)
+    validating = VALIDATIONS * (time.monotonic() - started)
+    left = options.seconds - (time.monotonic() - began) - validating
+    return max(VALIDATIONS, int(left / a_step))

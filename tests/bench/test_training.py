@@ -1,0 +1,367 @@
+"""Networks learn: they beat the guess, repeat, go on where they were stopped, and become a file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_up import made_up_truth
+from runs import one_line, run_malus
+
+jax = pytest.importorskip("jax", reason="no jax; pip install jax optax onnx onnxruntime")
+
+import onnx  # noqa: E402
+import onnxruntime  # noqa: E402
+
+import malus  # noqa: E402
+from malus.bench.datasets.render import render_dataset  # noqa: E402
+from malus.bench.learning import examples as reading  # noqa: E402
+from malus.bench.learning import network, options, training  # noqa: E402
+from malus.bench.learning.examples import normalised, read_examples  # noqa: E402
+from malus.bench.learning.kept import KeptTraining  # noqa: E402
+from malus.bench.learning.model_file import write_model  # noqa: E402
+from malus.bench.learning.network import Architecture  # noqa: E402
+from malus.bench.learning.objective import sums  # noqa: E402
+from malus.bench.learning.options import TrainingOptions  # noqa: E402
+from malus.bench.learning.validation import measured  # noqa: E402
+from malus.bench.running.progress import silent  # noqa: E402
+from malus.renderers.variant import Variant  # noqa: E402
+from malus.scenes import InputError, Suite  # noqa: E402
+from malus.scenes.polarisation import PAPER_ANGLES_DEG, polarised  # noqa: E402
+
+CONTENT: dict[str, Any] = {
+    "name": "drawn",
+    "description": "Spheres at random",
+    "wavelengths_nm": [450, 550, 650],
+    "methods": ["unpolarised"],
+    "renderer": "torrance-sparrow",
+    "camera": {"resolution": 32},
+    "random": {
+        "count": 40,
+        "seed": 1,
+        "shapes": [{"kind": "sphere"}],
+        "materials": [{"eta": {"uniform": [1.3, 1.8]}}],
+        "surfaces": [{"alpha": {"uniform": [0.2, 0.4]}, "albedo": [0.05, 0.1, 0.2]}],
+        "lights": [{"kind": "distant", "incidence_deg": {"uniform": [40, 80]}}],
+    },
+    "splits": {"train": 0.7, "val": 0.2, "test": 0.1, "disjoint": ["material", "light"]},
+}
+QUICK = TrainingOptions(steps=150, batch=8, width=4)
+TINY = Architecture(width=4, prior="lobes")
+
+
+@pytest.fixture(scope="module")
+def spheres(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("spheres")
+    render_dataset(Suite.parse(CONTENT, "test"), folder, Variant("none", "not used"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def trained(spheres: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    model = tmp_path_factory.mktemp("trained") / "net.onnx"
+    done = run_malus(
+        "train", str(spheres), "--out", str(model), "--steps", "150", "--batch", "8", "--width", "4"
+    )
+    assert done.returncode == 0, done.stderr
+    assert "median skill val" in done.stdout
+    return model
+
+
+def random_weights(architecture: Architecture, seed: int = 0) -> dict[str, Any]:
+    """Weights of which none is zero: every part of the network has a say."""
+    random = np.random.default_rng(seed)
+    weights = network.initial_weights(seed, architecture)
+    return {
+        name: (w + random.normal(0, 0.03, w.shape)).astype(np.float32)
+        for name, w in weights.items()
+    }
+
+
+def test_training_beats_the_guess(trained: Path) -> None:
+    facts = json.loads(trained.with_suffix(".json").read_text("utf-8"))
+    assert facts["validation_skill"] > 0.05
+    assert facts["test_skill"] > 0.0
+    history = facts["history"]
+    assert history[-1]["step"] == 150
+    assert max(row["skill"] for row in history) == pytest.approx(
+        facts["validation_skill"], abs=0.01
+    )  # weights are rounded
+    assert trained.with_suffix(".svg").read_text("utf-8").startswith("<?xml")
+    assert not trained.with_name("net.onnx.training").exists()
+
+
+def test_the_file_tells_its_recipe_and_does_what_it_says(trained: Path, spheres: Path) -> None:
+    """Deviations are calibrated on `val` by one factor: their mean square there is 1."""
+    session = onnxruntime.InferenceSession(trained)
+    facts = json.loads(session.get_modelmeta().custom_metadata_map["malus"])
+    recipe = facts["recipe"]
+    assert facts["format"] == 1
+    assert facts["resolution"] == 32
+    assert facts["stride"] == 16
+    assert recipe["dataset"]["splits"] == {"train": 29, "val": 8, "test": 3}
+    assert recipe["options"]["steps"] == 150
+    val = read_examples(malus.open_dataset(spheres), "val", 0, silent)
+    found = []
+    for light, mask in zip(val.light.astype(np.float32), val.mask, strict=True):
+        picture = light[..., 0].transpose(2, 0, 1)[None]
+        stokes, deviation = (a[0].transpose(1, 2, 0) for a in session.run(None, {"image": picture}))
+        both = np.stack([stokes[..., :3], stokes[..., 3:]], axis=-1)
+        found.append([float(one) for one in sums(light, mask, both, deviation)])
+    error, guess, residual, visible = np.array(found).T
+    # The file has four digits of the skill.
+    assert np.median(1 - error / guess) == pytest.approx(facts["validation_skill"], abs=2e-4)
+    assert np.mean(residual / visible) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_the_same_seed_gives_the_same_weights_also_after_a_stop(
+    trained: Path, spheres: Path, tmp_path: Path
+) -> None:
+    model = tmp_path / "again.onnx"
+    stopped: list[int] = []
+
+    def stop(done: int, total: int, label: str) -> None:
+        if label.startswith("steps") and done >= 60 and not stopped:
+            stopped.append(done)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        malus.train(spheres, model, QUICK, stop)
+    assert not model.exists()
+    assert (tmp_path / "again.onnx.training" / "state.npz").exists()
+    other = TrainingOptions(steps=150, batch=8, width=4, seed=1)
+    with pytest.raises(InputError, match="the data and options of that training"):
+        malus.train(spheres, model, other)
+    first: list[int] = []
+    malus.train(spheres, model, QUICK, lambda done, _total, label: first.append(done))
+    assert 0 < min(d for d in first[-20:] if d) <= 60
+    one, two = (onnx.load(path).graph.initializer for path in (trained, model))
+    assert all(a.raw_data == b.raw_data for a, b in zip(one, two, strict=True))
+
+
+@pytest.mark.parametrize("prior", ["none", "lobes"])
+def test_the_file_agrees_with_the_network(prior: str, tmp_path: Path) -> None:
+    architecture = Architecture(width=4, prior=prior)
+    weights = network.rounded(random_weights(architecture))
+    write_model(tmp_path / "net.onnx", weights, architecture, 1.5, {"format": 1})
+    picture = np.random.default_rng(0).uniform(0, 3, (1, 48, 64, 3)).astype(np.float32)
+    expected, deviations = network.forward(weights, picture, prior)
+    session = onnxruntime.InferenceSession(tmp_path / "net.onnx")
+    stokes, deviation = session.run(None, {"image": picture.transpose(0, 3, 1, 2)})
+    # Single precision through 30 convolutions of up to 360 products, in another order.
+    np.testing.assert_allclose(stokes[0, :3], np.moveaxis(expected[0, ..., 0], -1, 0), atol=1e-4)
+    np.testing.assert_allclose(stokes[0, 3:], np.moveaxis(expected[0, ..., 1], -1, 0), atol=1e-4)
+    np.testing.assert_allclose(
+        deviation[0], 1.5 * np.moveaxis(deviations[0], -1, 0), rtol=1e-3, atol=1e-4
+    )
+    assert np.hypot(stokes[0, :3], stokes[0, 3:]).max() <= 1.0
+    assert deviation.min() > 0
+
+
+def test_the_default_network_is_small_enough() -> None:
+    weights = network.initial_weights(0, Architecture(16, "none"))
+    assert 2 * sum(w.size for w in weights.values()) < 3.9e6  # bytes; the file has at most 4 MB
+
+
+def test_ratios_stay_within_all_light() -> None:
+    raw = np.full((1, 1, 1, 9), 1e6, np.float32)
+    ratios, deviations = network._answers(raw)
+    assert float(np.linalg.norm(ratios, axis=-1).max()) <= 1.0
+    assert np.isfinite(deviations).all()
+
+
+def reached(place: int, side: int) -> np.ndarray:
+    """Pixels of a line that a change at `place` reaches through the network, by brute force."""
+
+    def convolved(line: np.ndarray) -> np.ndarray:
+        return line | np.append(line[1:], False) | np.insert(line[:-1], 0, False)
+
+    def blocks(line: np.ndarray, count: int) -> np.ndarray:
+        for _ in range(2 * count):
+            line = convolved(line)
+        return line
+
+    line = convolved(np.arange(side) == place)
+    lines = [line]
+    for count in (1, 1, 1, 2):
+        line = blocks(convolved(line)[::2], count)
+        lines.append(line)
+    for finer in lines[-2::-1]:
+        line = blocks(finer | np.repeat(line, 2), 1)
+    return line
+
+
+def test_nothing_farther_than_the_radius_has_an_influence() -> None:
+    reach = network.radius(TINY)
+    side = 16 * ((2 * reach + 48) // 16)
+    farthest = [
+        np.abs(np.nonzero(reached(place, side))[0] - place).max()
+        for place in range(side // 2 - 8, side // 2 + 8)
+    ]
+    assert max(farthest) == reach
+    weights = random_weights(TINY)
+    picture = np.random.default_rng(1).uniform(0.5, 1.5, (1, side, side, 3)).astype(np.float32)
+    changed = picture.copy()
+    place = side // 2
+    changed[0, place, place] *= 30.0
+    one, two = (np.asarray(network.forward(weights, p, "lobes")[0]) for p in (picture, changed))
+    rows, columns = np.nonzero((np.abs(one - two) > 1e-6).any(axis=(-1, -2))[0])  # rounding
+    seen = max(np.abs(rows - place).max(), np.abs(columns - place).max())
+    assert reach / 4 < seen <= reach
+
+
+def test_every_step_sees_other_examples(spheres: Path) -> None:
+    train = read_examples(malus.open_dataset(spheres), "train", 0, silent)
+    step = training._step_function(QUICK.batch, QUICK.turn_deg, QUICK.prior, 32)
+    state = training.start(QUICK)
+    errors = {
+        float(step(*train, jax.random.key(seed), state, number, 0.0, 0.0)[1])
+        for seed, number in ((0, 0), (0, 1), (1, 0))
+    }
+    assert len(errors) == 3
+
+
+def test_skill_is_that_of_the_five_angles() -> None:
+    """By brute force: pictures behind a polariser, true, estimated and unpolarised."""
+    truth = made_up_truth(seed=3)
+    light = truth.stokes / truth.image[truth.mask].mean()
+    random = np.random.default_rng(0)
+    ratios = random.uniform(-0.5, 0.5, (*truth.image.shape, 2)).astype(np.float32)
+    estimate = light.copy()
+    estimate[..., 1:] = ratios * light[..., :1]
+    trivial = light * np.float32([1.0, 0.0, 0.0])
+
+    def squares(other: np.ndarray) -> float:
+        pictures = [polarised(light, a) - polarised(other, a) for a in PAPER_ANGLES_DEG]
+        return float(np.square(np.array(pictures)[:, truth.mask], dtype=np.float64).sum())
+
+    deviations = np.full(truth.image.shape, 0.2, np.float32)
+    found = sums(light, truth.mask, ratios, deviations)
+    expected = 1 - squares(estimate) / squares(trivial)
+    assert 1 - float(found.error / found.guess) == pytest.approx(expected, rel=1e-4)  # single
+    true = light[truth.mask][..., 1:] / light[truth.mask][..., :1]
+    lit = light[truth.mask][..., 0] ** 2 > 1e-3
+    residual = ((true - ratios[truth.mask]) / 0.2)[lit]
+    assert float(found.residual) == pytest.approx(float((residual**2).sum()), rel=1e-4)
+    assert int(found.visible) == residual.size
+
+
+def test_red_comes_first_and_the_mean_is_one(spheres: Path) -> None:
+    dataset = malus.open_dataset(spheres)
+    val = read_examples(dataset, "val", 0, silent)
+    sample = dataset.samples("val", maps=("stokes", "mask"))[2]
+    assert sample["stokes"][..., 2, 0].sum() > 1.2 * sample["stokes"][..., 0, 0].sum()
+    expected = sample["stokes"][:, :, ::-1]  # 650 nm first
+    expected = expected / expected[sample["mask"]][..., 0].mean()
+    np.testing.assert_array_equal(val.mask[2], sample["mask"])
+    inside = sample["mask"]
+    np.testing.assert_allclose(val.light[2][inside], expected[inside], rtol=1e-3, atol=1e-6)  # half
+    assert not val.light[2][~inside].any()
+
+
+def test_processes_read_what_one_reads(spheres: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    dataset = malus.open_dataset(spheres)
+    alone = read_examples(dataset, "train", 0, silent)
+    monkeypatch.setattr(reading, "ALONE", 0)
+    monkeypatch.setattr(reading, "_WORKERS", 2)
+    together = read_examples(dataset, "train", 0, silent)
+    np.testing.assert_array_equal(alone.light, together.light)
+    np.testing.assert_array_equal(alone.mask, together.mask)
+
+
+def test_memory_is_bounded(spheres: Path) -> None:
+    few = read_examples(malus.open_dataset(spheres), "train", 0, silent, memory=19 * 32 * 32 * 5)
+    assert few.light.shape == (5, 32, 32, 3, 3)
+
+
+def test_light_beyond_half_precision_keeps_its_polarisation() -> None:
+    stokes = np.zeros((400, 400, 3, 3), np.float32)
+    stokes[0, 0] = [1.0, 0.5, -0.25]
+    light = normalised(stokes, np.ones((400, 400), bool))
+    assert np.isfinite(light).all()
+    np.testing.assert_allclose(light[0, 0, 0] / light[0, 0, 0, 0], [1.0, 0.5, -0.25], rtol=1e-3)
+    dark = normalised(np.full((2, 2, 3, 3), np.nan, np.float32), np.ones((2, 2), bool))
+    assert not dark.any()
+
+
+def test_the_rate_warms_up_and_ends_at_nothing() -> None:
+    rates = [training._rates(step, 100)[0] for step in range(100)]
+    assert rates[0] < max(rates) / 4
+    assert rates[-1] < max(rates) / 1000
+    assert [training._rates(step, 100)[1] for step in (0, 10**6)] == [0.1, 0.999]
+
+
+def test_time_buys_steps(spheres: Path) -> None:
+    data = [
+        read_examples(malus.open_dataset(spheres), name, 0, silent) for name in ("train", "val")
+    ]
+    asked = TrainingOptions(seconds=1e-3, batch=8, width=4)
+    done = training.fit(*data, asked, silent, lambda _: None)
+    assert done.steps == done.step == training.VALIDATIONS  # the least
+
+
+def test_a_state_that_was_cut_is_told(tmp_path: Path) -> None:
+    kept = KeptTraining(tmp_path / "net.onnx", {})
+    assert kept.read(training.start(QUICK)) is None
+    kept.folder.mkdir()
+    (kept.folder / "state.npz").write_bytes(b"PK")
+    with pytest.raises(InputError, match="the state of a training"):
+        kept.read(training.start(QUICK))
+
+
+def test_bad_input_ends_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    missing = run_malus("train", str(tmp_path))
+    assert missing.returncode == 2
+    assert "dataset.json" in one_line(missing.stderr)
+    both = run_malus("train", str(tmp_path), "--seconds", "3", "--steps", "2")
+    assert both.returncode == 2
+    assert "--seconds, --steps: expected one of them" in one_line(both.stderr)
+    other = run_malus("train", str(tmp_path), "--out", str(tmp_path / "net.json"))
+    assert "--out: expected the name of a file that ends in .onnx" in one_line(other.stderr)
+    turned = run_malus("train", str(tmp_path), "--turn", "200")
+    assert "--turn: expected degrees from 0 to 180" in one_line(turned.stderr)
+    monkeypatch.setattr(options, "PACKAGES", ("jax", "no_such_package"))
+    lacking = run_malus("train", str(tmp_path))
+    assert lacking.returncode == 2
+    assert 'pip install "malus[learn]"' in one_line(lacking.stderr)
+
+
+def test_datasets_without_splits_or_with_other_bands_are_refused(tmp_path: Path) -> None:
+    few = {"camera": {"resolution": 8}, "random": CONTENT["random"] | {"count": 10}}
+    grey = {"surfaces": [{"alpha": 0.3, "albedo": 0.1}]}
+    content = CONTENT | few | {"wavelengths_nm": [550], "random": few["random"] | grey}
+    one_band = Suite.parse(content, "test")
+    render_dataset(one_band, tmp_path / "one", Variant("none", "not used"))
+    with pytest.raises(InputError, match="pictures of three bands"):
+        malus.train(tmp_path / "one", tmp_path / "net.onnx", QUICK)
+    whole = Suite.parse({k: v for k, v in (CONTENT | few).items() if k != "splits"}, "test")
+    render_dataset(whole, tmp_path / "whole", Variant("none", "not used"))
+    with pytest.raises(InputError, match="splits train and val"):
+        malus.train(tmp_path / "whole", tmp_path / "net.onnx", QUICK)
+
+
+def test_the_ablation_has_five_rows(spheres: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from malus.bench.learning import train
+
+    monkeypatch.setattr(train, "ABLATION", {"as it is": {}})
+    done = run_malus(
+        "train", str(spheres), "--ablate", "--steps", "2", "--batch", "8", "--width", "4", "--json"
+    )
+    rows = json.loads(done.stdout)
+    assert [row["row"] for row in rows] == ["as it is", "mean with its mirror image"]
+    assert all(np.isfinite([row["val"], row["test"]]).all() for row in rows)
+
+
+def test_the_mean_with_the_mirror_image_is_a_mirror_image(spheres: Path) -> None:
+    """Mirrored pictures, with s2 mirrored, have the same skill: exactly as good, to rounding."""
+    val = read_examples(malus.open_dataset(spheres), "val", 0, silent)
+    other = val._replace(
+        light=val.light[:, :, ::-1] * np.float16([1, 1, -1]), mask=val.mask[:, :, ::-1]
+    )
+    weights = random_weights(Architecture(4, "none"))
+    one, two = (measured(weights, part, "none", mirrored=True) for part in (val, other))
+    assert one.skill == pytest.approx(two.skill, rel=1e-3)
+    assert measured(weights, val, "none").skill != pytest.approx(one.skill, rel=1e-2)
