@@ -257,9 +257,7 @@ def test_red_comes_first_and_the_mean_is_one(spheres: Path) -> None:
     expected = sample["stokes"][:, :, ::-1]  # 650 nm first
     expected = expected / expected[sample["mask"]][..., 0].mean()
     np.testing.assert_array_equal(val.mask[2], sample["mask"])
-    inside = sample["mask"]
-    np.testing.assert_allclose(val.light[2][inside], expected[inside], rtol=1e-3, atol=1e-6)  # half
-    assert not val.light[2][~inside].any()
+    np.testing.assert_allclose(val.light[2], expected, rtol=1e-3, atol=1e-6)  # half precision
 
 
 def test_processes_read_what_one_reads(spheres: Path, monkeypatch: pytest.MonkeyPatch) -> None:
