@@ -189,6 +189,8 @@ def ablation(
     for row, change in ABLATION.items():
         own = replace(options, **change)
         training = fit(data.train, data.val, own, progress, lambda _: None)
+        # What the first could afford, all get.
+        options = replace(options, seconds=None, steps=training.steps)
         weights = rounded(training.best)
         yield _compared(row, data, own.prior, weights, training.steps)
         if not change:

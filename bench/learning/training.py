@@ -89,9 +89,9 @@ def fit(
     kept : Progressed, optional
     """
     began = time.monotonic()
-    function = _step_function(options.batch, options.turn_deg, options.prior, side_of(train))
+    function = _step_function(options.batch, options.prior, side_of(train))
     key = jax.random.key(options.seed)
-    one_step = partial(function, *jax.device_put(tuple(train)), key)
+    one_step = partial(function, *jax.device_put(tuple(train)), key, options.turn_deg)
     if kept is None:
         state = start(options)
         steps = options.steps or _affordable(one_step, val, state, options, began)
@@ -146,8 +146,8 @@ def side_of(examples: Examples) -> int:
 
 
 @functools.cache
-def _step_function(batch: int, turn_deg: float, prior: str, side: int) -> Any:
-    """One step as a compiled function of all pictures, a key, the state, and the step's number."""
+def _step_function(batch: int, prior: str, side: int) -> Any:
+    """One step as a compiled function: pictures, key, largest turn, state, number of the step."""
     optimiser = _optimiser()
     # Half the memory traffic, where the device has units for it.
     dtype = jnp.bfloat16 if jax.default_backend() == "gpu" else jnp.float32
@@ -159,6 +159,7 @@ def _step_function(batch: int, turn_deg: float, prior: str, side: int) -> Any:
         light: JaxArray,
         mask: JaxArray,
         root: JaxArray,
+        turn_deg: float,
         state: State,
         number: int,
         rate: float,

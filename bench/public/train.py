@@ -70,7 +70,7 @@ def ablate(
     dataset : path of a folder
     options : TrainingOptions, optional
         Of the first network; the others differ in the prior, or in how far pictures are turned.
-        Each takes the whole time or number of steps.
+        All take as many steps as the first.
     progress : function of (steps done, steps in all, label)
 
     Returns

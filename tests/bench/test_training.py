@@ -215,10 +215,10 @@ def test_nothing_farther_than_the_radius_has_an_influence() -> None:
 
 def test_every_step_sees_other_examples(spheres: Path) -> None:
     train = read_examples(malus.open_dataset(spheres), "train", 0, silent)
-    step = training._step_function(QUICK.batch, QUICK.turn_deg, QUICK.prior, 32)
+    step = training._step_function(QUICK.batch, QUICK.prior, 32)
     state = training.start(QUICK)
     errors = {
-        float(step(*train, jax.random.key(seed), state, number, 0.0, 0.0)[1])
+        float(step(*train, jax.random.key(seed), 20.0, state, number, 0.0, 0.0)[1])
         for seed, number in ((0, 0), (0, 1), (1, 0))
     }
     assert len(errors) == 3
