@@ -8,7 +8,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 SUITE ?= fig5
 
-.PHONY: run test lint types docs wheel gate check clean
+.PHONY: run test lint types docs gallery wheel gate check clean
 
 run: $(VENV)/.ready
 	$(BIN)/malus run $(SUITE)
@@ -25,9 +25,15 @@ lint: $(VENV)/.ready-dev
 types: $(VENV)/.ready-dev
 	$(BIN)/mypy -p malus
 
-# The reference of the public names, from their docstrings.
+# The documentation as a site, build/docs/site/index.html: strict, and without a network.
 docs: $(VENV)/.ready-dev
-	$(BIN)/pdoc --docformat numpy --output-directory build/docs malus
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --config-file reports/mkdocs.yml
+	@echo build/docs/site/index.html
+
+# Pictures of every light, body, surface, shape and room, rendered anew; some are stored in
+# reports/gallery. For some of them: `make gallery SHEETS="photo rooms"`.
+gallery: $(VENV)/.ready-dev
+	$(BIN)/python -m malus.bench.documents.gallery build/gallery $(SHEETS)
 
 # The built wheel, in a clean environment outside the checkout, must run a suite.
 wheel: $(VENV)/.ready
@@ -54,7 +60,7 @@ endef
 export LIST_CHECKOUT
 
 $(VENV)/.ready: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[net]'
 	mkdir -p $(VENV)/checkout
 	ln -sfn $(CURDIR) $(VENV)/checkout/malus
 	$(BIN)/python -c "$$LIST_CHECKOUT" $(abspath $(VENV)/checkout)

@@ -93,14 +93,14 @@ if TYPE_CHECKING:
         CaptureFit as CaptureFit,
         fit_capture as fit_capture,
     )
-    from malus.reconstruct.photos.estimate import (
-        Knowledge as Knowledge,
-        read_knowledge as read_knowledge,
-    )
     from malus.reconstruct.photos.filter import (
         FilteredPicture as FilteredPicture,
         FilterOutput as FilterOutput,
         filter_picture as filter_picture,
+    )
+    from malus.reconstruct.photos.knowledge import (
+        Knowledge as Knowledge,
+        read_knowledge as read_knowledge,
     )
     from malus.reconstruct.photos.picture import Picture as Picture
     from malus.reconstruct.photos.read_picture import read_picture as read_picture
@@ -121,9 +121,12 @@ if TYPE_CHECKING:
         Environment as Environment,
         ImageTexture as ImageTexture,
         InputError as InputError,
+        Interior as Interior,
+        Lathe as Lathe,
         Light as Light,
         Measured as Measured,
         MeshFile as MeshFile,
+        Noise as Noise,
         Patterned as Patterned,
         Placed as Placed,
         Plane as Plane,
@@ -184,8 +187,8 @@ _NAMES = {
     "malus.bench.scoring.observe": "observe",
     "malus.bench.studies.registry": "run_study",
     "malus.bench.studies.study": "Findings Study",
-    "malus.reconstruct.photos.estimate": "Knowledge read_knowledge",
     "malus.reconstruct.photos.filter": "FilterOutput FilteredPicture filter_picture",
+    "malus.reconstruct.photos.knowledge": "Knowledge read_knowledge",
     "malus.reconstruct.photos.read_picture": "read_picture",
     "malus.reconstruct.photos.sensor_stokes": "demosaiced_stokes",
     "malus.renderers": "Truth render",
@@ -193,9 +196,9 @@ _NAMES = {
     "malus.renderers.datasets.opened": "open_dataset",
     "malus.renderers.datasets.samples": "Samples",
     "malus.scenes": "Area Blob Camera Checker Conductor Crease Dielectric Distant Environment"
-    " ImageTexture InputError Light Measured MeshFile Patterned Placed Plane Polariser Sampling"
-    " Scene Shape Sky SkyPolarisation Sphere Spots Stripes Suite Superquadric Surroundings Torus"
-    " Uniform Views load_suite suite_names",
+    " ImageTexture InputError Interior Lathe Light Measured MeshFile Noise Patterned Placed Plane"
+    " Polariser Sampling Scene Shape Sky SkyPolarisation Sphere Spots Stripes Suite Superquadric"
+    " Surroundings Torus Uniform Views load_suite suite_names",
     "malus.scenes.sensor": "Sensor",
     "malus.scenes.sensor_frame": "SensorFrame expose",
 }

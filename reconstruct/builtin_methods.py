@@ -65,10 +65,11 @@ def whole_picture_methods() -> Iterator[
     tuple[str, frozenset[str], Reconstruction, str, frozenset[str]]
 ]:
     """Name, needs, function, summary and replaceable stages of methods that see whole pictures."""
+    from malus.reconstruct.learned.net import NET_METHODS
     from malus.reconstruct.single_image.blind import BLIND_METHODS
     from malus.reconstruct.single_image.paper import PAPER_METHODS, STAGES
 
-    for entry in BLIND_METHODS:
+    for entry in (*BLIND_METHODS, *NET_METHODS):
         yield *entry, frozenset()
     for entry in PAPER_METHODS:
         yield *entry, STAGES

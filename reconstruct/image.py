@@ -56,7 +56,8 @@ def from_lobes(
         lobes["diffuse"] = diffuse_model(observation)
     tabulated = {name: lobe for name, lobe in lobes.items() if isinstance(lobe, ZenithTables)}
     pixelwise = {name: lobe for name, lobe in lobes.items() if not isinstance(lobe, ZenithTables)}
-    table = _joined(list(tabulated.values()))
+    table = _joined([lobe.columns for lobe in tabulated.values()])
+    signs = np.array([lobe.sign for lobe in tabulated.values()], np.float64)
 
     dtype = np.result_type(specular.dtype, np.float32)
     image = np.empty(specular.shape, dtype)
@@ -74,8 +75,9 @@ def from_lobes(
         if tabulated:
             first, *rest = (intensity[name] for name in tabulated)
             second = rest[0] if rest else first
+            fields = block_s1, block_s2
             kernels.polarise_about_normals(
-                first, second, block.normals, table, block.frame_length, block_s1, block_s2
+                first, second, block.normals, table, signs, block.frame_length, *fields
             )
         for name, ratios in pixelwise.items():
             kernels.add_polarised(intensity[name], ratios(block), block_s1, block_s2)
@@ -84,18 +86,12 @@ def from_lobes(
     return Components(image, s1, s2, valid)
 
 
-def _joined(lobes: Sequence[ZenithTables]) -> Float64Array:
-    """One table (steps + 2, columns) of all lobes and bands, on the finest of their grids."""
-    steps = max((len(lobe.columns) for lobe in lobes), default=1)
-    columns = sum(lobe.columns.shape[1] for lobe in lobes)
-    table = np.empty((steps + 1, columns))
-    start = 0
-    for lobe in lobes:
-        end = start + lobe.columns.shape[1]
-        np.multiply(on_steps(lobe.columns, steps), lobe.sign, out=table[:-1, start:end])
-        start = end
-    table[-1] = table[-2]  # one cell more, for x = 1 itself
-    return table
+def _joined(columns: Sequence[Float64Array]) -> Float64Array:
+    """One table (steps + 1, columns) of all lobes and bands, on the finest of their grids."""
+    if len(columns) == 1:
+        return columns[0]
+    steps = max((len(one) for one in columns), default=1)
+    return np.hstack([np.empty((steps, 0)), *(on_steps(one, steps) for one in columns)])
 
 
 def _in_threads(work: Callable[[slice], None], blocks: Sequence[slice]) -> None:

@@ -58,32 +58,41 @@ def mark_valid_pixels(specular: Any, diffuse: Any, normals: Any, largest: Any, v
 
 @compiled
 def polarise_about_normals(
-    first: Any, second: Any, normals: Any, table: Any, frame_length: float, s1: Any, s2: Any
+    first: Any,
+    second: Any,
+    normals: Any,
+    table: Any,
+    signs: Any,
+    frame_length: float,
+    s1: Any,
+    s2: Any,
 ) -> None:
     """Write s1 and s2 of one or two lobes whose polarisation depends on the zenith angle alone.
 
     first, second, s1, s2 (pixels, bands): intensities of the lobes and their Stokes components;
-    normals (pixels, 3) with z ≥ 0. The rows of `table` hold s1/s0 at azimuth 0 on even steps of
-    √cos θ from 0 to 1, the last one twice. Its columns are the bands of `first`, followed by those
-    of `second` where there are twice as many. `frame_length` is the length of (cos 2φ, sin 2φ).
+    normals (pixels, 3) with z ≥ 0. The rows of `table` hold s1/s0 at azimuth 0, over the sign of
+    their lobe, on even steps of √cos θ from 0 to 1. Its columns are the bands of `first`, followed
+    by those of `second` where there are twice as many; `signs` has one or two. `frame_length` is
+    the length of (cos 2φ, sin 2φ).
     """
     pixels, bands = first.shape
-    cells = table.shape[0] - 2
+    cells = table.shape[0] - 1
     both = table.shape[1] > bands
+    first_sign, second_sign = signs[0], signs[-1]
     for i in range(pixels):
         x, y, z = np.float64(normals[i, 0]), np.float64(normals[i, 1]), np.float64(normals[i, 2])
         grid_position = math.sqrt(min(z, 1.0)) * cells
-        cell = int(grid_position)
+        cell = min(int(grid_position), cells - 1)
         part = grid_position - cell
         low, high = table[cell], table[cell + 1]
         # Where the squares underflow, both numerators are zero as well.
         inverse = frame_length / (x * x + y * y + 1e-300)
         cos2, sin2 = (x * x - y * y) * inverse, 2.0 * x * y * inverse
         for b in range(bands):
-            polarised = first[i, b] * (low[b] + part * (high[b] - low[b]))
+            polarised = first_sign * first[i, b] * (low[b] + part * (high[b] - low[b]))
             if both:
                 c = bands + b
-                polarised += second[i, b] * (low[c] + part * (high[c] - low[c]))
+                polarised += second_sign * second[i, b] * (low[c] + part * (high[c] - low[c]))
             s1[i, b] = polarised * cos2
             s2[i, b] = polarised * sin2
 

@@ -119,7 +119,7 @@ def _installed() -> tuple[importlib.metadata.EntryPoint, ...]:
 
 
 def get_method(name: str) -> Method:
-    """The method of that name, or the object `package.module:object`.
+    """The method of that name, the object `package.module:object`, or a network `net:FILE.onnx`.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def get_method(name: str) -> Method:
     Raises
     ------
     InputError
-        If there is none, or the object is no Method.
+        If there is none, the object is no Method, or the file of weights is missing or damaged.
 
     Examples
     --------
@@ -141,6 +141,8 @@ def get_method(name: str) -> Method:
     >>> get_method("malus.reconstruct.methods:TRIVIAL").name
     'unpolarised'
     """
+    if name.startswith(_NETWORKS) and name.endswith(".onnx"):
+        return _of_file(name)
     if ":" in name:
         return _loaded(f"method {name}", name)
     if name in _per_pixel() and all(entry.name != name for entry in _installed()):
@@ -150,6 +152,18 @@ def get_method(name: str) -> Method:
         hint = near(name, by_name) or "`malus list methods` shows them; your own is module:object"
         raise InputError("method", f"one of {', '.join(by_name)}", name, hint)
     return by_name[name]
+
+
+_NETWORKS = ("net:", "net-around:")
+
+
+def _of_file(name: str) -> Method:
+    """The method of one's own file of weights; its name in tables is the reference itself."""
+    from malus.reconstruct.learned.net import net_of_file
+
+    # What is wrong with the file is told now; without the runtime, where it is first run.
+    reconstruct, summary = net_of_file(name)
+    return Method(name, frozenset(), reconstruct, summary)
 
 
 def _loaded(where: str, reference: str) -> Method:

@@ -147,6 +147,9 @@ class Components:
     converged : bool or None
         Whether the search behind the estimate ended where it explains the image; None means that
         nothing was searched.
+    deviation : (height, width, bands) or None
+        Standard deviation of s1/image, and of s2/image, that the method states for its own error.
+        None means that it does not tell.
 
     Examples
     --------
@@ -161,6 +164,7 @@ class Components:
     s2: Image
     valid: BoolArray | None = None
     converged: bool | None = None
+    deviation: Image | None = None
 
     @classmethod
     def from_extremes(cls, i_max: Image, i_min: Image, phase: Image) -> Self:

@@ -10,7 +10,7 @@ import numpy as np
 
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.lights.environment import directions, radiance_map, solid_angles
-from malus.scenes.lights.lights import Area, Distant, Environment, Light, Sky
+from malus.scenes.lights.lights import Area, Distant, Light, MapLight
 from malus.scenes.lights.sky import parts
 
 NODES_A_LOBE = 3.0
@@ -68,7 +68,7 @@ def quadrature(light: Light, alpha: float) -> Directions:
         return Directions(np.array([light.direction]), np.array([light.irradiance]))
     if isinstance(light, Area):
         return _cone(light, alpha)
-    if isinstance(light, Environment | Sky):
+    if isinstance(light, MapLight):
         # From every camera of an orbit a light is turned otherwise, and its map is the same.
         values = radiance_map(light.unturned).astype(np.float64)
         return _sphere(values, alpha, light.rotation)

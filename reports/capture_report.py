@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from malus.reports.page import Section
-from malus.reports.sections import figures, image_viewer, maps, of_study
+from malus.reports.sections import figures, image_viewer, made_by, maps, of_study
 from malus.reports.source import Source, read_study
 from malus.reports.tables import captures, sentences, text_tables
 from malus.reports.tables.colour_errors import table1, table1_text
@@ -54,14 +54,14 @@ def _errors(source: Source) -> Section:
         "captures.html",
         explanation=[],
         tables=tables,
-        lines=[*captures.negative(source.table), *captures.notes(source.table)],
+        lines=[*captures.agreements(source.table), *captures.notes(source.table)],
         doubts=[],
     )
     return Section("errors", "Every capture", content)
 
 
 def _provenance(source: Source) -> Section:
-    content = render(
+    content = made_by(source.run) + render(
         "captures.html",
         explanation=[],
         tables=[
@@ -106,7 +106,7 @@ def _blocks(
     yield as_markdown(captures.by_capture(table))
     if objects := captures.by_object(table):
         yield as_markdown(objects)
-    yield _list((*captures.negative(table), *captures.notes(table)))
+    yield _list((*captures.agreements(table), *captures.notes(table)))
     yield "## How this came about"
     yield _list(captures.what_was_run(run))
     yield as_markdown(captures.fits(run))

@@ -6,73 +6,41 @@ template in `templates/`, and name the function in `SECTIONS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from markupsafe import Markup
 
 from malus.reports.page import Section
 from malus.reports.source import Source, StudyTables, read_study
 from malus.reports.tables import sentences, text_tables
 from malus.reports.tables.colour_errors import table1_text
 from malus.reports.tables.compared_runs import RunComparison
-from malus.reports.tables.formats import counted, duration, listed, scientific, skill_text
+from malus.reports.tables.formats import counted, duration, listed, scientific
+from malus.reports.tables.headline import headline_body, headline_tiles, price_tiles
 from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.readings import by_dataset, verdicts
-from malus.reports.tables.rows import (
-    PAPER_BODY,
-    PAPER_METHOD,
-    PAPER_RANGE,
-    TRIVIAL,
-    distinct,
-    overall_rows,
-    rows_of_body,
-)
+from malus.reports.tables.rows import PAPER_METHOD
 from malus.reports.tables.skills import skill_maps
-from malus.reports.tables.text_tables import range_of_means
 from malus.reports.templates.render import render
 from malus.reports.viewer.error_maps import gallery
 from malus.reports.viewer.viewer import example_scenes, viewer
 
 
 def headline(source: Source) -> Section:
-    """The numbers of the paper's method, where the run has it, beside the paper's own."""
-    body = PAPER_BODY if PAPER_BODY in distinct(source.table["body"]) else ""
-    rows = rows_of_body(source.table, body) if body else source.table
+    """The numbers that the suite asks for."""
+    body = headline_body(source.table)
+    suite = source.run["suite"]["name"]
     content = render(
         "headline.html",
-        method=PAPER_METHOD if PAPER_METHOD in distinct(rows["method"]) else "",
         body=body,
-        tiles=list(_headline_tiles(rows)),
+        tiles=list(headline_tiles(source.table, source.colours, suite)),
         explanation=sentences.SKILL,
         doubts=list(sentences.doubts(source.table)),
     )
     return Section("headline", "In short", content)
-
-
-def _headline_tiles(rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
-    error = _of_method(overall_rows(rows, "nmse"), PAPER_METHOD)
-    skill = _of_method(overall_rows(rows, "skill"), PAPER_METHOD)
-    trivial = _of_method(overall_rows(rows, "nmse"), TRIVIAL)
-    if len(error):
-        for by in ("material", "surface"):
-            yield range_of_means(error, by), f"mean NMSE by {by}. The paper: {PAPER_RANGE}"
-    if len(trivial):
-        what = "the same" if len(error) else "mean NMSE by material"
-        yield range_of_means(trivial, "material"), f"{what} of the trivial guess I(ϑ) = I/2"
-    if len(skill):
-        values = skill["value"]
-        yield skill_text(float(values.median())), "median skill; the paper reports none"
-        share = f"{int((values < 0).sum())} of {len(values)}"
-        yield share, "scenes with negative skill: worse than no model"
-        without = int(values.isna().sum())
-        yield str(without), "scenes without a skill: trivial guess inside the noise"
-    if len(error):
-        yield scientific(float(error["noise"].mean())), "Monte Carlo noise in the mean NMSE"
-
-
-def _of_method(rows: pd.DataFrame, method: str) -> pd.DataFrame:
-    return rows[rows["method"] == method]
 
 
 def image_viewer(source: Source) -> Section | None:
@@ -92,7 +60,14 @@ def figures(source: Source) -> Section | None:
     """Every figure with the numbers behind it."""
     if not source.drawings:
         return None
-    content = render("figures.html", explanation="", lines=[], drawings=source.drawings, origin="")
+    content = render(
+        "figures.html",
+        explanation="",
+        tiles=[],
+        lines=[],
+        drawings=source.drawings,
+        origin="",
+    )
     return Section("figures", "Errors", content)
 
 
@@ -103,6 +78,7 @@ def ladder(source: Source) -> Section | None:
     content = render(
         "figures.html",
         explanation=sentences.LADDER,
+        tiles=[],
         lines=[],
         drawings=source.ladders,
         origin="",
@@ -188,10 +164,30 @@ def provenance(source: Source) -> Section:
     machine = f"Machine: {_machine(source.run)}."
     content = render(
         "provenance.html",
+        made_by=made_by(source.run),
         lines=[*sentences.what_was_run(source.table, source.run), machine],
         stages=text_tables.stages(source.run),
     )
     return Section("provenance", "How this came about", content)
+
+
+def made_by(run: dict[str, Any]) -> Markup:
+    """The command that made the results, to copy, and a link to the data set that they are of."""
+    folder = str(run.get("dataset", {}).get("folder", ""))
+    return render(
+        "made_by.html",
+        command=run.get("command", ""),
+        folder=folder,
+        address=_address(folder) if folder else "",
+    )
+
+
+def _address(folder: str) -> str:
+    """Where a browser finds a folder; empty for what it cannot open, such as a bucket."""
+    scheme, separator, _ = folder.partition("://")
+    if separator:
+        return folder if scheme in ("http", "https") else ""
+    return Path(folder).absolute().as_uri() if Path(folder).is_dir() else ""
 
 
 def of_run(source: Source) -> list[Section]:
@@ -211,8 +207,8 @@ def of_study(study: StudyTables) -> list[Section]:
         first, *others = verdicts(by_dataset(study.readings))
         sections.append(_figures(study, "readings", "The paper's numbers", first, others))
     if study.mismatch is not None:
-        text = sentences.PRICES
-        sections.append(_figures(study, "prices", "What assumptions cost", text))
+        text, tiles = sentences.PRICES, price_tiles(study.mismatch)
+        sections.append(_figures(study, "prices", "What assumptions cost", text, tiles=tiles))
     if study.separation is not None:
         text = sentences.SEPARATION
         sections.append(_figures(study, "separation", "Separation of the lobes", text))
@@ -222,12 +218,18 @@ def of_study(study: StudyTables) -> list[Section]:
 
 
 def _figures(
-    study: StudyTables, name: str, title: str, explanation: str, lines: Sequence[str] = ()
+    study: StudyTables,
+    name: str,
+    title: str,
+    explanation: str,
+    lines: Sequence[str] = (),
+    tiles: Iterable[tuple[str, str]] = (),
 ) -> Section:
     """A section of a study that has a figure."""
     content = render(
         "figures.html",
         explanation=explanation,
+        tiles=list(tiles),
         lines=lines,
         drawings=study.drawings,
         origin=_origin(study.run),

@@ -9,6 +9,7 @@ from malus.scenes.lights.lights import (
     Area,
     Distant,
     Environment,
+    Interior,
     Light,
     Polariser,
     Sky,
@@ -18,10 +19,11 @@ from malus.scenes.lights.lights import (
 from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.surface import Conductor, Dielectric, Patterned
 from malus.scenes.scene import Sampling, Scene
-from malus.scenes.shapes.patterns import Checker, ImageTexture, Spots, Stripes
+from malus.scenes.shapes.patterns import Checker, ImageTexture, Noise, Spots, Stripes
 from malus.scenes.shapes.shapes import (
     Blob,
     Crease,
+    Lathe,
     MeshFile,
     Plane,
     Shape,
@@ -44,9 +46,12 @@ __all__ = [
     "Environment",
     "ImageTexture",
     "InputError",
+    "Interior",
+    "Lathe",
     "Light",
     "Measured",
     "MeshFile",
+    "Noise",
     "Patterned",
     "Placed",
     "Plane",

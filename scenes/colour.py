@@ -241,12 +241,18 @@ def preview(image: FloatArray, wavelengths_nm: tuple[float, ...]) -> Float32Arra
     >>> preview(np.full((1, 1, 3), 0.5), (450.0, 550.0, 650.0)).round(2).tolist()
     [[[0.5, 0.5, 0.5]]]
     """
-    return np.asarray(image @ _srgb_weights(wavelengths_nm), dtype=np.float32)
+    return np.asarray(image @ srgb_weights(wavelengths_nm), dtype=np.float32)
 
 
 @functools.lru_cache(maxsize=16)
-def _srgb_weights(wavelengths_nm: tuple[float, ...]) -> Float64Array:
-    """Matrix (bands, 3) from radiances to linear sRGB; a flat spectrum becomes white."""
+def srgb_weights(wavelengths_nm: tuple[float, ...]) -> Float64Array:
+    """Matrix (bands, 3) from radiances to linear sRGB, as `preview` has it.
+
+    Examples
+    --------
+    >>> srgb_weights((450.0, 550.0, 650.0)).sum(axis=0).round(2).tolist()
+    [1.0, 1.0, 1.0]
+    """
     bands = len(wavelengths_nm)
     grey = np.full((bands, 3), 1.0 / bands)
     if bands < 3:

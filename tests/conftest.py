@@ -37,3 +37,15 @@ def shared() -> Path:
             pytest.fail(message)
         pytest.skip(message)
     return folder
+
+
+@pytest.fixture
+def stand_in_net(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A small network of closed form in place of the trained one that method `net` runs."""
+    from networks import edges
+
+    from malus.reconstruct.learned import network
+
+    path = edges(tmp_path / "stand_in.onnx")
+    monkeypatch.setattr(network, "WEIGHTS", path)
+    return path

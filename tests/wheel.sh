@@ -14,4 +14,15 @@ names=$(cd "$room" && "$PYTHON" -m zipfile -l dist/malus-*.whl | awk 'NR > 1 { s
 cd "$room"
 env/bin/malus run quick --out "$room/quick"
 test -s "$room/quick/results.parquet" && test -s "$room/quick/figure5.svg" && test -s "$room/quick/summary.md"
+# The learned method: one line says what to install, and then it runs on the weights in the wheel.
+env/bin/python -c "import PIL.Image; PIL.Image.linear_gradient('L').convert('RGB').save('photo.png')"
+weights="$room/source/reconstruct/learned/weights/net.onnx"
+[ -s "$weights" ] || { echo "expected trained weights at reconstruct/learned/weights/net.onnx, found none"; exit 1; }
+if env/bin/malus filter photo.png --out "$room/filtered" 2> said; then
+    echo "without onnxruntime filter worked on a picture alone"; exit 1
+fi
+grep -q "pip install 'malus\[net\]'" said || { echo "expected what to install, found: $(cat said)"; exit 1; }
+env/bin/python -m pip install --quiet --disable-pip-version-check -c "$here/constraints.txt" "$(echo "$room"/dist/malus-*.whl)[net]"
+env/bin/malus filter photo.png --out "$room/filtered"
+test -s "$room/filtered/photo_uncertainty.png"
 echo "the wheel runs outside the checkout"

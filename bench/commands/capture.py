@@ -174,7 +174,9 @@ _READING = (
 """Options for reading pictures; the others describe the object."""
 
 
-_OF_A_METHOD = ("normals", "light", "material", "alpha", "preset", "illuminant", "separation")
+_OF_A_METHOD = (
+    "normals", "light", "material", "alpha", "preset", "illuminant", "separation", "net_size",
+)  # fmt: skip
 """What one method alone may be told of one capture; several are told what is in the picture."""
 
 

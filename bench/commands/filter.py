@@ -59,6 +59,12 @@ def knowledge_options(function: Callable[..., None]) -> Callable[..., None]:
             help="How glare is told from the body's colour [default: ratio; of the method paper,"
             " chromaticity, of paper-mallick, suv].",
         ),
+        click.option(
+            "--net-size",
+            type=int,
+            help="Longer side of the picture that the method net works on, in pixels"
+            " [default: by its training].",
+        ),
     ]
     for option in reversed(options):
         function = option(function)
@@ -67,7 +73,7 @@ def knowledge_options(function: Callable[..., None]) -> Callable[..., None]:
 
 def knowledge_of(shape: tuple[int, ...], given: dict[str, Any]) -> Any:
     """Knowledge about a picture of `shape` (height, width, …) from the values of those options."""
-    from malus.reconstruct.photos.estimate import read_knowledge
+    from malus.reconstruct.photos.knowledge import read_knowledge
 
     height, width = shape[:2]
     others = {name: value for name, value in given.items() if name != "material"}
@@ -115,10 +121,12 @@ def filter_command(
 ) -> None:
     """Look at IMAGE through a virtual polariser.
 
-    Needs the object's mask, or its normals; the more is known, the better.
+    A picture alone is told by a trained network, everywhere in it; *_uncertainty.png shows how
+    sure that is. With a mask or normals of one object, and its light, physics tells it.
 
     \b
     Example:
+      malus filter holiday.jpg --angle 0 --angle 90
       malus filter vase.jpg --mask vase_mask.png --light 1,1,2 --angle 60
     """
     from malus.reconstruct.photos.filter import FilterOutput, filter_picture

@@ -28,6 +28,7 @@ from malus.bench.running.results import (
     Record,
     Results,
     describe,
+    given_command,
     inapplicable,
     record,
     table_of,
@@ -243,7 +244,7 @@ def _run_record(
     """Content of `run.json`: where the truths come from, and how they were scored."""
     record = dataset.record
     suite = dict(record.suite or {"name": printable(dataset.path.name)})
-    return {
+    return given_command() | {
         "suite": suite | {"methods": methods},
         "dataset": {"folder": str(dataset.path), "sha256": dataset.sha256},
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),

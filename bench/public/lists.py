@@ -125,7 +125,7 @@ def list_patterns() -> dict[str, type[Model]]:
     Examples
     --------
     >>> sorted(list_patterns())
-    ['checker', 'image', 'spots', 'stripes']
+    ['checker', 'image', 'noise', 'spots', 'stripes']
     """
     return _kinds(Pattern)
 
@@ -136,7 +136,7 @@ def list_shapes() -> dict[str, type[Model]]:
     Examples
     --------
     >>> sorted(list_shapes())
-    ['blob', 'mesh', 'sphere', 'superquadric', 'torus']
+    ['blob', 'lathe', 'mesh', 'sphere', 'superquadric', 'torus']
     """
     return _kinds(Shape)
 
@@ -147,7 +147,7 @@ def list_lights() -> dict[str, type[Model]]:
     Examples
     --------
     >>> sorted(list_lights())
-    ['area', 'distant', 'environment', 'sky', 'uniform']
+    ['area', 'distant', 'environment', 'interior', 'sky', 'uniform']
     """
     return _kinds(Light)
 

@@ -18,7 +18,7 @@ from malus.scenes.core.model import Model
 from malus.scenes.core.registry import FolderName
 
 MAX_BYTES = 1 << 20
-METHODS = ("paper", "blind")
+METHODS = ("paper", "blind", "net")
 """What is run where no method is named."""
 
 
@@ -125,7 +125,7 @@ class CaptureSuite(Model):
     --------
     >>> suite = CaptureSuite(capture=(CaptureEntry(folder="kettle"), CaptureEntry(folder="car")))
     >>> [entry.called for entry in suite.capture], suite.methods
-    (['kettle', 'car'], ('paper', 'blind'))
+    (['kettle', 'car'], ('paper', 'blind', 'net'))
     """
 
     name: FolderName = Field(default="captures", min_length=1, max_length=100)

@@ -29,6 +29,7 @@ from malus.bench.running.results import (
     table_of,
     write_results,
 )
+from malus.bench.scoring.calibration import calibration_values
 from malus.bench.scoring.capture_metrics import CapturedPixels
 from malus.bench.scoring.metric_value import MetricValue
 from malus.reconstruct import Inapplicable, Method, Observation, get_method
@@ -167,6 +168,7 @@ class Estimate:
     """Stokes image (height, width, channels, 3) of a method.
 
     `refused` are numbers of objects, from 1, that it left unpolarised; `note` says why.
+    `deviation` (height, width, channels) is what it states of its own error, if it does.
     """
 
     stokes: Float32Array
@@ -174,6 +176,7 @@ class Estimate:
     note: str
     invalid: int
     converged: bool | None
+    deviation: Float32Array | None = None
 
 
 def reconstruct(method: Method, image: Float32Array, objects: Sequence[BoolArray]) -> Estimate:
@@ -199,7 +202,7 @@ def reconstruct(method: Method, image: Float32Array, objects: Sequence[BoolArray
     stokes = np.zeros((*image.shape, 3), dtype=np.float32)
     stokes[..., 0] = image
     reasons: dict[int, str] = {}
-    invalid, converged = 0, []
+    invalid, converged, deviation = 0, [], None
     for number, mask in enumerate(objects, start=1):
         try:
             components = method.reconstruct(Observation(image, mask))
@@ -209,11 +212,15 @@ def reconstruct(method: Method, image: Float32Array, objects: Sequence[BoolArray
         stokes[mask] = components.stokes[mask]
         invalid += components.invalid(mask)
         converged.append(components.converged)
+        if components.deviation is not None:
+            deviation = np.zeros(image.shape, np.float32) if deviation is None else deviation
+            deviation[mask] = components.deviation[mask]
     if len(reasons) == len(objects):
         raise Inapplicable("; ".join(reasons.values()))
     told = [value for value in converged if value is not None]
     note = f"left unpolarised: {'; '.join(reasons.values())}" if reasons else ""
-    return Estimate(stokes, tuple(reasons), note, invalid, all(told) if told else None)
+    is_converged = all(told) if told else None
+    return Estimate(stokes, tuple(reasons), note, invalid, is_converged, deviation)
 
 
 @dataclass
@@ -282,6 +289,7 @@ class Photographed:
         estimated = estimate.stokes[self.scored].astype(np.float64) / self.pixels.peak
         yield from self.pixels.values(estimated)
         yield MetricValue("invalid", float(estimate.invalid))
+        yield from self._calibration(estimate)
         if estimate.converged is not None:
             yield MetricValue("converged", float(estimate.converged))
         for number, mask in enumerate(self.objects if len(self.objects) > 1 else (), start=1):
@@ -290,6 +298,16 @@ class Photographed:
                 nmse, skill = self.pixels.part(chosen).errors(estimated[chosen])
                 yield MetricValue(f"nmse_object_{number}", nmse)
                 yield MetricValue(f"skill_object_{number}", skill)
+
+    def _calibration(self, estimate: Estimate) -> Iterator[MetricValue]:
+        """Stated against actual errors, with the pictures' noise in them."""
+        told = [mask for n, mask in enumerate(self.objects, 1) if n not in estimate.refused]
+        chosen = np.any(told, axis=0) & self.scored if told else self.scored
+        if estimate.deviation is not None and chosen.any():
+            fields = [np.moveaxis(s[chosen], -1, 0) for s in (self.fit.stokes, estimate.stokes)]
+            (image, *true), (_, *estimated) = fields
+            deviation = estimate.deviation[chosen]
+            yield from calibration_values(image, np.stack(true), np.stack(estimated), deviation)
 
     def example(self) -> dict[str, Any]:
         """Arrays of the file for the viewer: every `step`-th row and column."""

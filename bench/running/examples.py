@@ -11,7 +11,6 @@ import numpy as np
 
 from malus.bench.running.plan import FamilyPlan
 from malus.bench.scoring.observe import observe
-from malus.bench.scoring.unmixed_pixels import mixed_pixels
 from malus.reconstruct import Inapplicable, Method
 from malus.renderers.truth import Truth
 from malus.scenes.core.files import write_whole
@@ -45,6 +44,8 @@ def _of_middle_index(scenes: Sequence[Scene]) -> Scene:
 
 def write_example(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
     """Write `examples/<scene id>.npz`: truth, masks, one Stokes image a method, and a label."""
+    from malus.bench.scoring.unmixed_pixels import mixed_pixels  # with what scores: numba
+
     path = folder / EXAMPLES / f"{truth.scene.id}.npz"
     if path.exists():
         return

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from malus.bench.scoring.extra_metrics import with_guess
 from malus.renderers.variant import Variant, choose
 from malus.scenes.suite import Suite, load_suite
 
@@ -66,7 +65,11 @@ def chosen_suite(
     values = {"samples": samples, "resolution": resolution, "seed": seed}
     loaded = suite if isinstance(suite, Suite) else load_suite(suite)
     all_metrics = tuple(dict.fromkeys((*loaded.metrics, *metrics)))
-    all_methods = with_guess(methods or loaded.methods, all_metrics)
+    all_methods = tuple(methods or loaded.methods)
+    if all_metrics:  # what scores takes its time to import
+        from malus.bench.scoring.extra_metrics import with_guess
+
+        all_methods = with_guess(all_methods, all_metrics)
     changed = (all_methods, all_metrics) != (loaded.methods, loaded.metrics)
     given = changed or any(value is not None for value in values.values())
     if isinstance(suite, Suite) and not given:

@@ -8,6 +8,7 @@ done and why.
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -77,7 +78,13 @@ class Failure:
 def part_id(family: FamilyPlan, suite: Suite, variant: str) -> str:
     """Hash of all that decides the rows of a family but the methods: the name of its part."""
     scored = [suite.metrics, suite.knowledge]
-    return content_id([family.id, suite.renderer, *scored, variant, version("malus"), SCHEMA])
+    return content_id([family.id, suite.renderer, *scored, variant, _malus(), SCHEMA])
+
+
+@functools.cache
+def _malus() -> str:
+    """Version of malus; looking it up takes milliseconds, and every part has it in its name."""
+    return version("malus")
 
 
 def write_plan(

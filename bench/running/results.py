@@ -8,6 +8,8 @@ from __future__ import annotations
 import json
 import math
 import platform
+import shlex
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -187,18 +189,24 @@ def write_run(out: Path, run: dict[str, Any]) -> None:
 
 
 def origin() -> dict[str, Any]:
-    """When, where and with which versions results were made, for `run.json`.
+    """When, where, with which versions and by which command results were made, for `run.json`.
 
     Examples
     --------
-    >>> sorted(origin())
+    >>> sorted(set(origin()) - {"command"})
     ['finished', 'machine', 'versions']
     """
-    return {
+    return given_command() | {
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": versions("malus", "mitsuba", "drjit", "numpy", "scipy", "pandas"),
         "machine": {"system": platform.platform(), "processor": platform.machine()},
     }
+
+
+def given_command() -> dict[str, str]:
+    """The command line, as `command` of `run.json`; nothing where another program calls malus."""
+    program, *arguments = sys.argv or [""]
+    return {"command": shlex.join(["malus", *arguments])} if Path(program).stem == "malus" else {}
 
 
 def write_tables(out: Path, tables: Iterable[pd.DataFrame]) -> None:

@@ -11,11 +11,11 @@ from typing import Any
 from malus.bench.running.examples import write_example
 from malus.bench.running.family_task import FamilyResult, raise_what_stops
 from malus.bench.running.results import Record, describe, inapplicable, record
+from malus.bench.running.truths import Renders
 from malus.bench.scoring.family_scores import FamilyJudge, FamilyPixels, NotTogether
-from malus.bench.scoring.judge import Judge, Metric
+from malus.bench.scoring.judge import Judge, Metric, values_of
 from malus.bench.scoring.knowledge_ladder import EVERYTHING, climbing, rungs
 from malus.reconstruct import Inapplicable, Method, Observation
-from malus.renderers.families.interpolated import Family
 from malus.renderers.truth import Truth
 from malus.scenes.scene import Scene
 
@@ -104,21 +104,19 @@ class SceneResult:
 
 def score_together(
     results: Sequence[SceneResult],
-    family: Family | None,
-    stage: str,
-    truth_of: Callable[[Scene], Truth],
+    renders: Renders,
     plan: ScoringPlan,
     examples: frozenset[str],
 ) -> bool:
     """Score the scenes of `results` in one pass, or return False where each needs its own."""
     per_band = all(method.per_band for method in plan.methods)
-    if family is None or plan.metrics or plan.ladder or not per_band:
+    if renders.family is None or plan.metrics or plan.ladder or not per_band:
         return False
     scenes = tuple(result.scene for result in results)
     outcome = results[0].outcome  # that of the first scene has the seconds of all
     try:
-        with outcome.stage(stage):
-            pixels = FamilyPixels.of(family, scenes)
+        with outcome.stage(renders.stage):
+            pixels = FamilyPixels.of(renders.family, scenes, renders.first)
         with outcome.stage("score"):
             judge = FamilyJudge(pixels)
         columns = [describe(scene) for scene in scenes]
@@ -134,7 +132,7 @@ def score_together(
         result.interpolation_rms = pixels.first.interpolation_error.get("rms", 0.0)
         if result.scene.id in examples:
             with result.outcome.guard(result.scene):
-                result.keep_example(truth_of(result.scene), plan)
+                result.keep_example(renders.truth_of(result.scene), plan)
     return True
 
 
@@ -152,11 +150,8 @@ def _records_of(
     except Inapplicable as reason:
         return [inapplicable(about, method.name, str(reason)) for about in columns]
     with outcome.stage("score"):
-        scores = judge.scores(estimate)
-        return [
-            record(about, method.name, score.values())
-            for about, score in zip(columns, scores, strict=True)
-        ]
+        values = values_of(judge.scores(estimate))
+        return [record(about, method.name, own) for about, own in zip(columns, values, strict=True)]
 
 
 def _example(truth: Truth, methods: Sequence[Method]) -> dict[str, bytes]:

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.scene_scores import SceneResult, ScoringPlan, score_together
-from malus.bench.running.truths import RENDERING, begin_ahead, renderer_of
+from malus.bench.running.truths import RENDERING, begin_ahead, renders_of
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.bench.scoring.family_scores import groups
 from malus.reconstruct import get_method
@@ -36,7 +36,7 @@ def scored(
     plan = ScoringPlan(methods, get_metrics(task.metrics), task.ladder)
     scene_results: list[SceneResult] = []
     with result.guard():
-        stage, truth_of, family = renderer_of(task.family, task.renderer, variant, result, False)
+        renders = renders_of(task.family, task.renderer, variant, result, False)
         if ahead and task.following is not None:
             begin_ahead(task.following, task.renderer, variant, False)
         together = threads if all(method.per_pixel for method in methods) else 1
@@ -45,11 +45,10 @@ def scored(
 
         def score_group(scenes: tuple[Scene, ...]) -> list[SceneResult]:
             results = [SceneResult(scene, outcome=FamilyResult(clock=clock)) for scene in scenes]
-            if not score_together(results, family, stage, truth_of, plan, task.examples):
+            if not score_together(results, renders, plan, task.examples):
                 for scene_result in results:
-                    scene_result.score(
-                        stage, truth_of, plan, scene_result.scene.id in task.examples
-                    )
+                    keep_example = scene_result.scene.id in task.examples
+                    scene_result.score(renders.stage, renders.truth_of, plan, keep_example)
             return results
 
         started = time.perf_counter()

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from functools import cache, lru_cache, partial
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache, partial
 
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.plan import FamilyPlan
@@ -42,34 +43,58 @@ def truths(
     next_shape = following.scenes[0].shape if following and renderer == "mitsuba" else None
     another = next_shape if next_shape != family.scenes[0].shape else None
     with tessellated_ahead(another):
-        stage, truth_of, _ = renderer_of(family, renderer, variant, result, errors)
+        renders = renders_of(family, renderer, variant, result, errors)
     if following is not None:
         begin_ahead(following, renderer, variant, errors)
     for scene in scenes:
         truth = None
-        with result.guard(scene), result.stage(stage):
-            truth = truth_of(scene)
+        with result.guard(scene), result.stage(renders.stage):
+            truth = renders.truth_of(scene)
         if truth is not None:
             yield scene, truth
 
 
-def renderer_of(
-    family: FamilyPlan, renderer: str, variant: Variant, result: FamilyResult, errors: bool
-) -> tuple[str, Callable[[Scene], Truth], Family | None]:
-    """Function that makes the truth of a scene, and its stage; renders what all scenes share.
+@dataclass(frozen=True)
+class Renders:
+    """What the scenes of a family share, rendered, and how the truth of each is made of it.
 
-    The third value are the renders where scenes are interpolated from them.
+    Attributes
+    ----------
+    stage : str
+        Of the run, in which a truth is made.
+    truth_of : function of a scene
+    first_scene : Scene
+    family : Family or None
+        The renders from which all scenes are interpolated, where they are.
     """
+
+    stage: str
+    truth_of: Callable[[Scene], Truth]
+    first_scene: Scene
+    family: Family | None = None
+
+    @cached_property
+    def first(self) -> Truth:
+        """The truth of the first scene, whose pixels and normals are those of all."""
+        return self.truth_of(self.first_scene)
+
+
+def renders_of(
+    family: FamilyPlan, renderer: str, variant: Variant, result: FamilyResult, errors: bool
+) -> Renders:
+    """Render what all scenes of a family share."""
+    first = family.scenes[0]
     if renderer == "torrance-sparrow":
-        return RENDERING[0], render_torrance_sparrow, None
+        return Renders(RENDERING[0], render_torrance_sparrow, first)
     with result.stage(RENDERING[0]):
         rendered = _begun(family, variant, errors)()
     family_of_one_surface = rendered if isinstance(rendered, Family) else None
-    return RENDERING[1], partial(rendered.truth, standard_error=errors), family_of_one_surface
+    truth_of = partial(rendered.truth, standard_error=errors)
+    return Renders(RENDERING[1], truth_of, first, family_of_one_surface)
 
 
 def begin_ahead(family: FamilyPlan, renderer: str, variant: Variant, errors: bool) -> None:
-    """Begin to render a family, so that `renderer_of` finds it in work or done.
+    """Begin to render a family, so that `renders_of` finds it in work or done.
 
     What goes wrong is told by that.
     """

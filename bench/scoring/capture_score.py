@@ -14,7 +14,8 @@ import numpy as np
 from malus.bench.scoring.metrics import Error, Residuals, skill
 from malus.reconstruct.photos.capture import Capture, read_capture
 from malus.reconstruct.photos.capture_fit import CaptureFit, check_convention, fit_capture
-from malus.reconstruct.photos.estimate import Knowledge, estimate
+from malus.reconstruct.photos.estimate import estimate
+from malus.reconstruct.photos.knowledge import Knowledge
 from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
 from malus.reconstruct.photos.write_picture import write_picture

@@ -18,7 +18,7 @@ from malus.bench.scoring.judge import Score, angle_form, rounding_slack
 from malus.bench.scoring.masked_pixels import two_rows
 from malus.bench.scoring.metrics import Residuals, cos_zenith
 from malus.bench.scoring.observe import INPUTS, inputs
-from malus.bench.scoring.own_range import own_range_errors
+from malus.bench.scoring.own_range import OwnRange
 from malus.bench.scoring.pixel_kernels import (
     MOST_BANDS,
     ThreeImages,
@@ -58,7 +58,7 @@ class FamilyPixels:
     ----------
     scenes : Scenes of as many bands each
     first : Truth
-        Of the first scene: it has the mask, normals and light of all.
+        Of one scene: it has the mask, normals and light of all.
     observation : Observation
         A picture of (2, pixels): as rendered, and with one draw of the noise added.
     true, draw : (2, pixels, all bands)
@@ -72,8 +72,10 @@ class FamilyPixels:
     draw: FloatArray
 
     @classmethod
-    def of(cls, family: Family, scenes: tuple[Scene, ...]) -> FamilyPixels:
+    def of(cls, family: Family, scenes: tuple[Scene, ...], first: Truth) -> FamilyPixels:
         """Interpolate the pixels of some scenes from the renders of their family.
+
+        `first` is the truth of any scene of the family.
 
         Raises
         ------
@@ -81,7 +83,6 @@ class FamilyPixels:
             Where scenes differ in their number of bands, their light is not known by lobe, or
             nothing covers a pixel.
         """
-        first = family.truth(scenes[0], standard_error=False)
         bands = {len(scene.wavelengths_nm) for scene in scenes}
         together = len(bands) == 1 and bands.pop() * len(scenes) <= MOST_BANDS
         if not (together and first.mask.any() and all(scene.lobes_known for scene in scenes)):
@@ -143,13 +144,14 @@ class FamilyJudge:
         count = len(pixels.scenes)
         image = pixels.observation.image
         self.bands = image.shape[2] // count
-        brightest = image[0].reshape(-1, count, self.bands).max(axis=(0, 2))
+        brightest = image[0].max(axis=0).reshape(count, self.bands).max(axis=1)
         self.peaks = [float(value) if value > 0 else 1.0 for value in brightest]
         self.facing = np.square(np.square(cos_zenith(pixels.first)))
         self.draws = np.empty((count, 5, image.shape[1]))
         unpolarised = np.zeros_like(pixels.true)
         guess = image, unpolarised, unpolarised
         moments, totals = self._sums(guess)
+        self.own_range = OwnRange(image, pixels.true, count)
         self.guess_moments = moments, totals, self.draws[:, :3].copy()
         self.mixed = MixedPixels.of(
             pixels.first, (image, pixels.true, pixels.draw), angle_form(), count
@@ -165,16 +167,14 @@ class FamilyJudge:
         moments, totals = self._sums_of(estimate)
         components = estimate.image, estimate.s1, estimate.s2
         unmixed = None if self.mixed is None else self.mixed.without(moments, components)
-        violations, pixels = self._violations(estimate), self.pixels
-        count = len(pixels.scenes)
-        own_range = own_range_errors(estimate, pixels.observation.image, pixels.true, count)
+        violations, own_range = self._violations(estimate), self.own_range.errors(estimate)
         return [
             replace(
                 self._score(moments, totals[scene], int(violations[scene]), scene),
                 unmixed=self._unmixed(unmixed, scene),
                 own_range=float(own_range[scene]),
             )
-            for scene in range(count)
+            for scene in range(len(self.pixels.scenes))
         ]
 
     def _score(

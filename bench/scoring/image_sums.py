@@ -25,7 +25,12 @@ ANALYSERS: Float64Array = np.stack(
 """Weights (angles, 3) of s0, s1 and s2 in the images through the paper's polarisers."""
 
 
-def image_sums(estimate: ThreeImages, truth: ThreeImages, scenes: int = 1) -> Float64Array:
+def image_sums(
+    estimate: ThreeImages,
+    truth: ThreeImages,
+    scenes: int = 1,
+    of_truth: Float64Array | None = None,
+) -> Float64Array:
     """Sums over the pixels and bands of every image through the paper's polarisers.
 
     Parameters
@@ -34,6 +39,8 @@ def image_sums(estimate: ThreeImages, truth: ThreeImages, scenes: int = 1) -> Fl
         s0, s1 and s2, of at most `MOST_BANDS` bands; several scenes may stand side by side.
     scenes : int
         Number of scenes, each of as many bands.
+    of_truth : (scenes, angles, 9) array, optional
+        Sums of any estimate and this truth: those of the truth alone are taken from them.
 
     Returns
     -------
@@ -46,16 +53,28 @@ def image_sums(estimate: ThreeImages, truth: ThreeImages, scenes: int = 1) -> Fl
     >>> image_sums(light, light)[0, 0].tolist()
     [4.0, 4.0, 10.0, 10.0, 10.0, 1.0, 3.0, 1.0, 3.0]
     """
+    own = _sums(estimate, truth, scenes)
+    sums = np.empty((scenes, len(ANALYSERS), 9))
+    sums[..., [E, EE, ET, E_MIN, E_MAX]] = own
+    if of_truth is None:
+        same = own if estimate is truth else _sums(truth, truth, scenes)
+        sums[..., [T, TT, T_MIN, T_MAX]] = same[..., [0, 1, 3, 4]]
+    else:
+        sums[..., [T, TT, T_MIN, T_MAX]] = of_truth[..., [T, TT, T_MIN, T_MAX]]
+    return sums
+
+
+def _sums(estimate: ThreeImages, truth: ThreeImages, scenes: int) -> Float64Array:
+    """Σe, Σe², Σet, least and largest e of every scene and angle, (scenes, angles, 5)."""
     columns = estimate[0].shape[1]
-    rows = np.zeros((len(ANALYSERS), 9, _ROW))
-    rows[:, [E_MIN, T_MIN]], rows[:, [E_MAX, T_MAX]] = np.inf, -np.inf
+    rows = np.zeros((len(ANALYSERS), 5, _ROW))
+    rows[:, 3], rows[:, 4] = np.inf, -np.inf
     e0, e1, e2 = (np.ascontiguousarray(plane) for plane in estimate)
     t0, t1, t2 = (np.ascontiguousarray(plane) for plane in truth)
     _add_images((e0, e1, e2), (t0, t1, t2), ANALYSERS, rows.reshape(len(ANALYSERS), -1))
-    by_scene = rows[:, :, :columns].reshape(len(ANALYSERS), 9, scenes, -1)
+    by_scene = rows[:, :, :columns].reshape(len(ANALYSERS), 5, scenes, -1)
     joined = by_scene.sum(axis=-1)
-    for column, extreme in ((E_MIN, np.min), (T_MIN, np.min), (E_MAX, np.max), (T_MAX, np.max)):
-        joined[:, column] = extreme(by_scene[:, column], axis=-1)
+    joined[:, 3], joined[:, 4] = by_scene[:, 3].min(axis=-1), by_scene[:, 4].max(axis=-1)
     return np.ascontiguousarray(joined.transpose(2, 0, 1))
 
 
@@ -66,7 +85,7 @@ _ROW = MOST_BANDS + 8  # as in `pixel_kernels`: rows at fixed offsets, not a pow
 def _add_images(
     estimate: ThreeImages, truth: ThreeImages, analysers: Float64Array, rows: Float64Array
 ) -> None:
-    """Add all pixels to rows (angles, 9 · _ROW): bands side by side, so that several go at once."""
+    """Add all pixels to rows (angles, 5 · _ROW): bands side by side, so that several go at once."""
     (e0, e1, e2), (t0, t1, t2) = estimate, truth
     for p in range(e0.shape[0]):
         for a in range(analysers.shape[0]):
@@ -76,11 +95,7 @@ def _add_images(
                 e = w0 * e0[p, b] + w1 * e1[p, b] + w2 * e2[p, b]
                 t = w0 * t0[p, b] + w1 * t1[p, b] + w2 * t2[p, b]
                 own[b] += e
-                own[_ROW + b] += t
-                own[2 * _ROW + b] += e * e
-                own[3 * _ROW + b] += t * t
-                own[4 * _ROW + b] += e * t
-                own[5 * _ROW + b] = min(own[5 * _ROW + b], e)
-                own[6 * _ROW + b] = max(own[6 * _ROW + b], e)
-                own[7 * _ROW + b] = min(own[7 * _ROW + b], t)
-                own[8 * _ROW + b] = max(own[8 * _ROW + b], t)
+                own[_ROW + b] += e * e
+                own[2 * _ROW + b] += e * t
+                own[3 * _ROW + b] = min(own[3 * _ROW + b], e)
+                own[4 * _ROW + b] = max(own[4 * _ROW + b], e)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from malus.bench.scoring.calibration import calibration_values
 from malus.bench.scoring.field_agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreement
 from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.metric_value import MetricValue
@@ -22,7 +23,7 @@ from malus.bench.scoring.metrics import (
     skill,
     skills,
 )
-from malus.bench.scoring.own_range import own_range_errors
+from malus.bench.scoring.own_range import OwnRange
 from malus.bench.scoring.pixel_kernels import (
     QuadraticForm,
     ThreeImages,
@@ -59,7 +60,7 @@ class Score:
     agreement : Agreement
         Slope and rotation of the estimated against the true field.
     extra : tuple of MetricValue
-        Values of the further metrics that were asked for.
+        Values of the further metrics that were asked for, after those of a stated deviation.
     converged : bool or None
         Whether the method's own search converged; None where it searches nothing.
     unmixed : Unmixed or None
@@ -105,7 +106,7 @@ class Score:
     @property
     def skill(self) -> float:
         """Skill: 1 is perfect, 0 no better than I(ϑ) = I/2; NaN where that guess is pure noise."""
-        return _skill_of((self.residuals, self.noise, self.trivial, self.trivial_noise))
+        return _skill_of(self._four)
 
     @property
     def skill_unmixed(self) -> float:
@@ -116,31 +117,90 @@ class Score:
 
     def values(self) -> Iterator[MetricValue]:
         """All rows of this score in the results table."""
-        residuals = (self.residuals, self.noise, self.trivial, self.trivial_noise)
-        by_angles = nmse_by(residuals, _ANGLE_SETS)
-        # Over all, for every angle, for every band.
-        nmse, noise, guess, guess_noise = np.hstack([by_angles.mean(axis=2), by_angles[:, 0]])
-        skill = skills(nmse - noise, guess - guess_noise, guess_noise, self.residuals.pixels)
-        angles, bands = PAPER_ANGLES_DEG, self.wavelengths_nm
-        groups = [(None, None), *((None, a) for a in angles), *((b, None) for b in bands)]
-        rows = zip(groups, nmse.tolist(), noise.tolist(), skill.tolist(), strict=True)
-        for (band, angle), nmse_value, noise_value, skill_value in rows:
-            yield MetricValue("nmse", nmse_value, noise_value, band, angle)
-            yield MetricValue("skill", skill_value, 0.0, band, angle)
-        # Extremes have no noise that could be subtracted.
-        yield MetricValue("nmse_own_range", self.own_range, math.nan)
-        yield MetricValue("gain", *self.agreement.gain)
-        yield MetricValue("rotation", *self.agreement.rotation)
-        yield MetricValue("facing_skill", *self.agreement.facing_skill)
-        yield MetricValue("signal", *self.agreement.signal)
-        yield MetricValue("violations", float(self.violations))
-        yield MetricValue("invalid", float(self.invalid))
-        if self.unmixed is not None:
-            yield MetricValue("skill_unmixed", self.skill_unmixed)
-            yield MetricValue("mixed", float(self.unmixed.mixed))
-        if self.converged is not None:
-            yield MetricValue("converged", float(self.converged))
-        yield from self.extra
+        yield from values_of([self])[0]
+
+    @property
+    def _four(self) -> tuple[Residuals, Residuals, Residuals, Residuals]:
+        return self.residuals, self.noise, self.trivial, self.trivial_noise
+
+
+def values_of(scores: Sequence[Score]) -> list[list[MetricValue]]:
+    """All rows of each score in the results table; the scores are of the same pixels.
+
+    Errors and skills of all scores are computed at once.
+    """
+    errors = _errors([score._four for score in scores])
+    skill = _skills(errors, scores[0].residuals.pixels)
+    nmse, noise, *_ = errors
+    rows = zip(scores, nmse.tolist(), noise.tolist(), skill.tolist(), strict=True)
+    unmixed = _skills_unmixed(scores, skill[:, 0])
+    return [
+        [
+            *_values_by_group(score.wavelengths_nm, *numbers),
+            *_values_over_all(score),
+            *_values_unmixed(score, skill_unmixed),
+            *score.extra,
+        ]
+        for (score, *numbers), skill_unmixed in zip(rows, unmixed, strict=True)
+    ]
+
+
+def _values_by_group(
+    wavelengths_nm: Sequence[float],
+    nmse: Sequence[float],
+    noise: Sequence[float],
+    skill: Sequence[float],
+) -> Iterator[MetricValue]:
+    """NMSE and skill over all, for every angle, and for every band."""
+    angles = [(None, angle) for angle in PAPER_ANGLES_DEG]
+    groups = [(None, None), *angles, *((band, None) for band in wavelengths_nm)]
+    for (band, angle), error, of_noise, value in zip(groups, nmse, noise, skill, strict=True):
+        yield MetricValue("nmse", error, of_noise, band, angle)
+        yield MetricValue("skill", value, 0.0, band, angle)
+
+
+def _values_over_all(score: Score) -> Iterator[MetricValue]:
+    """The numbers that a score has once."""
+    # Extremes have no noise that could be subtracted.
+    yield MetricValue("nmse_own_range", score.own_range, math.nan)
+    yield MetricValue("gain", *score.agreement.gain)
+    yield MetricValue("rotation", *score.agreement.rotation)
+    yield MetricValue("facing_skill", *score.agreement.facing_skill)
+    yield MetricValue("signal", *score.agreement.signal)
+    yield MetricValue("violations", float(score.violations))
+    yield MetricValue("invalid", float(score.invalid))
+
+
+def _values_unmixed(score: Score, skill: float) -> Iterator[MetricValue]:
+    """The numbers that some scores have: of the pixels of one normal, and of a method's search."""
+    if score.unmixed is not None:
+        yield MetricValue("skill_unmixed", skill)
+        yield MetricValue("mixed", float(score.unmixed.mixed))
+    if score.converged is not None:
+        yield MetricValue("converged", float(score.converged))
+
+
+def _errors(residuals: Sequence[Sequence[Residuals]]) -> Float64Array:
+    """NMSE of method, its noise, guess and its noise (4, scores, groups): all, angles, bands."""
+    each = nmse_by([one for four in residuals for one in four], _ANGLE_SETS)
+    by_angles = each.reshape(-1, 4, *each.shape[1:])
+    groups = np.concatenate([by_angles.mean(axis=3), by_angles[:, :, 0]], axis=2)
+    return np.moveaxis(groups, 1, 0)
+
+
+def _skills(errors: Float64Array, pixels: int) -> Float64Array:
+    """Skill (scores, groups) from `_errors`."""
+    nmse, noise, guess, guess_noise = errors
+    return skills(nmse - noise, guess - guess_noise, guess_noise, pixels)
+
+
+def _skills_unmixed(scores: Sequence[Score], over_all: Float64Array) -> list[float]:
+    """`Score.skill_unmixed` of each, from their skills over all pixels."""
+    unmixed = [score.unmixed for score in scores if score.unmixed is not None]
+    if len(unmixed) < len(scores) or not unmixed[0].mixed:
+        return list(over_all.tolist())  # not told where it is unknown
+    pixels = unmixed[0].residuals[0].pixels
+    return list(_skills(_errors([one.residuals for one in unmixed]), pixels)[:, 0].tolist())
 
 
 def _skill_of(residuals: Sequence[Residuals]) -> float:
@@ -187,6 +247,7 @@ class Judge:
         moments, ((along, _, error),) = self._sums(estimate)
         self.guess = self._residuals(moments)
         pixels = image, self.pixels.true, self.pixels.draw
+        self.own_range = OwnRange(image, self.pixels.true)
         self.mixed = MixedPixels.of(truth, pixels, angle_form())
         self.guess_unmixed = None if self.mixed is None else self.mixed.without(moments, estimate)
         # The guess lacks the whole field: its product with that is minus the field's energy.
@@ -222,18 +283,27 @@ class Judge:
                 products(self.draws[0]) / scale**2,
                 self.pixels.true[0].size,
             ),
-            tuple(self._extra(estimate, metrics)) if metrics else (),
+            (*self._calibration(estimate), *self._extra(estimate, metrics)),
             estimate.converged,
             self._unmixed(moments, components),
-            float(own_range_errors(estimate, self.pixels.observation.image, self.pixels.true)[0]),
+            float(self.own_range.errors(estimate)[0]),
         )
 
     def _extra(self, estimate: Components, metrics: Sequence[Metric]) -> Iterator[MetricValue]:
+        if not metrics:
+            return
         stokes = np.stack([estimate.image[0], estimate.s1[0], estimate.s2[0]], axis=-1)
         for metric in metrics:
             if metric not in self._stokes_metrics:
                 self._stokes_metrics[metric] = metric(self.truth)
             yield from self._stokes_metrics[metric](stokes)
+
+    def _calibration(self, estimate: Components) -> Iterator[MetricValue]:
+        """Stated against actual errors, of a method that states them."""
+        if estimate.deviation is not None:
+            pixels, estimated = self.pixels, np.stack([estimate.s1[0], estimate.s2[0]])
+            image, stated = pixels.observation.image[0], estimate.deviation[0]
+            yield from calibration_values(image, pixels.true, estimated, stated, pixels.draw)
 
     def _sums(self, estimate: ThreeImages) -> tuple[Float64Array, Float64Array]:
         """Moments and totals of an estimate, see `difference_sums`; `self.draws` is written."""

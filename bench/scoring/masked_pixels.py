@@ -84,7 +84,9 @@ class MaskedPixels:
         )
         flags = [result.valid for result in results if result.valid is not None]
         valid = np.stack([flag.ravel()[self.indices] for flag in flags]) if flags else None
-        return Components(image, s1, s2, valid, results[0].converged)
+        deviations = [result.deviation for result in results if result.deviation is not None]
+        deviation = self._rows(deviations) if deviations else None
+        return Components(image, s1, s2, valid, results[0].converged, deviation)
 
     @functools.cached_property
     def as_rendered(self) -> BoolArray:

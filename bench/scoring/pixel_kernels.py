@@ -323,18 +323,27 @@ def count_violations(
     `counts` (scenes,) is written: a pixel counts once for every scene whose bands break a rule.
     """
     counts[:] = 0
+    # Flat arrays first, several values at once: most estimates break no rule.
+    broken = 0
+    flat_image, x, y, pixels = image.ravel(), s1.ravel(), s2.ravel(), picture.ravel()
+    for k in range(flat_image.size):
+        broken += breaks_a_rule(flat_image[k], x[k], y[k], pixels[k], slack)
+    if not broken:
+        return
     bands = image.shape[1] // len(counts)
     for p in range(image.shape[0]):
-        bad = False
-        for b in range(image.shape[1]):
-            total, x, y = np.float64(image[p, b]), np.float64(s1[p, b]), np.float64(s2[p, b])
-            expected = np.float64(picture[p, b])
-            # Written so that NaN is bad.
-            equal = abs(total - expected) <= 1e-5 * abs(expected)
-            # I_min < 0 and DoLP > 1 are one condition.
-            most = total * slack
-            polarised = most >= 0.0 and x * x + y * y <= most * most
-            bad |= not (equal and polarised and total < np.inf)
-            if (b + 1) % bands == 0:
-                counts[b // bands] += bad
-                bad = False
+        for scene in range(len(counts)):
+            bad = False
+            for b in range(scene * bands, (scene + 1) * bands):
+                bad |= breaks_a_rule(image[p, b], s1[p, b], s2[p, b], picture[p, b], slack)
+            counts[scene] += bad
+
+
+@compiled
+def breaks_a_rule(image: float, s1: float, s2: float, picture: float, slack: float) -> bool:
+    """Whether one estimate is unphysical, see `count_violations`; written so that NaN is."""
+    total, x, y, expected = float(image), float(s1), float(s2), float(picture)
+    # I_min < 0 and DoLP > 1 are one condition.
+    most = total * slack
+    equal = abs(total - expected) <= 1e-5 * abs(expected)
+    return not (equal & (most >= 0.0) & (x * x + y * y <= most * most) & (total < np.inf))

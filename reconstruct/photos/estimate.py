@@ -1,104 +1,33 @@
-"""What is known about a photograph, and the polarisation that follows from it."""
+"""The polarisation that follows from a photograph and from what is known about it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from malus.reconstruct.image import from_lobes
+from malus.reconstruct.learned.net import is_network
 from malus.reconstruct.lobe_models import diffuse, microfacets
 from malus.reconstruct.methods import get_method
 from malus.reconstruct.observation import Components, Inapplicable, Observation
-from malus.reconstruct.photos.masks_and_normals import read_labels, read_mask, read_normals
+from malus.reconstruct.photos.by_network import DEFAULT, by_network
+from malus.reconstruct.photos.knowledge import Knowledge
 from malus.reconstruct.single_image.blind import BLIND_METHODS, ChainResult, run_chain
 from malus.reconstruct.single_image.illuminant import ILLUMINANTS
 from malus.reconstruct.single_image.paper import PAPER_SEPARATIONS, run_paper
 from malus.reconstruct.single_image.parameters import TYPICAL_ETA
-from malus.reconstruct.single_image.separation import SEPARATIONS, separate
-from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array, IntArray
+from malus.reconstruct.single_image.separation import separate
+from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.lights.lights import Distant
-from malus.scenes.materials.materials import material
 
 TYPICAL_ALPHA = 0.2
 """Roughness where nothing is known of the surface: that of moulded plastic."""
 SEPARATION = "ratio"
 """Separation of every method but the paper's, unless another is asked for."""
 _BLIND = {name: needs for name, needs, *_ in BLIND_METHODS}
-
-
-class Preset(NamedTuple):
-    """Index, roughness, and whether all light is specular, as from water and window panes."""
-
-    eta: float
-    alpha: float
-    mirror: bool
-
-
-PRESETS = {
-    "water": Preset(1.333, 0.05, True),
-    "glass": Preset(1.52, 0.02, True),
-    "foliage": Preset(1.45, 0.3, False),
-    "skin": Preset(1.40, 0.35, False),
-    "plastic": Preset(1.50, 0.2, False),
-}
-"""Indices of Jacquemoud and Baret (1990) for leaves and Tearney et al. (1995) for skin; the
-roughnesses are middling values of such surfaces, not measurements of one."""
-
-
-@dataclass(frozen=True)
-class Knowledge:
-    """What is given besides the picture; None is estimated or assumed.
-
-    Attributes
-    ----------
-    normals : (height, width, 3) float32, zero where there is none
-    mask : (height, width) bool
-    light : (x, y, z) towards a distant light, in the image frame
-    eta, alpha : refractive index and Beckmann roughness
-    mirror : all light is specular
-    illuminant : name of an estimator of the light's colour; None is the method's own: Gray World of
-        the paper's methods, 'neutral' of all others
-    separation : name of the method that tells the lobes apart by colour; None is the method's own:
-        'chromaticity' of `paper`, 'suv' of `paper-mallick`, 'ratio' of all others
-    labels : (height, width) whole numbers, 0 off all objects; each is estimated on its own
-    method : name of a method, or `package.module:object`; None chooses by what is given
-
-    Examples
-    --------
-    >>> Knowledge(labels=np.array([[0, 1, 2]])).mask.tolist()
-    [[False, True, True]]
-    """
-
-    normals: Float32Array | None = None
-    mask: BoolArray | None = None
-    light: tuple[float, float, float] | None = None
-    eta: float | None = None
-    alpha: float | None = None
-    mirror: bool = False
-    illuminant: str | None = None
-    separation: str | None = None
-    labels: IntArray | None = None
-    method: str | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse unknown names; objects with labels are the mask, or what it leaves of them."""
-        if self.labels is not None:
-            labelled = np.asarray(self.labels != 0)
-            mask = labelled if self.mask is None else labelled & self.mask
-            object.__setattr__(self, "mask", mask)
-        if self.method is not None:
-            get_method(self.method)
-        for parameter, name, names in (
-            ("illuminant", self.illuminant, tuple(ILLUMINANTS)),
-            ("separation", self.separation, tuple(SEPARATIONS)),
-        ):
-            if name is not None and name not in names:
-                expected = f"one of {', '.join(names)}"
-                raise InputError(parameter, expected, name, "choose one of them")
 
 
 class Estimate(NamedTuple):
@@ -109,92 +38,14 @@ class Estimate(NamedTuple):
     warnings: tuple[str, ...] = ()
 
 
-def read_knowledge(
-    shape: tuple[int, int],
-    normals: Path | str | None = None,
-    mask: Path | str | None = None,
-    light: tuple[float, float, float] | None = None,
-    material_name: str | None = None,
-    alpha: float | None = None,
-    preset: str | None = None,
-    illuminant: str | None = None,
-    separation: str | None = None,
-    labels: Path | str | None = None,
-    method: str | None = None,
-) -> Knowledge:
-    """Read and check what is given besides a picture of `shape` (height, width).
-
-    Parameters
-    ----------
-    shape : (height, width)
-    normals, mask : path, optional
-        Files of the picture's size, see `malus filter --help`.
-    light : (x, y, z), optional
-        Towards a distant light: right, up, to the viewer.
-    material_name : str, optional
-        A material of `list_materials`, for its refractive index.
-    alpha : float, optional
-        Beckmann roughness, in (0, 1].
-    preset : str, optional
-        A name of `PRESETS`, for index, roughness, and whether all light is mirrored.
-    illuminant, separation : str, optional
-        Names of the estimator of the light's colour and of the separation of the lobes.
-    labels : path, optional
-        A picture of the same size, black off all objects: every other value is an object.
-    method : str, optional
-        Name of a method, or `package.module:object`.
-
-    Returns
-    -------
-    Knowledge
-
-    Raises
-    ------
-    InputError
-        Files of another size, a light of no direction, unknown names, alpha outside (0, 1], a
-        mirror without normals or with a light.
-
-    Examples
-    --------
-    >>> read_knowledge((48, 64), light=(1.0, 1.0, 2.0), material_name="pmma").eta is not None
-    True
-    """
-    typical = PRESETS.get(preset or "")
-    if preset is not None and typical is None:
-        raise InputError("preset", f"one of {', '.join(PRESETS)}", preset, "choose one of them")
-    if typical is not None and typical.mirror and (normals is None or light is not None):
-        raise InputError(
-            "preset",
-            f"`normals` and no `light` for {preset}, as a mirror shows what is around it",
-            "no `normals`" if normals is None else "`light`",
-            "a mirror's shading tells neither shape nor light",
-        )
-    if alpha is not None and not 0 < alpha <= 1:
-        raise InputError("alpha", "a roughness in (0, 1]", f"{alpha:g}", "correct this value")
-    if light is not None and not 1e-6 < float(np.linalg.norm(light)) < np.inf:
-        raise InputError("light", "a direction X,Y,Z that is not zero", f"{light}", "correct it")
-    eta = material(material_name).eta_d if material_name else typical.eta if typical else None
-    return Knowledge(
-        read_normals(normals, shape) if normals else None,
-        read_mask(mask, shape) if mask else None,
-        light,
-        eta,
-        alpha if alpha is not None else typical.alpha if typical else None,
-        bool(typical and typical.mirror),
-        illuminant,
-        separation,
-        read_labels(labels, shape) if labels else None,
-        method,
-    )
-
-
 def estimate(image: Float32Array, knowledge: Knowledge, where: str) -> Estimate:
     """Components of a photograph (height, width, 1 or 3) in linear light; `where` names it.
 
-    A method that is named is used. Otherwise, with a light or without normals, there is one distant
-    light and `blind` does it all; with normals and no light, light comes from all around: facets
-    are weighted by what the viewer sees. Every object that has a label is estimated on its own; one
-    of which nothing can be told is left unpolarised, with a warning.
+    A method that is named is used. Otherwise, of a picture alone `net` tells it; with a light or
+    without normals, there is one distant light and `blind` does it all; with normals and no light,
+    light comes from all around: facets are weighted by what the viewer sees. Every object that has
+    a label is estimated on its own; one of which nothing can be told is left unpolarised, with a
+    warning.
 
     Raises
     ------
@@ -203,12 +54,15 @@ def estimate(image: Float32Array, knowledge: Knowledge, where: str) -> Estimate:
     """
     if not image.max() > 0:
         raise InputError(where, "a picture with some light in it", "an all-dark one", "check it")
+    if knowledge.is_nothing:
+        knowledge = replace(knowledge, method=DEFAULT)
     mask = knowledge.mask if knowledge.mask is not None else np.ones(image.shape[:2], bool)
     if knowledge.normals is not None:
         mask = mask & (knowledge.normals[..., 2] > 0)
     try:
         name = knowledge.illuminant
-        own = name is None and knowledge.method in PAPER_SEPARATIONS
+        of_itself = knowledge.method in PAPER_SEPARATIONS or is_network(knowledge.method)
+        own = name is None and of_itself
         light = ILLUMINANTS[name or "neutral"](image, mask)
         whole = _observation(image, mask, light.colour, knowledge, own)
         results, failed = _of_objects(whole, knowledge)
@@ -285,7 +139,12 @@ def _of_objects(
 def _estimate_of(observation: Observation, knowledge: Knowledge) -> Estimate:
     """Estimate of one object, in the light of its picture."""
     chain: ChainResult | None = None
-    if knowledge.method in PAPER_SEPARATIONS:
+    warnings: tuple[str, ...] = ()
+    if is_network(knowledge.method):
+        components, statements, warnings = by_network(
+            observation, knowledge.method or DEFAULT, knowledge.net_size, knowledge.physical
+        )
+    elif knowledge.method in PAPER_SEPARATIONS:
         separation = knowledge.separation or PAPER_SEPARATIONS[knowledge.method]
         chain = run_paper(observation, separation, calibrated=False)
     elif knowledge.method is not None and knowledge.method not in _BLIND:
@@ -296,7 +155,6 @@ def _estimate_of(observation: Observation, knowledge: Knowledge) -> Estimate:
         _require(observation, _BLIND.get(knowledge.method or "", frozenset()))
         separation = knowledge.separation or SEPARATION
         chain = run_chain(observation, calibrated=False, separation=separation)
-    warnings: tuple[str, ...] = ()
     if chain is not None:
         components, statements, warnings = chain.components, chain.statements, chain.warnings
     if (invalid := components.invalid(observation.mask)) > 0:
@@ -312,7 +170,12 @@ def _together(whole: Observation, results: list[tuple[BoolArray, Estimate]]) -> 
     s1, s2 = np.zeros_like(whole.image), np.zeros_like(whole.image)
     for mask, result in results:
         s1[mask], s2[mask] = result.components.s1[mask], result.components.s2[mask]
-    return Components(whole.image, s1, s2)
+    deviation = np.zeros_like(whole.image)
+    for mask, result in results:
+        if result.components.deviation is None:
+            return Components(whole.image, s1, s2)
+        deviation[mask] = result.components.deviation[mask]
+    return Components(whole.image, s1, s2, deviation=deviation)
 
 
 def _require(observation: Observation, needs: frozenset[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,13 +13,15 @@ from numpy.typing import NDArray
 
 from malus.reconstruct.observation import Components
 from malus.reconstruct.photos.contact_sheet import SHEET_SIDE, reduced, thumbnail, write_sheet
-from malus.reconstruct.photos.estimate import Estimate, Knowledge, estimate
+from malus.reconstruct.photos.estimate import Estimate, estimate
+from malus.reconstruct.photos.knowledge import Knowledge
 from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
 from malus.reconstruct.photos.read_picture import read_picture
 from malus.reconstruct.photos.write_picture import write_picture
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import AnyArray
+from malus.scenes.core.cores import usable_cores
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import add_to_folder
 
@@ -30,6 +33,10 @@ Thumbnail = tuple[str, NDArray[np.uint8]]
 
 SWEEP_SIDE = 512
 SWEEP_FRAMES = 36
+WRITERS = 2
+"""Pictures that are encoded at a time: each takes memory for its light."""
+_EVERY = 4
+"""Every how many rows and columns are enough for a median."""
 _UNPOLARISED = 0.002
 """DoLP below which the contact sheet shows no angle."""
 _CLIPPED = 0.001
@@ -96,7 +103,8 @@ def filter_picture(
 
     Into a folder `out` it writes STEM_angle000 …, STEM_imax and STEM_imin in the picture's own
     form; STEM_dolp.png (0 to 1) and STEM_aolp.png (180° are 65536, from +x) with 16 bits;
-    STEM_sheet.png, STEM_sweep.gif.
+    STEM_uncertainty.png, likewise, where the method says how sure it is: the standard deviation of
+    s1/s0 and of s2/s0, 0 to 1; STEM_sheet.png, STEM_sweep.gif.
 
     Parameters
     ----------
@@ -161,6 +169,13 @@ def _check_angles(angles_deg: Sequence[float]) -> None:
 
 def _statements(picture: Picture, result: Estimate, output: FilterOutput) -> tuple[str, ...]:
     statements = [picture.assumption, *picture.notes, *result.statements]
+    if (deviation := result.components.deviation) is not None:
+        told = deviation[::_EVERY, ::_EVERY]
+        median = float(np.median(told[told > 0])) if (told > 0).any() else 0.0
+        statements.append(
+            f"it expects errors of s1/s0 and s2/s0 of {median:.2g} (standard deviation, median over"
+            " pixels): the map of uncertainty tells where"
+        )
     if not output.physical:
         statements.append(
             "exposure makes up for the filter's one stop, which `physical` leaves out"
@@ -192,12 +207,18 @@ def _write(
         ("imax", lambda: 0.5 * components.image + half_polarised),
         ("imin", lambda: 0.5 * components.image - half_polarised),
     ]
-    thumbnails = []
-    for i, (name, light) in enumerate(images):
-        tell(f"writing {name}", 0.3 + 0.6 * i / len(images))
+
+    def write(image: tuple[str, Callable[[], AnyArray]]) -> Thumbnail:
+        name, light = image
         filtered = picture.with_light(np.maximum(gain * light(), 0))
         write_picture(folder / f"{stem}_{name}{picture.suffix}", filtered)
-        thumbnails.append((name, thumbnail(filtered.linear, picture, SHEET_SIDE)))
+        return name, thumbnail(filtered.linear, picture, SHEET_SIDE)
+
+    thumbnails: list[Thumbnail] = []
+    with ThreadPoolExecutor(min(WRITERS, usable_cores())) as pool:
+        for written in pool.map(write, images):
+            thumbnails.append(written)
+            tell(f"written {written[0]}", 0.3 + 0.6 * len(thumbnails) / len(images))
     tell("writing maps", 0.92)
     thumbnails += _maps(folder, stem, components)
     write_sheet(folder / f"{stem}_sheet.png", thumbnails)
@@ -224,7 +245,10 @@ def _angle_name(angle_deg: float) -> str:
 
 
 def _maps(folder: Path, stem: str, components: Components) -> list[Thumbnail]:
-    """Write DoLP and AoLP of the sum over the bands as 16-bit grey; return their thumbnails."""
+    """Write DoLP, AoLP and uncertainty of the sum over the bands as 16-bit grey.
+
+    Return their thumbnails.
+    """
     from matplotlib import colormaps
 
     planes = (components.image, components.s1, components.s2)
@@ -233,15 +257,36 @@ def _maps(folder: Path, stem: str, components: Components) -> list[Thumbnail]:
     aolp = polarisation.aolp(stokes) / np.pi
     save_16bit(folder / f"{stem}_dolp.png", to_16bit(dolp))
     save_16bit(folder / f"{stem}_aolp.png", aolp_16bit(stokes))
+    coloured = [
+        ("dolp", "dolp 0 to 1", dolp, "viridis"),
+        ("aolp", "aolp 0 to 180", aolp, "twilight"),
+    ]
+    if components.deviation is not None:
+        uncertainty = _uncertainty(components)
+        save_16bit(folder / f"{stem}_uncertainty.png", to_16bit(uncertainty))
+        brightest = max(float(uncertainty.max()), 0.01)
+        label = f"uncertainty 0 to {brightest:.2f}"
+        coloured.append(("uncertainty", label, uncertainty / brightest, "magma"))
     thumbnails = []
-    for name, values, colours in (("dolp", dolp, "viridis"), ("aolp", aolp, "twilight")):
+    for name, label, values, colours in coloured:
         small = reduced(values[..., None], SHEET_SIDE)[..., 0]
         picture = (colormaps[colours](small)[..., :3] * 255).astype(np.uint8)
         if name == "aolp":
             # Light that is not polarised has no angle.
             picture[reduced(dolp[..., None], SHEET_SIDE)[..., 0] < _UNPOLARISED] = 128
-        thumbnails.append((f"{name} 0 to {'1' if name == 'dolp' else '180'}", picture))
+        thumbnails.append((label, picture))
     return thumbnails
+
+
+def _uncertainty(components: Components) -> AnyArray:
+    """Standard deviation (height, width) of s1/s0 and of s2/s0 of the sum over the bands.
+
+    Errors of neighbouring bands have the same causes, so that deviations add as light does.
+    """
+    assert components.deviation is not None
+    total = components.image.sum(axis=-1)
+    weighted = np.einsum("yxb,yxb->yx", components.deviation, components.image)
+    return np.divide(weighted, total, out=np.zeros_like(total), where=total > 0)
 
 
 def _sweep(path: Path, picture: Picture, components: Components, gain: np.float32) -> None:

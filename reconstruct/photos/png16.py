@@ -42,4 +42,5 @@ def save_16bit(path: Path, values: NDArray[np.uint16]) -> None:
     """Write one grey 16-bit image."""
     import PIL.Image
 
-    PIL.Image.fromarray(np.ascontiguousarray(values)).save(path)
+    # Of maps, stronger compression takes three times as long and saves nothing.
+    PIL.Image.fromarray(np.ascontiguousarray(values)).save(path, compress_level=3)

@@ -29,6 +29,7 @@ from malus.reconstruct.single_image.illuminant import specular_tint
 from malus.reconstruct.single_image.separation import check_separation, separate
 from malus.reconstruct.single_image.shading import BodyKind
 from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
+from malus.scenes import polarisation
 from malus.scenes.lights.lights import Distant
 
 
@@ -190,7 +191,12 @@ def run_chain(
     )
     components = _polarised(filled, parameters.body)
     if convergence is not None:
-        components = replace(components, converged=convergence.converged)
+        stated = convergence.deviation(polarisation.dolp(components.stokes))
+        components = replace(
+            components,
+            converged=convergence.converged,
+            deviation=np.where(observation.mask[..., None], stated, 0),
+        )
     return ChainResult(filled, parameters.body, components, convergence, statements)
 
 

@@ -39,11 +39,13 @@ def covering(mi: ModuleType, film: Film, scene: Any, shapes: Sequence[Any]) -> I
     corner = np.linspace(0.0, 1.0, resolution + 1, dtype=np.float32)
     x, y = (grid.ravel() for grid in np.meshgrid(corner, corner))
     ray = film.ray_through(mi, mi.Point2f(x, y))
-    hit = scene.ray_intersect_preliminary(ray).shape
-    index = dr.full(mi.Int32, -1, len(x))
-    for number, shape in enumerate(shapes):
-        index = dr.select(hit == mi.ShapePtr(shape), number, index)
-    corners = np.asarray(index).reshape(resolution + 1, resolution + 1)
+    hit = np.asarray(dr.reinterpret_array(mi.UInt32, scene.ray_intersect_preliminary(ray).shape))
+    # Compared here and not in the kernel, which is then the same for every number of shapes.
+    own = np.asarray(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(list(shapes))))
+    index = np.full(len(x), -1, dtype=np.int32)
+    for number, pointer in enumerate(own):
+        index[hit == pointer] = number
+    corners = index.reshape(resolution + 1, resolution + 1)
     upper_left, others = corners[:-1, :-1], (corners[1:, :-1], corners[:-1, 1:], corners[1:, 1:])
     same = np.logical_and.reduce([upper_left == other for other in others])
     return np.where(same, upper_left, -1).ravel().astype(np.int32)

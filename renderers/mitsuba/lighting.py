@@ -18,7 +18,7 @@ from typing import Any, Self
 import numpy as np
 
 from malus.scenes.lights.environment import radiance_map
-from malus.scenes.lights.lights import Area, Distant, Environment, Light, Sky, Uniform
+from malus.scenes.lights.lights import Area, Distant, Light, MapLight, Uniform
 from malus.scenes.lights.polarised import Oscillation, oscillation
 from malus.scenes.lights.sky import parts
 
@@ -65,9 +65,9 @@ def sampler(mi: ModuleType, light: Light, scene: Any) -> Sampler:
     return Sampler([_part(mi, part, scene) for part in several], polarised)
 
 
-def radiance_map_of(light: Light) -> Environment | Sky | None:
+def radiance_map_of(light: Light) -> MapLight | None:
     """The part of a light that is a radiance map, or None; it has to be part of a Mitsuba scene."""
-    return next((p for p in parts(light) if isinstance(p, Environment | Sky)), None)
+    return next((p for p in parts(light) if isinstance(p, MapLight)), None)
 
 
 def _part(mi: ModuleType, light: Light, scene: Any) -> Any:
@@ -269,7 +269,7 @@ class _Environment:
         return self.emitter.eval(interaction, active)[0, 0][0]
 
 
-def environment_emitter(mi: ModuleType, light: Environment | Sky) -> dict[str, Any]:
+def environment_emitter(mi: ModuleType, light: MapLight) -> dict[str, Any]:
     """Mitsuba's `envmap` of a radiance map, turned as the light is."""
     values = radiance_map(light)
     bitmap = mi.Bitmap(np.ascontiguousarray(np.repeat(values[..., None], 3, axis=-1)))

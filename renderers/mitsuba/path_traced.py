@@ -24,8 +24,9 @@ import numpy as np
 from malus.renderers.mitsuba.coverage import covering
 from malus.renderers.mitsuba.lighting import Sampler, sampler
 from malus.renderers.mitsuba.lobe_samples import HALVES, spread_of, unit
+from malus.renderers.mitsuba.padding import padding
 from malus.renderers.mitsuba.patterns import surface_shares
-from malus.renderers.mitsuba.placed import object_bsdf, parts_of, pattern_on, placed_object
+from malus.renderers.mitsuba.placed import object_bsdfs_of, parts_of, pattern_on, placed_object
 from malus.renderers.mitsuba.polarised_emitters import room_emitters
 from malus.renderers.mitsuba.pooled import pooled
 from malus.renderers.mitsuba.rays import Film, stream_number, streams, to_camera_frame
@@ -173,25 +174,31 @@ class Room:
     """A Mitsuba scene of several objects, ready to render every band of it."""
 
     def __init__(self, mi: ModuleType, described: Scene, sampling: Sampling) -> None:
+        import drjit as dr
+
         self.mi, self.described, self.sampling = mi, described, sampling
         scene = described
-        object_bsdfs = [object_bsdf(mi, placed) for placed in scene.objects]
+        object_bsdfs = object_bsdfs_of(mi, scene.objects)
         self.bsdfs = [bsdf for _, bsdfs in object_bsdfs for bsdf in bsdfs]
         self.shapes = [
             placed_object(mi, placed, bsdf)
             for placed, (bsdf, _) in zip(scene.objects, object_bsdfs, strict=True)
         ]
+        self.spare = padding(mi, [bsdfs for _, bsdfs in object_bsdfs])
         parts = {f"object{i}": shape for i, shape in enumerate(self.shapes)}
         reach = scene_radius(scene)
         away = scene.camera.distance or 2 * reach
         # One scene, because a kernel on CUDA traces rays in one scene only. Rays of the camera and
         # shadow rays end before the lamp, which is an object too; paths of light reach it.
-        self.ray_length, lamp = away + 2 * reach, max(LAMP_DISTANCE * reach, 10 * away)
+        # Opaque, so that scenes of equal structure share a kernel.
+        self.ray_length = dr.opaque(mi.Float, away + 2 * reach)
+        lamp = max(LAMP_DISTANCE * reach, 10 * away)
         self.scene = mi.load_dict(
             {"type": "scene", "sensor": sensor(mi, scene.camera, 2 * reach)}
             | room_emitters(mi, scene.light, reach, lamp)
             | parts
         )
+        self.shape_pointers = mi.ShapePtr(self.shapes)
         self.film = Film.of(self.scene.sensors()[0], scene.camera.resolution, self.ray_length)
         self.owner = covering(mi, self.film, self.scene, self.shapes)
         depth = sampling.depth(scene)
@@ -339,9 +346,10 @@ class Room:
                     s3 += dr.select(weight > 0, outgoing * weight, 0.0)
         normal = [dr.select(valid, c, 0.0) for c in hit.sh_frame.n]
         whole = [a + b for a, b in zip(shaded[:3], shaded[3:], strict=True)]
-        on_owner = mi.Bool(False)
-        for index, shape in enumerate(self.shapes):
-            on_owner |= (hit.shape == mi.ShapePtr(shape)) & (owner == index)
+        # The shapes' addresses are data: other numbers of objects need no new kernel.
+        on_owner = (owner >= 0) & (
+            hit.shape == dr.gather(mi.ShapePtr, self.shape_pointers, owner, owner >= 0)
+        )
         values = [*normal, *shaded, *(w * w for w in whole), dr.select(on_owner, mi.Float(1), 0.0)]
         return [*values, s3, s3 * s3] if self.circular else values
 
@@ -353,7 +361,7 @@ class Room:
         arriving = []
         for direction, weight, stokes in light(hit, bsdf, draws, valid):
             ray = hit.spawn_ray(hit.to_world(direction))
-            ray.maxt = mi.Float(self.ray_length)
+            ray.maxt = self.ray_length
             matters = valid & (weight > 0) & (direction.z > 0)  # as `CameraView.incoming`
             shadow = self.scene.ray_test(ray, matters)
             arriving.append((direction, dr.select(shadow, 0.0, weight), stokes))

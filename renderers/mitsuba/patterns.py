@@ -13,7 +13,14 @@ from malus.renderers.mitsuba.rays import Film
 from malus.renderers.mitsuba.translate import tessellated
 from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
-from malus.scenes.shapes.patterns import Checker, ImageTexture, Pattern, Spots, Stripes
+from malus.scenes.shapes.patterns import (
+    Checker,
+    ImageTexture,
+    Noise,
+    Pattern,
+    Spots,
+    Stripes,
+)
 from malus.scenes.shapes.shapes import MeshFile, ShapeOrPlane
 
 SurfaceNumber = Callable[[Any], Any]
@@ -35,6 +42,8 @@ def surface_number(mi: ModuleType, pattern: Pattern, count: int) -> SurfaceNumbe
             return lambda hit: turn(dr.floor(hit.p[across] / pattern.width))
         case Spots():
             return lambda hit: _spots(mi, pattern, count, hit.p)
+        case Noise():
+            return _noise(mi, pattern, count)
     return _image(mi, pattern, count)
 
 
@@ -47,6 +56,24 @@ def _spots(mi: ModuleType, pattern: Spots, count: int, point: Any) -> Any:
     number = cell.x + cell.y + cell.z
     number = 1.0 + number - others * dr.floor((number + 0.5) / others)
     return dr.select(dr.norm(away) < pattern.radius, number, 0.0)
+
+
+def _noise(mi: ModuleType, pattern: Noise, count: int) -> SurfaceNumber:
+    """The surface in whose part of the field's normal distribution its value at a hit lies."""
+    import drjit as dr
+
+    # Opaque: another seed or size needs no new kernel.
+    waves = [[dr.opaque(mi.Float, value) for value in row] for row in pattern.waves().tolist()]
+
+    def number(hit: Any) -> Any:
+        p = hit.p
+        field = sum(a * dr.sin(x * p.x + y * p.y + z * p.z + phase) for x, y, z, phase, a in waves)
+        share = 0.5 + 0.5 * dr.erf(field * math.sqrt(0.5))
+        if pattern.soft:
+            return share * (count - 1.0)
+        return dr.clip(dr.floor(share * count), 0.0, count - 1.0)
+
+    return number
 
 
 def _image(mi: ModuleType, pattern: ImageTexture, count: int) -> SurfaceNumber:
@@ -104,7 +131,8 @@ def has_surface(
     """
     import drjit as dr
 
-    number_at, mixed = surface_number(mi, pattern, count), isinstance(pattern, ImageTexture)
+    number_at = surface_number(mi, pattern, count)
+    mixed = isinstance(pattern, ImageTexture) or (isinstance(pattern, Noise) and pattern.soft)
 
     def belongs(hit: Any, random: Any) -> Any:
         number = number_at(hit)
@@ -125,15 +153,17 @@ def surface_shares(
     import drjit as dr
 
     resolution = film.resolution
-    pixel = dr.arange(mi.UInt32, resolution**2)
+    thread = dr.arange(mi.UInt32, 16 * resolution**2)
+    pixel, step = thread % resolution**2, thread // resolution**2
     corner = mi.Point2f(pixel % resolution, pixel // resolution)
-    shares = np.zeros((resolution**2, count), dtype=np.float64)
-    for step in range(16):
-        offset = mi.Point2f((step % 4 + 0.5) / 4, (step // 4 + 0.5) / 4)
-        hit = scene.ray_intersect(film.ray_through(mi, (corner + offset) / resolution))
-        number = number_at(hit)
-        for index in range(count):
-            near = dr.maximum(1.0 - dr.abs(number - index), 0.0)
-            shares[:, index] += np.asarray(dr.select(hit.is_valid(), near, 0.0))
+    offset = mi.Point2f((mi.Float(step % 4) + 0.5) / 4, (mi.Float(step // 4) + 0.5) / 4)
+    hit = scene.ray_intersect(film.ray_through(mi, (corner + offset) / resolution))
+    number = number_at(hit)
+    near = [dr.maximum(1.0 - dr.abs(number - index), 0.0) for index in range(count)]
+    near = [dr.select(hit.is_valid(), share, 0.0) for share in near]
+    dr.eval(near)  # by one kernel
+    shares = np.stack(
+        [np.asarray(share).reshape(16, -1).sum(axis=0, dtype=np.float64) for share in near], axis=-1
+    )
     shares[shares.sum(axis=1) == 0, 0] = 1.0
     return np.asarray(shares / shares.sum(axis=1, keepdims=True), dtype=np.float32)

@@ -6,7 +6,8 @@ our own, which gives the share of the next surface at a position in space.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -48,6 +49,11 @@ class SurfaceBSDF:
             self.bsdf = mi.load_dict(blend)
             self.parts = [(specular, _ETA), (diffuse, _LAMBERT)]
 
+    @property
+    def count(self) -> int:
+        """Number of Mitsuba's BSDFs that it is made of."""
+        return len({id(bsdf) for bsdf, _ in self.parts} | {id(self.bsdf)})
+
     def set_band(self, eta: float | complex, albedo: float) -> None:
         """Set index and albedo; for a conductor n and k."""
         import drjit as dr
@@ -79,17 +85,39 @@ def object_bsdf(mi: ModuleType, placed: Placed) -> tuple[Any, list[SurfaceBSDF]]
     return whole, bsdfs
 
 
+def object_bsdfs_of(
+    mi: ModuleType, objects: Sequence[Placed]
+) -> list[tuple[Any, list[SurfaceBSDF]]]:
+    """`object_bsdf` of all objects, made in the order of their kinds.
+
+    Dr.Jit numbers BSDFs in the order in which they are made, and the order of a kernel's
+    instructions follows these numbers: that of the objects would make many kernels of one.
+    """
+
+    def kind(number: int) -> str:
+        surface = objects[number].surface
+        pattern = surface.pattern.label if isinstance(surface, Patterned) else ""
+        parts = [f"{part.kind} {part.body} {part.distribution}" for part in parts_of(surface)]
+        return f"{len(parts)} {parts} {pattern}"
+
+    made = {n: object_bsdf(mi, objects[n]) for n in sorted(range(len(objects)), key=kind)}
+    return [made[number] for number in range(len(objects))]
+
+
 def pattern_on(mi: ModuleType, placed: Placed) -> SurfaceNumber:
     """Surface numbers of an object in the scene: the pattern moves, turns and grows with it."""
+    import drjit as dr
+
     assert isinstance(placed.surface, Patterned)
     number_at = surface_number(mi, placed.surface.pattern, len(placed.surface.surfaces))
     own_of = to_own_frame(mi, placed)
-    flat = isinstance(placed.shape, Plane)
+    # Rounding must not decide on which side of a boundary at y = 0 a plane lies. The factor is
+    # data, so that planes and other shapes share a kernel.
+    thickness = dr.opaque(mi.Float, 0.0 if isinstance(placed.shape, Plane) else 1.0)
 
     def number_in_scene(hit: Any) -> Any:
         own = own_of(hit.p)
-        # Rounding must not decide on which side of a boundary at y = 0 a plane lies.
-        point = mi.Point3f(own.x, mi.Float(0.0), own.z) if flat else own
+        point = mi.Point3f(own.x, thickness * own.y, own.z)
         return number_at(SimpleNamespace(p=point, uv=hit.uv))
 
     return number_in_scene
@@ -97,22 +125,45 @@ def pattern_on(mi: ModuleType, placed: Placed) -> SurfaceNumber:
 
 def to_own_frame(mi: ModuleType, placed: Placed) -> Callable[[Any], Any]:
     """The function that takes points of the world to the frame of an object's shape."""
-    to_own = mi.Matrix3f((placed.rotation.T / placed.scale).tolist())
-    return lambda point: mi.Point3f(to_own @ mi.Vector3f(point - mi.Point3f(*placed.position)))
+    import drjit as dr
+
+    # Opaque: another place needs no new kernel.
+    rows = [
+        mi.Vector3f(*(dr.opaque(mi.Float, value) for value in row))
+        for row in (placed.rotation.T / placed.scale).tolist()
+    ]
+    centre = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in placed.position))
+
+    def own(point: Any) -> Any:
+        away = mi.Vector3f(point - centre)
+        return mi.Point3f(*(dr.dot(row, away) for row in rows))
+
+    return own
 
 
 def _share_of_next(mi: ModuleType, number_at: SurfaceNumber, index: int) -> Any:
     """A texture in 0..1: the share of the surfaces after that of `index`."""
+    texture = _share_of_next_class(mi)(mi.Properties())
+    texture.number_at, texture.index = number_at, index
+    return texture
+
+
+@functools.cache
+def _share_of_next_class(mi: ModuleType) -> Any:
+    """The class of the texture: one for all, as each would be garbage only a collection removes."""
     import drjit as dr
 
     class ShareOfNext(mi.Texture):  # type: ignore[misc, name-defined]
+        number_at: SurfaceNumber
+        index: int
+
         def eval_1(self, hit: Any, active: Any = True) -> Any:  # noqa: ARG002
-            return dr.clip(number_at(hit) - index, 0.0, 1.0)
+            return dr.clip(self.number_at(hit) - self.index, 0.0, 1.0)
 
         def to_string(self) -> str:
-            return f"ShareOfNext[{index}]"
+            return f"ShareOfNext[{self.index}]"
 
-    return ShareOfNext(mi.Properties())
+    return ShareOfNext
 
 
 def placed_object(mi: ModuleType, placed: Placed, bsdf: Any) -> Any:

@@ -42,10 +42,10 @@ class Film:
     sensor: Any
     resolution: int
     to_camera: Any | None = None
-    far: float | None = None
+    far: Any | None = None
 
     @classmethod
-    def of(cls, sensor: Any, resolution: int, far: float | None = None) -> Self:
+    def of(cls, sensor: Any, resolution: int, far: Any | None = None) -> Self:
         """The film of a Mitsuba sensor."""
         orthographic = sensor.class_name() == "OrthographicCamera"
         inverse = sensor.projection_transform().inverse() if orthographic else None

@@ -78,8 +78,13 @@ class CameraView:
     film: Film
     convex: bool
 
-    def incoming(self, hit: Any, light: Sampler, bsdf: Any, random: Any, valid: Any) -> Draws:
-        """Directions, weights and Stokes vectors of the light that reaches a hit."""
+    def incoming(
+        self, hit: Any, light: Sampler, bsdf: Any, random: Any, valid: Any, hidden: Any = None
+    ) -> Draws:
+        """Directions, weights and Stokes vectors of the light that reaches a hit.
+
+        `hidden` says where the light is hidden, if that is known.
+        """
         import drjit as dr
 
         draws = light(hit, bsdf, random, valid)
@@ -87,11 +92,71 @@ class CameraView:
             return draws
         unshadowed = []
         for direction, weight, stokes in draws:
-            # Below the horizon a BSDF is zero, and what was drawn past the lamp has no weight.
-            matters = valid & (weight > 0) & (direction.z > 0)
-            shadow = self.scene.ray_test(hit.spawn_ray(hit.to_world(direction)), matters)
+            shadow = self.shadow(hit, direction, weight, valid) if hidden is None else hidden
             unshadowed.append((direction, dr.select(shadow, 0.0, weight), stokes))
         return unshadowed
+
+    def shadow(self, hit: Any, direction: Any, weight: Any, valid: Any) -> Any:
+        """Whether the scene hides from a hit what comes from a local direction."""
+        # Below the horizon a BSDF is zero, and what was drawn past the lamp has no weight.
+        matters = valid & (weight > 0) & (direction.z > 0)
+        return self.scene.ray_test(hit.spawn_ray(hit.to_world(direction)), matters)
+
+
+@dataclass
+class KeptHits:
+    """Where the rays of the camera hit the only shape: renders with other lights need not trace.
+
+    The number of a ray is that of its sample times that of all streams, plus its stream's.
+
+    Attributes
+    ----------
+    distance, u, v, face : (rays,)
+        Distance along the ray, infinite where it misses; coordinates on the shape; its face.
+    shape : Dr.Jit pointer
+    streams : opaque
+        Number of streams.
+    """
+
+    distance: Any
+    u: Any
+    v: Any
+    face: Any
+    shape: Any
+    streams: Any
+
+    def number(self, sample: Any, stream: Any) -> Any:
+        """Numbers of the streams' rays."""
+        return sample * self.streams + stream
+
+    def keep(self, hit: Any, sample: Any, stream: Any) -> Any:
+        """Keep preliminary hits of the streams' rays; returns which are hits."""
+        import drjit as dr
+
+        number = self.number(sample, stream)
+        for target, value in (
+            (self.distance, hit.t),
+            (self.u, hit.prim_uv.x),
+            (self.v, hit.prim_uv.y),
+            (self.face, hit.prim_index),
+        ):
+            dr.scatter(target, value, number, mode=dr.ReduceMode.NoConflicts)
+        return hit.is_valid()
+
+    def at(self, mi: ModuleType, ray: Any, sample: Any, stream: Any) -> Any:
+        """The hit of a ray, as `Scene.ray_intersect` finds it."""
+        import drjit as dr
+
+        number = self.number(sample, stream)
+        hit = dr.zeros(mi.PreliminaryIntersection3f)
+        hit.t = dr.gather(mi.Float, self.distance, number)
+        hit.prim_uv = mi.Point2f(
+            dr.gather(mi.Float, self.u, number), dr.gather(mi.Float, self.v, number)
+        )
+        hit.prim_index = dr.gather(mi.UInt32, self.face, number)
+        hit.valid = hit.t < dr.inf
+        hit.shape = dr.select(hit.valid, self.shape, dr.zeros(mi.ShapePtr))
+        return hit.compute_surface_interaction(ray)
 
 
 @dataclass
@@ -106,6 +171,10 @@ class Threads:
         Numbers of the random streams; each gives pixel and half.
     pixels, seed, samples : opaque
         Number of pixels, seed, and samples of a thread.
+    hits : KeptHits or None
+        Where rays are not traced again.
+    hidden : (rays,) or None
+        Which of these hits see the only lamp hidden.
     """
 
     count: int
@@ -113,6 +182,19 @@ class Threads:
     pixels: Any
     seed: Any
     samples: Any
+    hits: KeptHits | None = None
+    hidden: Any = None
+
+    def hit(self, mi: ModuleType, scene: Any, ray: Any, sample: Any) -> tuple[Any, Any]:
+        """The hit of a thread's ray, and whether the lamp is hidden from it: None if unknown."""
+        import drjit as dr
+
+        if self.hits is None:
+            return scene.ray_intersect(ray), None
+        hit = self.hits.at(mi, ray, sample, self.stream)
+        if self.hidden is None:
+            return hit, None
+        return hit, dr.gather(mi.Bool, self.hidden, self.hits.number(sample, self.stream))
 
 
 def shade(
@@ -126,7 +208,8 @@ def shade(
 
     def step(i: Any, sums: list[Any], rays: Any, draws: Any) -> tuple[Any, ...]:
         ray = view.film.ray(mi, pixel, rays)
-        values = _sample(mi, view, ray, light, shading, draws)
+        hit, hidden = threads.hit(mi, view.scene, ray, i)
+        values = _sample(mi, view, ray, (hit, hidden), light, shading, draws)
         return i + 1, [s + v for s, v in zip(sums, values, strict=True)], rays, draws
 
     state = (mi.UInt32(0), [mi.Float(0.0) for _ in range(layout.channels)], rays, draws)
@@ -145,19 +228,25 @@ def shade(
 
 
 def _sample(
-    mi: ModuleType, view: CameraView, ray: Any, light: Sampler, shading: Shading, random: Any
+    mi: ModuleType,
+    view: CameraView,
+    ray: Any,
+    known: tuple[Any, Any],
+    light: Sampler,
+    shading: Shading,
+    random: Any,
 ) -> list[Any]:
     """Contribution of one ray: normal, Stokes vectors of every BSDF, and products for variances."""
     import drjit as dr
 
-    hit = view.scene.ray_intersect(ray)
+    hit, hidden = known
     to_camera = to_camera_frame(mi, view.film.sensor, ray)
     valid = hit.is_valid()
     if shading.where is not None:
         valid &= shading.where(hit, random)
 
     def lobe(bsdfs: Sequence[Any]) -> list[Any]:
-        incoming = view.incoming(hit, light, bsdfs[0], random, valid)
+        incoming = view.incoming(hit, light, bsdfs[0], random, valid, hidden)
         return shading.lobe(mi, hit, incoming, bsdfs, to_camera, valid)
 
     specular, diffuse = lobe(shading.specular), lobe(shading.diffuse)

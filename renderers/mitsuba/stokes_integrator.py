@@ -24,7 +24,7 @@ from malus.renderers.mitsuba.translate import (
 from malus.renderers.variant import SCALAR, Variant, mitsuba
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import BoolArray, Float32Array
-from malus.scenes.lights.lights import Environment, Light, Sky
+from malus.scenes.lights.lights import Light, MapLight
 from malus.scenes.lights.sky import parts
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes.shapes import Shape
@@ -166,7 +166,7 @@ def _response(mi: ModuleType, base_scene: dict[str, Any], light: Light) -> float
     look = base_scene["sensor"]
     small = look | {"film": look["film"] | {"width": 8, "height": 8}}
     sky: dict[str, Any] = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
-    if isinstance(light, Environment | Sky):
+    if isinstance(light, MapLight):
         sky = {"type": "envmap", "bitmap": mi.Bitmap(np.ones((2, 4, 3), np.float32))}
     scene = mi.load_dict(
         {

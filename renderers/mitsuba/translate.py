@@ -21,7 +21,16 @@ from malus.scenes.materials.surface import AnyBody, Facets, anisotropic
 from malus.scenes.scene import Scene
 from malus.scenes.shapes import geometry
 from malus.scenes.shapes.geometry import TriangleMesh
-from malus.scenes.shapes.shapes import Blob, MeshFile, Shape, Sphere, Superquadric, Torus
+from malus.scenes.shapes.lathe import lathe
+from malus.scenes.shapes.shapes import (
+    Blob,
+    Lathe,
+    MeshFile,
+    Shape,
+    Sphere,
+    Superquadric,
+    Torus,
+)
 
 ORTHOGRAPHIC_DISTANCE = 3.0
 LAMP_DISTANCE = 1000.0
@@ -76,7 +85,9 @@ def tessellated(shape: Shape) -> TriangleMesh:
         case Blob():
             return geometry.blob(shape.seed)
         case Superquadric():
-            return geometry.superquadric(shape.e1, shape.e2)
+            return geometry.superquadric(shape.e1, shape.e2, shape.stretch)
+        case Lathe():
+            return lathe(shape.seed)
         case MeshFile():
             from malus.scenes.shapes.meshes import load_mesh
 

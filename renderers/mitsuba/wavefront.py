@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 from typing import Any
 
@@ -25,17 +25,20 @@ from malus.renderers.mitsuba.lighting import (
 )
 from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, lobes_from_sums
 from malus.renderers.mitsuba.rays import Film, stream_number, streams
-from malus.renderers.mitsuba.shading import CameraView, Shading, Threads, shade
+from malus.renderers.mitsuba.shading import CameraView, KeptHits, Shading, Threads, shade
 from malus.renderers.mitsuba.translate import sensor, shape_object
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import BoolArray, IntArray
-from malus.scenes.lights.lights import Environment, Light, Sky
+from malus.scenes.lights.lights import Distant, Light, MapLight
 from malus.scenes.scene import Sampling
 from malus.scenes.shapes.shapes import CONVEX, Shape
 
 PIXELS_A_LAUNCH = 1 << 16
 """Most pixels of one launch, which bounds its memory to a few hundred megabytes."""
+
+MOST_KEPT_HITS = 1 << 22
+"""Most rays whose hits a stage keeps: 64 megabytes. A GPU traces them faster than it reads them."""
 
 RECORDINGS = 16
 """Most recorded calls that a stage keeps: one for each kind of light, body and number of nodes."""
@@ -51,9 +54,7 @@ def stage(variant: Variant, shape: Shape, camera: Camera, light: Light) -> Stage
 
 
 @functools.lru_cache(maxsize=STAGES)
-def cached_stage(
-    variant: Variant, shape: Shape, camera: Camera, around: Environment | Sky | None
-) -> Stage:
+def cached_stage(variant: Variant, shape: Shape, camera: Camera, around: MapLight | None) -> Stage:
     """The stage of a shape, a camera and the radiance map around them, or None without one."""
     return Stage(mitsuba(variant), shape, camera, around)
 
@@ -70,11 +71,17 @@ class TouchedPixels:
         Whether the object covers the pixel entirely.
     streams : Dr.Jit arrays (HALVES * pixels of a launch,)
         Numbers of the random streams of each launch.
+    hits : KeptHits or None
+        Hits of all rays, where these are few enough to be kept.
+    hidden : dict of light to (rays,)
+        From which hits the shape itself hides a distant lamp; the last `RECORDINGS` are kept.
     """
 
     pixels: IntArray
     covered: BoolArray
     streams: list[Any]
+    hits: KeptHits | None
+    hidden: dict[Light, Any] = field(default_factory=dict)
 
 
 class Stage:
@@ -88,7 +95,7 @@ class Stage:
         mi: ModuleType,
         shape: Shape,
         camera: Camera,
-        around: Environment | Sky | None = None,
+        around: MapLight | None = None,
     ) -> None:
         import drjit as dr
 
@@ -124,9 +131,13 @@ class Stage:
         """
         touched, lit_by = self._hits(sampling), sampler(self.mi, light, self.scene)
         half_samples, shading = sampling.samples // HALVES, shading_of()
+        hidden = self._hidden(light, lit_by, touched, sampling)
 
         def launch(stream: Any) -> Any:
-            return self._shade(stream, lit_by, shading, sampling.seed, half_samples)
+            count = self.dr.width(stream)
+            pixels, seed, samples = self._opaque(count // HALVES, sampling.seed, half_samples)
+            threads = Threads(count, stream, pixels, seed, samples, touched.hits, hidden)
+            return self._shade(lit_by, shading, threads)
 
         first, *others = touched.streams
         launched = launch(first)
@@ -158,16 +169,17 @@ class Stage:
             return self._touched[sampling]
         total = self.resolution**2
         hits = np.zeros(total, dtype=np.int64)
+        kept = self._room_for_hits(sampling)
         for start in range(0, total, PIXELS_A_LAUNCH):
             block = slice(start, min(start + PIXELS_A_LAUNCH, total))
             stream = self._streams(np.arange(total)[block])
-            counts = np.asarray(self._count_hits(stream, sampling), np.int64)
+            counts = np.asarray(self._count_hits(stream, sampling, kept), np.int64)
             hits[block] = counts.reshape(HALVES, -1).sum(axis=0)
         pixels = np.flatnonzero(hits)
         covered = self.inside & (hits == sampling.samples)
         launches = range(0, max(len(pixels), 1), PIXELS_A_LAUNCH)
         streams = [self._streams(pixels[i : i + PIXELS_A_LAUNCH]) for i in launches]
-        self._touched = {sampling: TouchedPixels(pixels, covered[pixels], streams)}
+        self._touched = {sampling: TouchedPixels(pixels, covered[pixels], streams, kept)}
         return self._touched[sampling]
 
     def _streams(self, pixels: IntArray) -> Any:
@@ -177,27 +189,71 @@ class Stage:
         self.dr.eval(result)
         return result
 
-    def _count_hits(self, stream: Any, sampling: Sampling) -> Any:
-        """Number of samples that hit the object, for each random stream."""
+    def _opaque(self, *numbers: int) -> list[Any]:
+        """Numbers that a kernel is told, instead of compiled for."""
+        return [self.dr.opaque(self.mi.UInt32, number) for number in numbers]
+
+    def _room_for_hits(self, sampling: Sampling) -> KeptHits | None:
+        """Room for the hits of all rays, or None where they are not kept."""
         mi, dr = self.mi, self.dr
-        random, _ = streams(mi, stream, dr.opaque(mi.UInt32, sampling.seed))
+        streams = HALVES * self.resolution**2
+        rays = streams * (sampling.samples // HALVES)
+        if rays > MOST_KEPT_HITS or not mi.variant().startswith("llvm"):
+            return None
+        distance, u, v = (dr.empty(mi.Float, rays) for _ in range(3))
+        shape, (count,) = mi.ShapePtr(self.scene.shapes()[0]), self._opaque(streams)
+        return KeptHits(distance, u, v, dr.empty(mi.UInt32, rays), shape, count)
+
+    def _count_hits(self, stream: Any, sampling: Sampling, kept: KeptHits | None) -> Any:
+        """Number of samples that hit the object, for each random stream; writes to `kept`."""
+        mi, dr = self.mi, self.dr
+        seed, count = self._opaque(sampling.seed, sampling.samples // HALVES)
+        random, _ = streams(mi, stream, seed)
         pixel = stream // HALVES
 
         def step(i: Any, hits: Any, random: Any) -> tuple[Any, Any, Any]:
-            hit = self.scene.ray_test(self.view.film.ray(mi, pixel, random))
+            ray = self.view.film.ray(mi, pixel, random)
+            if kept is None:
+                hit = self.scene.ray_test(ray)
+            else:
+                hit = kept.keep(self.scene.ray_intersect_preliminary(ray), i, stream)
             return i + 1, hits + dr.select(hit, mi.UInt32(1), mi.UInt32(0)), random
 
-        count = dr.opaque(mi.UInt32, sampling.samples // HALVES)
         state = (mi.UInt32(0), mi.UInt32(0), random)
         _, hits, _ = dr.while_loop(state, lambda i, *_: i < count, step)
         return hits
 
-    def _shade(self, stream: Any, light: Sampler, shading: Shading, seed: int, samples: int) -> Any:
+    def _hidden(
+        self, light: Light, lit_by: Sampler, touched: TouchedPixels, sampling: Sampling
+    ) -> Any:
+        """From which hits a lamp is hidden, where every surface and lobe asks the same; or None."""
+        mi, dr, hits = self.mi, self.dr, touched.hits
+        if hits is None or self.view.convex or not isinstance(light, Distant):
+            return None
+        if light in touched.hidden:
+            return touched.hidden[light]
+        hidden = dr.zeros(mi.Bool, dr.width(hits.distance))
+        seed, count = self._opaque(sampling.seed, sampling.samples // HALVES)
+
+        def step(i: Any, random: Any, stream: Any) -> tuple[Any, Any, Any]:
+            hit = hits.at(mi, self.view.film.ray(mi, stream // HALVES, random), i, stream)
+            ((direction, weight, _),) = lit_by(hit, None, None, hit.is_valid())
+            shadow = self.view.shadow(hit, direction, weight, hit.is_valid())
+            dr.scatter(hidden, shadow, hits.number(i, stream), mode=dr.ReduceMode.NoConflicts)
+            return i + 1, random, stream
+
+        for stream in touched.streams:
+            state = (mi.UInt32(0), streams(mi, stream, seed)[0], stream)
+            dr.while_loop(state, lambda i, *_: i < count, step)
+            dr.eval(hidden)
+        while len(touched.hidden) >= RECORDINGS:
+            touched.hidden.pop(next(iter(touched.hidden)))
+        touched.hidden[light] = hidden
+        return hidden
+
+    def _shade(self, light: Sampler, shading: Shading, threads: Threads) -> Any:
         """Sums over the samples of pixels, flat and in the order of `Layout`, on the device."""
-        mi, dr = self.mi, self.dr
-        count = dr.width(stream)
-        opaque = (dr.opaque(mi.UInt32, number) for number in (count // HALVES, seed, samples))
         run = self._replay if shading.replay else shade
-        sums = run(mi, self.view, light, shading, Threads(count, stream, *opaque))
-        dr.eval(sums)  # launches the kernel, where none has been replayed
+        sums = run(self.mi, self.view, light, shading, threads)
+        self.dr.eval(sums)  # launches the kernel, where none has been replayed
         return sums

@@ -39,7 +39,24 @@ function startViewer() {
   }
 }
 
+/** Buttons that copy the command beside them; where a browser refuses, it is marked to be copied. */
+function startCopying() {
+  for (const button of document.querySelectorAll("button.copy")) {
+    const code = button.parentElement.querySelector("code");
+    button.addEventListener("click", async () => {
+      try {
+        await navigator.clipboard.writeText(code.textContent);
+        button.textContent = "Copied";
+      } catch {
+        window.getSelection().selectAllChildren(code);
+        button.textContent = "Marked: copy it";
+      }
+    });
+  }
+}
+
 startTheme();
+startCopying();
 startViewer();
 requestAnimationFrame(() => requestAnimationFrame(() => {
   document.documentElement.dataset.ready = performance.now().toFixed(0);

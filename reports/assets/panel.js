@@ -40,8 +40,10 @@ class Panel {
     context.clearRect(0, 0, width, height);
     context.imageSmoothingEnabled = false; // a pixel is a measurement: never blend two
     const w = source.width / view.zoom, h = source.height / view.zoom;
-    context.drawImage(source, view.left * source.width, view.top * source.height, w, h,
-      0, 0, width, height);
+    for (const layer of view.cover ? [source, view.cover] : [source]) {
+      context.drawImage(layer, view.left * source.width, view.top * source.height, w, h,
+        0, 0, width, height);
+    }
     if (view.pick) this.mark(context, width / w, height / h);
   }
 
@@ -69,7 +71,7 @@ class Panel {
 
 /** The part of the images that all panels show: zoom and upper left corner, 0 to 1. */
 class View {
-  constructor() { this.reset(); this.pick = null; }
+  constructor() { this.reset(); this.pick = null; this.cover = null; }
 
   reset() { this.zoom = 1; this.left = 0; this.top = 0; }
 

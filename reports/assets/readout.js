@@ -38,8 +38,8 @@ class Readout {
     this.dots.forEach((dot) => dot.setAttribute("visibility", "hidden"));
   }
 
-  show(pixel, truth, estimate, degrees) {
-    this.place.textContent = `Pixel column ${pixel.x}, row ${pixel.y} from the upper left`;
+  show(pixel, truth, estimate, degrees, note) {
+    this.place.textContent = `Pixel column ${pixel.x}, row ${pixel.y} from the upper left${note}`;
     const both = [truth, estimate];
     const columns = both.map((stokes) => rowOf(stokes, degrees));
     this.cells.forEach((cells, row) => cells.forEach((cell, k) => {

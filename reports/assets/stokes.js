@@ -15,12 +15,12 @@ function bytesOf(block) {
   return bytes;
 }
 
-/** Positions of the object's pixels in the image, row by row. */
-function positionsOf(scene) {
-  const bits = bytesOf(scene.mask);
-  const at = new Uint32Array(scene.pixels);
+/** Positions in the image of the pixels of a mask, row by row. */
+function positionsOf(mask, pixels, size) {
+  const bits = bytesOf(mask);
+  const at = new Uint32Array(pixels);
   let found = 0;
-  for (let i = 0; i < scene.width * scene.height; i++) {
+  for (let i = 0; i < size; i++) {
     if (bits[i >> 3] & (128 >> (i & 7))) at[found++] = i;
   }
   return at;
@@ -37,18 +37,31 @@ function mixedOf(scene) {
   return mixed;
 }
 
-/** Stokes planes [s0, s1, s2] of one band; s0 is the truth's where it is not stored. */
+/** Stokes planes [s0, s1, s2]; what is not stored is the truth's s0, or zero. */
 function stokesOf(planes, pixels, truth) {
   const stored = new Uint16Array(bytesOf(planes.block).buffer);
-  const result = planes.first.map((first, plane) => {
-    const step = planes.step[plane], values = new Float32Array(pixels);
+  return [0, 1, 2].map((component) => {
+    const plane = planes.components.indexOf(component);
+    if (plane < 0) return component ? new Float32Array(pixels) : truth[0];
+    const step = planes.step[plane], first = planes.first[plane], values = new Float32Array(pixels);
     for (let i = 0; i < pixels; i++) {
       const q = stored[plane * pixels + i];
       values[i] = q === NOT_FINITE ? NaN : step * (first + q);
     }
     return values;
   });
-  return result.length === 3 ? result : [truth[0], ...result];
+}
+
+/** Stokes planes of light that is a weighted sum of others: of bands, or of colours. */
+function weighed(all, weights) {
+  return [0, 1, 2].map((component) => {
+    const sum = new Float32Array(all[0][component].length);
+    all.forEach((stokes, k) => {
+      const plane = stokes[component], weight = weights[k];
+      if (weight) for (let i = 0; i < sum.length; i++) sum[i] += weight * plane[i];
+    });
+    return sum;
+  });
 }
 
 function differenceOf(estimate, truth) {
@@ -70,6 +83,24 @@ function paintRadiance(out, at, stokes, degrees, scale, middle, table) {
   for (let i = 0; i < at.length; i++) {
     const v = half * s0[i] - cosine * s1[i] - sine * s2[i] + start;
     out[at[i]] = v !== v ? BAD : table[v < 0 ? 0 : v > top ? top : v | 0];
+  }
+}
+
+/** The same in colour: of red, green and blue each, through the curve of the screen. */
+function paintColour(out, at, channels, degrees, scale, curve) {
+  const top = curve.length - 1, double = degrees * Math.PI / 90;
+  const half = 0.5 * scale, cosine = half * Math.cos(double), sine = half * Math.sin(double);
+  const [red, green, blue] = channels.map(([s0, s1, s2]) => {
+    const codes = new Int16Array(at.length);
+    for (let i = 0; i < at.length; i++) {
+      const v = half * s0[i] - cosine * s1[i] - sine * s2[i] + 0.5;
+      codes[i] = v !== v ? -1 : curve[v < 0 ? 0 : v > top ? top : v | 0];
+    }
+    return codes;
+  });
+  for (let i = 0; i < at.length; i++) {
+    const r = red[i], g = green[i], b = blue[i];
+    out[at[i]] = (r | g | b) < 0 ? BAD : packed(r, g, b);
   }
 }
 
@@ -111,13 +142,11 @@ function tableOf(base64, cyclic) {
   return table;
 }
 
-/** Linear radiance to the grey of a screen (the sRGB curve). */
-function greys() {
-  return Uint32Array.from({ length: LEVELS }, (_, i) => {
+/** Linear radiance to the code of a screen (the sRGB curve). */
+function screenCurve() {
+  return Uint8Array.from({ length: LEVELS }, (_, i) => {
     const x = i / (LEVELS - 1);
-    const y = x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055;
-    const grey = Math.round(255 * y);
-    return packed(grey, grey, grey);
+    return Math.round(255 * (x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055));
   });
 }
 

@@ -2,6 +2,8 @@
 
 const LEAST_DOLP = 0.005; // below, an angle of polarisation is noise
 const DEGREES_A_SECOND = 45;
+const COLOUR = "colour";  // in place of a band: all of them, as the eye sees them
+const LUMINANCE = [0.2126, 0.7152, 0.0722]; // of linear sRGB (IEC 61966-2-1)
 
 class Viewer {
   constructor(root, data) {
@@ -9,9 +11,11 @@ class Viewer {
     this.data = data;
     this.view = new View();
     this.angle = 0;
+    this.wanted = new Set();
     this.find = (id) => root.querySelector("#" + id);
+    this.curve = screenCurve();
     this.tables = {
-      grey: greys(),
+      grey: Uint32Array.from(this.curve, (code) => packed(code, code, code)),
       diverging: tableOf(data.tables.diverging, false),
       sequential: tableOf(data.tables.sequential, false),
       cyclic: tableOf(data.tables.cyclic, true),
@@ -53,6 +57,7 @@ class Viewer {
     });
     this.find("exposure").addEventListener("input", () => this.ask("paint"));
     this.find("unmixed").addEventListener("change", () => this.choosePixels());
+    this.find("off-mask").addEventListener("change", () => this.cover());
     this.find("play").addEventListener("click", () => this.play(!this.playing));
     this.find("zoom-in").addEventListener("click", () => this.zoom(1.5));
     this.find("zoom-out").addEventListener("click", () => this.zoom(1 / 1.5));
@@ -72,7 +77,7 @@ class Viewer {
       Home: () => this.turn(0), End: () => this.turn(180),
       "+": () => this.zoom(1.5), "-": () => this.zoom(1 / 1.5), 0: () => this.zoom(0),
     };
-    if (!target.matches("button, #unmixed")) actions[" "] = () => this.play(!this.playing);
+    if (!target.matches("button, [type=checkbox]")) actions[" "] = () => this.play(!this.playing);
     let action = actions[event.key];
     if (event.shiftKey && step[event.key]) action = () => this.step(...step[event.key]);
     if (!action) return;
@@ -88,13 +93,24 @@ class Viewer {
       if ([...select.options].some((option) => option.value === before)) select.value = before;
     };
     keep("method", Object.keys(scene.methods).map((name) => new Option(name, name)));
-    keep("band", scene.bands.map((name, i) => new Option(name, i)));
-    if (this.find("method").value === "unpolarised" && scene.methods.eq8) this.find("method").value = "eq8";
+    const bands = scene.bands.map((name, i) => new Option(name, i));
+    const [red, green, blue] = scene.colours.map(String);
+    const name = red === green && green === blue ? "all, as grey" : "all, in colour";
+    if (scene.colours[0].length > 1) bands.unshift(new Option(name, COLOUR));
+    keep("band", bands);
+    const better = ["eq8", ...Object.keys(scene.methods)].find(
+      (name) => name !== "unpolarised" && scene.methods[name]);
+    if (this.find("method").value === "unpolarised" && better) this.find("method").value = better;
     const mixed = this.mixed = mixedOf(scene);
     this.find("unmixed").closest(".unmixed").hidden = !mixed.size;
     this.find("unmixed-text").textContent =
       `Leave out ${mixed.size} pixel${mixed.size === 1 ? "" : "s"} of several normals`;
-    const all = positionsOf(scene), first = all[Math.floor(all.length * 0.33)] || 0;
+    this.beyond = {
+      ...scene.beyond,
+      at: positionsOf(scene.beyond.mask, scene.beyond.pixels, scene.width * scene.height),
+    };
+    this.object = positionsOf(scene.mask, scene.pixels, scene.width * scene.height);
+    const all = this.object, first = all[Math.floor(all.length * 0.33)] || 0;
     this.view.reset();
     this.view.locked = false;
     this.view.pick = { x: first % scene.width, y: Math.floor(first / scene.width) };
@@ -103,31 +119,59 @@ class Viewer {
 
   /** All pixels of the object, or only those that see one normal. */
   choosePixels() {
-    const { scene, mixed } = this, all = positionsOf(scene);
+    const { scene, mixed, object: all } = this;
     const without = this.find("unmixed").checked && mixed.size > 0;
     this.shown = without ? Uint32Array.from(all.keys()).filter((i) => !mixed.has(i)) : null;
     this.at = this.shown ? this.shown.map((i) => all[i]) : all;
     this.where = new Int32Array(scene.width * scene.height).fill(-1);
     this.at.forEach((place, i) => { this.where[place] = i; });
     Object.values(this.panels).forEach((panel) => panel.resize(scene.width, scene.height));
+    this.cover();
     this.load();
   }
 
-  /** Stokes planes of the pixels that are shown. */
-  ofShown(stokes) {
-    return this.shown ? stokes.map((plane) => Float32Array.from(this.shown, (i) => plane[i])) : stokes;
+  /** Hatch what is off the mask, where that is asked for. */
+  cover() {
+    this.view.cover = this.find("off-mask").checked
+      ? hatched(this.object, this.scene.width, this.scene.height) : null;
+    this.ask("draw");
+  }
+
+  /**
+   * Light of the chosen band, or of all: its planes as they are stored, Stokes planes, and those of
+   * red, green and blue where it has a colour.
+   */
+  lightOf(stored, pixels, truth) {
+    const band = this.find("band").value, { colours } = this.scene;
+    const planes = (k) => stokesOf(stored[k], pixels, truth?.planes[k]);
+    if (band !== COLOUR) return { planes: { [band]: planes(band) }, stokes: planes(band) };
+    const used = stored.map((_, k) => k).filter((k) => colours.some((weights) => weights[k]));
+    const all = Object.fromEntries(used.map((k) => [k, planes(k)]));
+    const channels = colours.map((weights) =>
+      weighed(used.map((k) => all[k]), used.map((k) => weights[k])));
+    return { planes: all, channels, stokes: weighed(channels, LUMINANCE) };
+  }
+
+  /** Light of those of the object's pixels that are shown. */
+  ofShown(light) {
+    if (!this.shown) return light;
+    const chosen = (stokes) =>
+      stokes.map((plane) => Float32Array.from(this.shown, (i) => plane[i]));
+    return { stokes: chosen(light.stokes), channels: light.channels?.map(chosen) };
   }
 
   load() {
-    const { scene } = this, band = Number(this.find("band").value);
-    const method = this.find("method").value, pixels = scene.pixels;
-    const truth = stokesOf(scene.truth[band], pixels);
+    const { scene } = this, method = this.find("method").value, pixels = scene.pixels;
+    const truth = this.lightOf(scene.truth, pixels);
     this.truth = this.ofShown(truth);
-    this.estimate = this.ofShown(stokesOf(scene.methods[method][band], pixels, truth));
-    this.difference = differenceOf(this.estimate, this.truth);
-    this.white = quantile(brightest(this.truth), 0.995) || 1;
+    this.estimate = this.ofShown(this.lightOf(scene.methods[method], pixels, truth));
+    this.around = this.lightOf(this.beyond.truth, this.beyond.pixels);
+    this.unfiltered = unpolarised(this.around);
+    this.difference = differenceOf(this.estimate.stokes, this.truth.stokes);
+    this.white = Math.max(...(this.truth.channels || [this.truth.stokes]).map((stokes) =>
+      quantile(brightest(stokes), 0.995))) || 1;
     this.spread = quantile(brightest(this.difference), 0.995) || this.white * 1e-6;
-    const dolps = [this.truth, this.estimate].map((s) =>
+    const dolps = [this.truth.stokes, this.estimate.stokes].map((s) =>
       quantile(s[0].map((s0, i) => dolpOf(s0, s[1][i], s[2][i])), 0.995));
     this.largest = Math.min(1, Math.max(0.01, ...dolps));
     const score = (scene.scores || {})[method];
@@ -142,10 +186,13 @@ class Viewer {
   /** What does not turn with the polariser. */
   paintStill() {
     const grey = packed(128, 128, 128);
-    for (const [name, stokes] of [["truth", this.truth], ["estimate", this.estimate]]) {
+    for (const [name, light] of [["truth", this.truth], ["estimate", this.estimate]]) {
       const dolp = this.panels["dolp-" + name], aolp = this.panels["aolp-" + name];
-      paintDolp(dolp.pixels, this.at, stokes, this.largest, this.tables.sequential);
-      paintAolp(aolp.pixels, this.at, stokes, LEAST_DOLP, grey, this.tables.cyclic);
+      const around = name === "truth" ? this.around : this.unfiltered;
+      for (const [at, { stokes }] of [[this.at, light], [this.beyond.at, around]]) {
+        paintDolp(dolp.pixels, at, stokes, this.largest, this.tables.sequential);
+        paintAolp(aolp.pixels, at, stokes, LEAST_DOLP, grey, this.tables.cyclic);
+      }
       dolp.paint();
       aolp.paint();
     }
@@ -155,15 +202,15 @@ class Viewer {
     this.find("diff-most").textContent = "+" + number(this.spread);
   }
 
-  /** Ask for a repaint ("paint") or only a new view ("draw") at the next frame. */
+  /** Ask for new colours ("paint"), a new view of all panels ("draw"), or both at the next frame. */
   ask(what) {
-    this.wanted = this.wanted === "paint" ? "paint" : what;
+    this.wanted.add(what);
     this.frame ||= requestAnimationFrame(() => {
       this.frame = 0;
-      const wanted = this.wanted;
-      this.wanted = "";
-      if (wanted === "paint") this.paint();
-      else Object.values(this.panels).forEach((panel) => panel.draw());
+      const { wanted } = this;
+      this.wanted = new Set();
+      if (wanted.has("paint")) this.paint();
+      if (wanted.has("draw")) Object.values(this.panels).forEach((panel) => panel.draw());
       this.tell();
     });
   }
@@ -171,23 +218,28 @@ class Viewer {
   paint() {
     const { truth, estimate, difference } = this.panels, top = LEVELS - 1;
     const white = this.white / 2 ** Number(this.find("exposure").value);
-    const paint = (panel, stokes, scale, middle, table) => {
-      paintRadiance(panel.pixels, this.at, stokes, this.angle, scale, middle, table);
-      panel.paint();
+    const paint = (panel, at, { stokes, channels }) => {
+      if (channels) paintColour(panel.pixels, at, channels, this.angle, top / white, this.curve);
+      else paintRadiance(panel.pixels, at, stokes, this.angle, top / white, 0, this.tables.grey);
     };
-    paint(truth, this.truth, top / white, 0, this.tables.grey);
-    paint(estimate, this.estimate, top / white, 0, this.tables.grey);
-    paint(difference, this.difference, top / 2 / this.spread, top / 2, this.tables.diverging);
+    paint(truth, this.at, this.truth);
+    paint(truth, this.beyond.at, this.around);
+    paint(estimate, this.at, this.estimate);
+    paint(estimate, this.beyond.at, this.unfiltered);
+    paintRadiance(difference.pixels, this.at, this.difference, this.angle,
+      top / 2 / this.spread, top / 2, this.tables.diverging);
+    [truth, estimate, difference].forEach((panel) => panel.paint());
     this.root.querySelectorAll(".white").forEach((label) => { label.textContent = number(white); });
     this.root.dataset.white = white;
   }
 
   tell() {
     const { x, y } = this.view.pick, i = this.where[y * this.scene.width + x];
-    if (i < 0) this.readout.nothing("No object at this pixel");
+    if (i < 0) this.readout.nothing("This pixel is off the mask: no method is scored there");
     else {
-      const pixel = (stokes) => stokes.map((plane) => plane[i]);
-      this.readout.show(this.view.pick, pixel(this.truth), pixel(this.estimate), this.angle);
+      const pixel = ({ stokes }) => stokes.map((plane) => plane[i]);
+      const note = this.truth.channels ? ", all bands as the eye weighs them" : "";
+      this.readout.show(this.view.pick, pixel(this.truth), pixel(this.estimate), this.angle, note);
     }
     this.root.dataset.shown = this.angle;
   }
@@ -237,6 +289,28 @@ class Viewer {
     };
     requestAnimationFrame(next);
   }
+}
+
+/** What a camera without a polariser knows of light: all of it, and no polarisation. */
+function unpolarised({ stokes, channels }) {
+  const plain = ([s0]) => [s0, new Float32Array(s0.length), new Float32Array(s0.length)];
+  return { stokes: plain(stokes), channels: channels?.map(plain) };
+}
+
+/** Stripes, dark and bright in turn, over all pixels but those of a mask. */
+function hatched(mask, width, height) {
+  const canvas = document.createElement("canvas");
+  canvas.width = width;
+  canvas.height = height;
+  const context = canvas.getContext("2d"), image = context.createImageData(width, height);
+  const out = new Uint32Array(image.data.buffer);
+  out.forEach((_, i) => {
+    const stripe = (i % width + Math.floor(i / width)) % 6 < 3;
+    out[i] = (stripe ? packed(20, 20, 24) & 0xb0ffffff : packed(235, 235, 240) & 0xb0ffffff) >>> 0;
+  });
+  mask.forEach((place) => { out[place] = 0; });
+  context.putImageData(image, 0, 0);
+  return canvas;
 }
 
 /** The legend of angles: the colour at a place on the rim is that of its direction. */

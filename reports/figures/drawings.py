@@ -85,7 +85,7 @@ def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
     for body in distinct(overall_rows(table, "nmse")["body"]):
         rows = rows_of_body(table, body)
         if rows[["eta", "alpha"]].nunique().max() > 1:  # else a figure of one point
-            yield from _figure5(rows, body)
+            yield from _figure5(rows[rows["angle_deg"].isna()], body)
         yield from _over_the_angle(rows, body)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,17 +61,18 @@ def figure5(table: pd.DataFrame, body: str) -> Figure:
     with style():
         figure = Figure(figsize=(7.1, 7.6), layout="constrained")
         axes: list[Axes] = list(figure.subplots(2, 1))
+        second = {x: own_range(content.rows, x) for x in (X_ETA, X_ALPHA)}
         for ax, x in zip(axes, (X_ETA, X_ALPHA), strict=True):
             values = numbers(content.rows, x)
             _draw(ax, values, content)
-            _draw_own_range(ax, own_range(content.rows, x))
+            _draw_own_range(ax, second[x])
             ax.set_xlabel(_AXES[x] + _doubt(content.rows, x))
             ax.set_ylabel(_ERROR)
             label = _label_materials if x == X_ETA else _label_surfaces
             label(ax, values)
-        share_height(axes, content.methods, _second_heights(content))
+        share_height(axes, content.methods, _heights(second))
         name_paper(axes[0])
-        legend(figure, axes[0], content, _entries(content))
+        legend(figure, axes[0], content, _entries(content, second))
     return figure
 
 
@@ -83,19 +84,19 @@ def figure5_by_light(table: pd.DataFrame, body: str) -> Figure:
         size = (max(1.4 + 1.9 * len(lights), 6.5), 5.6)
         figure = Figure(figsize=size, layout="constrained")
         grid = figure.subplots(2, len(lights), sharey=True, sharex="row", squeeze=False)
+        second = {x: own_range(content.rows, x, by_light=True) for x in (X_ETA, X_ALPHA)}
         for line, x in zip(grid, (X_ETA, X_ALPHA), strict=True):
             values = numbers(content.rows, x, by_light=True)
             line[0].set_ylabel(_ERROR)
             for ax, light in zip(line, lights, strict=True):
                 _draw(ax, values[values["light"] == light], content)
-                own = own_range(content.rows, x, by_light=True)
-                _draw_own_range(ax, own[own["light"] == light])
+                _draw_own_range(ax, second[x][second[x]["light"] == light])
                 ax.set_xlabel(_SHORT_AXES[x])
         for ax, light in zip(grid[0], lights, strict=True):
             ax.set_title(drawable(light))
-        share_height(list(grid.flat), content.methods, _second_heights(content, by_light=True))
+        share_height(list(grid.flat), content.methods, _heights(second))
         name_paper(grid[0, 0])
-        legend(figure, grid[0, 0], content, _entries(content))
+        legend(figure, grid[0, 0], content, _entries(content, second))
     return figure
 
 
@@ -122,16 +123,14 @@ def _draw_own_range(ax: Axes, values: pd.DataFrame) -> None:
         bars(ax, values, MethodStyle(own.colour, "*", "--", False))
 
 
-def _second_heights(content: FigureContent, by_light: bool = False) -> list[float]:
-    """Every mean of the second curve."""
-    panels = [own_range(content.rows, x, by_light) for x in (X_ETA, X_ALPHA)]
-    return [float(mean) for values in panels for mean in values["mean"]]
+def _heights(second: Mapping[str, pd.DataFrame]) -> list[float]:
+    """Every mean of the second curve, from its numbers by axis."""
+    return [float(mean) for values in second.values() for mean in values["mean"]]
 
 
-def _entries(content: FigureContent) -> list[str]:
+def _entries(content: FigureContent, second: Mapping[str, pd.DataFrame]) -> list[str]:
     """Entries of the legend, in the order in which the lines were drawn."""
-    second = own_range(content.rows, X_ETA)["method"].unique().tolist()
-    return [*content.methods, NOISE, *second]
+    return [*content.methods, NOISE, *distinct(second[X_ETA]["method"])]
 
 
 def _label_materials(ax: Axes, values: pd.DataFrame) -> None:

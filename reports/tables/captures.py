@@ -69,7 +69,7 @@ def by_capture(table: pd.DataFrame) -> TextTable:
     """
     heads = (
         "capture", "group", "method", "NMSE", "noise in it", "skill", "gain", "rotation",
-        "best scale", "skill at it", "converged",
+        "best scale", "skill at it", "converged", "error² over stated",
     )  # fmt: skip
     lines = []
     for (name, group), captured in table.groupby(["surface", "light"], sort=False):
@@ -84,14 +84,16 @@ def by_capture(table: pd.DataFrame) -> TextTable:
 
 def _agreement(method: str, rows: pd.DataFrame) -> list[str]:
     if method == TRIVIAL:
-        return [NO_NUMBER] * 6
+        return [NO_NUMBER] * 7
     first = {name: _values(rows, name) for name in _AGREEMENT}
     texts = [
         _AGREEMENT[name](float(v.iloc[0])) if len(v) else NO_NUMBER for name, v in first.items()
     ]
     converged = _values(rows, "converged")
     told = {0.0: "no", 1.0: "yes"}.get(float(converged.iloc[0]), "") if len(converged) else ""
-    return [*texts, told or NO_NUMBER]
+    stated = _values(rows, "calibration")
+    honest = f"{stated.iloc[0]:.2g}" if len(stated) else NO_NUMBER
+    return [*texts, told or NO_NUMBER, honest]
 
 
 def _slope(value: float) -> str:
@@ -120,14 +122,15 @@ def _guessing(table: pd.DataFrame) -> list[str]:
     return [method for method in scored_methods(table) if method != TRIVIAL]
 
 
-def negative(table: pd.DataFrame) -> Iterator[str]:
-    """A sentence for every capture and method of negative skill, the worst first, with its cause.
+def agreements(table: pd.DataFrame) -> Iterator[str]:
+    """A sentence for every capture and method but the guess, the worst skill first: what made it.
 
+    A skill just above 0 may come of a field that is right, or of one that is scaled to nothing.
     With the slope g of the estimate against the truth and the scale c that fits it best, the
     estimate's rms over the true one's is √(g / c), and their correlation √(g c) with the sign of g.
     """
     rows = overall_rows(table, "skill").sort_values("value")
-    for row in rows[rows["value"] < 0].to_dict("records"):
+    for row in rows[rows["method"] != TRIVIAL].to_dict("records"):
         told = f"{row['method']} on {row['surface']}: skill {skill_text(row['value'])}"
         same = table[(table["scene"] == row["scene"]) & (table["method"] == row["method"])]
         gain, scale = (float(_values(same, name).mean()) for name in ("gain", "scale"))

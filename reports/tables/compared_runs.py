@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from malus.reports.tables.metric_definitions import MetricDefinition, definition_of
-from malus.reports.tables.paired import LEAST_SCENES, PairedDifference
+from malus.reports.tables.paired import LEAST_SCENES, PairedDifference, student_width
 from malus.reports.tables.paper_table import default_metrics, number_with_error
 from malus.reports.tables.rows import ResultsLike, distinct, overall_rows
 from malus.reports.tables.text_tables import TextTable
@@ -125,14 +125,12 @@ def _change(
 
 def _welch(a: Float64Array, b: Float64Array, confidence: float) -> float:
     """Half the width of the interval of the difference of two means."""
-    from scipy.stats import t
-
     parts = [values.var(ddof=1) / len(values) for values in (a, b)]
     total = float(sum(parts))
     if total == 0.0 or not math.isfinite(total):
         return 0.0 if total == 0.0 else math.nan
     free = total**2 / sum(p**2 / (len(v) - 1) for p, v in zip(parts, (a, b), strict=True))
-    return float(t.ppf(0.5 + confidence / 2, free)) * math.sqrt(total)
+    return student_width(confidence, free) * math.sqrt(total)
 
 
 @dataclass(frozen=True)

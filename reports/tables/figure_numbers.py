@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from malus.reports.tables.rows import (
@@ -59,12 +58,7 @@ def numbers(
     if not by_light:
         rows = rows.assign(light="all")
     groups = rows.groupby(["light", "method", _COLUMNS[x], x], sort=False)
-    result = groups.agg(
-        mean=("value", "mean"),
-        std=("value", _population_std),
-        noise=("noise", "mean"),
-        scenes=("value", "size"),
-    ).reset_index()
+    result = _of_groups(groups).reset_index()
     order = {name: number for number, name in enumerate(scored_methods(table))}
     result = result.rename(columns={_COLUMNS[x]: "name", x: "x"})
     result = result.assign(panel=x, order=result["method"].map(order))
@@ -72,8 +66,11 @@ def numbers(
     return result.sort_values(["light", "order", "x"], kind="stable")[columns]
 
 
-def _population_std(values: pd.Series[float]) -> float:
-    return float(values.std(ddof=0))
+def _of_groups(groups: Any) -> pd.DataFrame:
+    """Mean, standard deviation of the population, mean noise, and number of each group's values."""
+    values = groups["value"]
+    columns = {"mean": values.mean(), "std": values.std(ddof=0)}
+    return pd.DataFrame(columns | {"noise": groups["noise"].mean(), "scenes": values.size()})
 
 
 def own_range(table: pd.DataFrame, x: str, by_light: bool = False) -> pd.DataFrame:
@@ -106,13 +103,7 @@ def angle_numbers(table: pd.DataFrame) -> pd.DataFrame:
     ['unpolarised', 0.0, 6]
     """
     groups = rows_by_angle(table, "nmse").groupby(["light", "method", "angle_deg"], sort=False)
-    result = groups.agg(
-        mean=("value", "mean"),
-        std=("value", lambda values: float(np.std(values))),
-        noise=("noise", "mean"),
-        scenes=("value", "size"),
-    )
-    return result.reset_index().rename(columns={"angle_deg": "x"})
+    return _of_groups(groups).reset_index().rename(columns={"angle_deg": "x"})
 
 
 def ladder_numbers(table: pd.DataFrame) -> pd.DataFrame:

@@ -104,6 +104,12 @@ _EVERY_SCORE = _of(
      "number of pixels and bands whose estimate is unphysical: polarised beyond all light"),
     ("invalid", "invalid", "", "lower", "number of pixels whose inputs allow no estimate"),
     ("converged", "converged", "", "higher", "1 where the method's own search converged"),
+    ("calibration", "calibration", "", "nearer 1",
+     "mean of the squared error of s1/s0 and s2/s0 over the variance that the method states, where "
+     "light is above 1 % of the peak: more than 1 is too sure"),
+    ("deviation_rank", "stated error's rank", "", "higher",
+     "rank correlation (Spearman), over pixels and bands, of the deviation that the method states "
+     "with its actual error: 1 where it knows exactly where it errs"),
     ("inapplicable", "inapplicable", "", "lower", "1 where the method cannot work on the scene"),
 )  # fmt: skip
 

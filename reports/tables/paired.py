@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import NormalDist
 
 import numpy as np
 import pandas as pd
@@ -106,13 +107,42 @@ def half_width(differences: Float64Array, confidence: float = CONFIDENCE) -> flo
     >>> round(half_width(np.array([1.0, 2.0, 3.0])), 3)
     2.484
     """
-    from scipy.stats import t
-
     count = len(differences)
     if count < LEAST_SCENES or not np.isfinite(differences).all():
         return math.nan
-    quantile = float(t.ppf(0.5 + confidence / 2, count - 1))
-    return quantile * float(differences.std(ddof=1)) / math.sqrt(count)
+    return student_width(confidence, count - 1) * float(differences.std(ddof=1)) / math.sqrt(count)
+
+
+def student_width(confidence: float, freedom: float) -> float:
+    """Half the width of the interval that holds Student's t with a probability, in (0, 1).
+
+    With t = √ν tan θ the density of θ is that of cos^(ν−1) θ. Computed here because the report
+    would wait for the import of scipy longer than for all else that it counts.
+
+    Parameters
+    ----------
+    confidence : float
+    freedom : float
+        Degrees of freedom ν, at least 1.
+
+    Examples
+    --------
+    >>> round(student_width(0.95, 2), 6), round(student_width(0.95, 1e6), 3)
+    (4.302653, 1.96)
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    scale = 2.0 * math.exp(math.lgamma((freedom + 1) / 2) - math.lgamma(freedom / 2))
+    scale /= math.sqrt(math.pi)
+    # The probability is concave in θ, so that Newton's steps from below stay below.
+    angle = math.atan(NormalDist().inv_cdf(0.5 + confidence / 2) / math.sqrt(freedom))
+    for _ in range(_NEWTON_STEPS):
+        within = 0.5 * angle * (weights @ np.cos(0.5 * angle * (nodes + 1.0)) ** (freedom - 1))
+        angle += (confidence / scale - float(within)) / math.cos(angle) ** (freedom - 1)
+    return math.sqrt(freedom) * math.tan(angle)
+
+
+_NEWTON_STEPS = 40
+"""More than enough: from the normal distribution's angle each step doubles the digits."""
 
 
 def paired(table: pd.DataFrame, metric: str, first: str, second: str) -> PairedDifference:

@@ -29,7 +29,8 @@ def render(template: str, **values: Any) -> Markup:
 
     Examples
     --------
-    >>> print(render("figures.html", explanation="a < b", lines=[], drawings=[], origin=""))
+    >>> values = {"explanation": "a < b", "tiles": [], "lines": [], "drawings": [], "origin": ""}
+    >>> print(render("figures.html", **values))
     <p>a &lt; b</p>
     """
     return Markup(_environment().get_template(template).render(values).strip())

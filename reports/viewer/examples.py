@@ -7,11 +7,12 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from malus.scenes.colour import band_weights, channel_weights
+from malus.scenes.colour import band_weights, channel_weights, srgb_weights
 from malus.scenes.core.arrays import AnyArray, BoolArray, Float64Array, FloatArray
 from malus.scenes.core.errors import InputError, reading
 
@@ -56,27 +57,23 @@ class Example:
         return band_weights(self.wavelengths_nm)
 
     @property
+    def screen_weights(self) -> Float64Array:
+        """Matrix (bands, 3) to linear sRGB: the colour that people see of all bands together."""
+        if self.channels:
+            return np.eye(3) if len(self.channels) == 3 else np.ones((len(self.channels), 3))
+        return srgb_weights(self.wavelengths_nm)
+
+    @property
     def pixels(self) -> int:
         """Number of the object's pixels."""
         return int(self.mask.sum())
 
-    @property
-    def planes(self) -> int:
-        """Number of band images of the truth and all methods."""
-        return len(self.band_names) * (1 + len(self.methods))
-
-    def bands(self, chosen: list[int]) -> Example:
-        """The example with some of its bands."""
-        return Example(
-            self.scene,
-            self.label,
-            () if self.channels else tuple(self.wavelengths_nm[band] for band in chosen),
-            self.mask,
-            self.truth[:, :, chosen],
-            {name: stokes[:, :, chosen] for name, stokes in self.methods.items()},
-            self.mixed,
-            tuple(self.channels[band] for band in chosen) if self.channels else (),
-        )
+    @cached_property
+    def beyond(self) -> BoolArray:
+        """Pixels (height, width) off the mask at which there is light: edges, walls, ground."""
+        lit = (self.truth[..., 0] != 0).any(axis=-1)
+        known = np.isfinite(self.truth).all(axis=(-2, -1))
+        return np.asarray(lit & known & ~self.mask)
 
 
 def read_examples(folder: Path) -> Iterator[Example]:

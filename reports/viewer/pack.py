@@ -10,18 +10,21 @@ import base64
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from malus.reports.viewer.examples import Example
-from malus.scenes.core.arrays import AnyArray
+from malus.scenes.core.arrays import AnyArray, Float64Array
 
-BUDGET = 11_000_000
+BUDGET = 10_500_000
 """Characters of image data in a page: what is left of 15 MB is for figures and tables."""
 
-FEWER_BANDS = 3
+_WAYS = ((None, True), (None, False), (3, True), (1, True))
+"""How a page is made smaller: single bands (None is all) beside the colour, surroundings."""
+
 NOT_FINITE = 65535
 STEPS = NOT_FINITE - 2  # one is lost where the range does not begin at a whole step
 
@@ -53,28 +56,86 @@ def quantised(values: AnyArray) -> tuple[NDArray[np.uint16], int, float]:
     return np.where(finite, q, NOT_FINITE).astype(np.uint16), first, step
 
 
-def fitted(examples: Sequence[Example], budget: int = BUDGET) -> tuple[list[Example], int]:
-    """Examples that fit a page, with fewer bands where that helps; and the number left out."""
-    chosen = list(examples)
-    if sum(map(_size, chosen)) > budget:
-        chosen = [_thinned(example) for example in chosen]
-    kept: list[Example] = []
+@dataclass(frozen=True)
+class Shown:
+    """An example with what the page shows of it.
+
+    Attributes
+    ----------
+    example : Example
+    bands : sequence of int
+        Its bands that can be looked at one by one.
+    with_colour : bool
+        Whether linear red, green and blue are packed beside these bands; otherwise all bands are
+        there, and the page makes the colour of them.
+    with_surroundings : bool
+        Whether the light beside the object is packed.
+    """
+
+    example: Example
+    bands: Sequence[int]
+    with_colour: bool
+    with_surroundings: bool
+
+    @property
+    def size(self) -> int:
+        """Characters in the page."""
+        example = self.example
+        numbers = example.pixels * (3 + sum(map(len, self.stored.values())))
+        if self.with_surroundings:
+            numbers += 3 * int(example.beyond.sum())
+        return (len(self.bands) + 3 * self.with_colour) * numbers * 2 * 4 // 3
+
+    @cached_property
+    def stored(self) -> dict[str, list[int]]:
+        """Of every method the Stokes components that are neither the truth's nor all zero."""
+        mask = self.example.mask
+        truth = self.example.truth[mask]
+        return {
+            name: _own_components(stokes[mask], truth)
+            for name, stokes in self.example.methods.items()
+        }
+
+    @property
+    def colours(self) -> Float64Array:
+        """Matrix (3, planes) from what is packed to linear red, green and blue."""
+        if self.with_colour:
+            return np.concatenate([np.zeros((3, len(self.bands))), np.eye(3)], axis=1)
+        return self.example.screen_weights.T
+
+
+def _own_components(stokes: AnyArray, truth: AnyArray) -> list[int]:
+    """Components of (pixels, bands, 3) that cannot be left out: s0 that is not the truth's, …"""
+    own = [k for k in (1, 2) if not (stokes[..., k] == 0).all()]
+    return own if _equal_when_stored(stokes[..., 0], truth[..., 0]) else [0, *own]
+
+
+def fitted(examples: Sequence[Example], budget: int = BUDGET) -> tuple[list[Shown], int]:
+    """What of the examples fits a page, and the number of those left out.
+
+    Where all bands are too many, surroundings go first, then bands; colour stays.
+    """
+    chosen: list[Shown] = []
+    for few, with_surroundings in _WAYS:
+        chosen = [_shown(example, few, with_surroundings) for example in examples]
+        if sum(shown.size for shown in chosen) <= budget:
+            break
+    kept: list[Shown] = []
     room = budget
-    for example in chosen:
-        room -= _size(example)
+    for shown in chosen:
+        room -= shown.size
         if room >= 0:
-            kept.append(example)
+            kept.append(shown)
     return kept, len(examples) - len(kept)
 
 
-def _size(example: Example) -> int:
-    return example.planes * example.pixels * 3 * 2 * 4 // 3
-
-
-def _thinned(example: Example) -> Example:
-    bands = len(example.band_names)
-    kept = np.unique(np.linspace(0, bands - 1, min(bands, FEWER_BANDS)).round().astype(int))
-    return example.bands(kept.tolist())
+def _shown(example: Example, few: int | None, with_surroundings: bool) -> Shown:
+    """All bands, or so few and the colour of all where that is less."""
+    count = len(example.band_names)
+    if few is None or few + 3 >= count:
+        return Shown(example, range(count), False, with_surroundings)
+    kept = np.linspace(0, count - 1, few + 2)[1:-1]  # those at the ends are the darkest
+    return Shown(example, kept.round().astype(int).tolist(), True, with_surroundings)
 
 
 @dataclass
@@ -83,19 +144,18 @@ class Packer:
 
     blocks: list[str] = field(default_factory=list)
 
-    def scene(self, example: Example, about: dict[str, Any]) -> dict[str, Any]:
+    def scene(self, shown: Shown, about: dict[str, Any]) -> dict[str, Any]:
         """A scene for the viewer; its images go into blocks.
 
         Parameters
         ----------
-        example : Example
+        shown : Shown
         about : dict
             Anything else that the viewer shall know of the scene, as JSON.
         """
+        example = shown.example
         height, width = example.mask.shape
-        bands = range(len(example.band_names))
-        mask = example.mask
-        truth = [example.truth[mask][:, band] for band in bands]
+        mask, beyond = example.mask, example.beyond & shown.with_surroundings
         mixed = mask[mask] & False if example.mixed is None else example.mixed[mask]
         return about | {
             "mixed": self._block(np.packbits(mixed)) if mixed.any() else None,
@@ -104,22 +164,37 @@ class Packer:
             "width": width,
             "height": height,
             "pixels": example.pixels,
-            "bands": list(example.band_names),
+            "bands": [example.band_names[band] for band in shown.bands],
+            "colours": np.round(shown.colours, 9).tolist(),
             "mask": self._block(np.packbits(mask)),
-            "truth": [self._planes(stokes) for stokes in truth],
+            "truth": self._planes(example.truth[mask], shown, [0, 1, 2]),
             "methods": {
-                name: [self._planes(stokes[mask][:, band], truth[band]) for band in bands]
+                name: self._planes(stokes[mask], shown, shown.stored[name])
                 for name, stokes in example.methods.items()
+            },
+            "beyond": {
+                "pixels": int(beyond.sum()),
+                "mask": self._block(np.packbits(beyond)),
+                "truth": self._planes(example.truth[beyond], shown, [0, 1, 2]),
             },
         }
 
-    def _planes(self, stokes: AnyArray, truth: AnyArray | None = None) -> Planes:
-        """Description of (pixels, 3); s0 is left out where it equals the truth's."""
-        first = 1 if truth is not None and _equal_when_stored(stokes[:, 0], truth[:, 0]) else 0
-        planes = [quantised(stokes[:, plane]) for plane in range(first, 3)]
-        block = self._block(np.concatenate([q for q, _, _ in planes]).astype("<u2"))
+    def _planes(self, stokes: AnyArray, shown: Shown, components: list[int]) -> list[Planes]:
+        """Description of (pixels, bands, 3), one entry a plane: some components, others left out.
+
+        What is not among `components` is the truth's (s0) or zero (s1, s2).
+        """
+        planes = [stokes[:, band] for band in shown.bands]
+        if shown.with_colour:
+            planes += list(np.einsum("pbs,bc->cps", stokes, shown.example.screen_weights))
+        return [self._plane(plane, components) for plane in planes]
+
+    def _plane(self, stokes: AnyArray, components: list[int]) -> Planes:
+        planes = [quantised(stokes[:, component]) for component in components]
+        numbers = [q for q, _, _ in planes] or [np.zeros(0, np.uint16)]
+        block = self._block(np.concatenate(numbers).astype("<u2"))
         firsts, steps = [low for _, low, _ in planes], [step for _, _, step in planes]
-        return {"block": block, "first": firsts, "step": steps}
+        return {"block": block, "components": components, "first": firsts, "step": steps}
 
     def _block(self, array: AnyArray) -> int:
         self.blocks.append(base64.b64encode(array.tobytes()).decode("ascii"))
@@ -127,7 +202,8 @@ class Packer:
 
 
 def _equal_when_stored(planes: AnyArray, reference: AnyArray) -> bool:
-    """Whether planes differ by less than half a step of the stored reference."""
+    """Whether planes (pixels, bands) differ by less than half a step of the stored reference."""
     if not np.isfinite(planes).all() or not planes.size:
         return False
-    return bool(np.abs(planes - reference).max() <= 0.5 * float(np.ptp(reference)) / STEPS)
+    half_steps = 0.5 * np.ptp(reference, axis=0) / STEPS
+    return bool((np.abs(planes - reference).max(axis=0) <= half_steps).all())

@@ -32,13 +32,18 @@ def viewer(examples: tuple[Example, ...], table: pd.DataFrame) -> Markup:
     skills, unmixed, errors = (
         overall_rows(table, metric) for metric in ("skill", "skill_unmixed", "nmse")
     )
-    scenes = [packer.scene(e, {"scores": _scores(skills, unmixed, errors, e.scene)}) for e in shown]
+    scenes = [
+        packer.scene(one, {"scores": _scores(skills, unmixed, errors, one.example.scene)})
+        for one in shown
+    ]
     return render(
         "viewer.html",
         panels=_PANELS,
         data={"tables": _colour_maps(), "scenes": scenes},
         blocks=packer.blocks,
         left_out=counted(left_out, "further scene") if left_out else "",
+        bands_left_out=any(len(one.bands) < len(one.example.band_names) for one in shown),
+        surroundings_left_out=not all(one.with_surroundings for one in shown),
     )
 
 
@@ -70,7 +75,7 @@ def example_scenes(
     examples: tuple[Example, ...], table: pd.DataFrame
 ) -> dict[tuple[str, str, str], str]:
     """For every (light, surface, body) of the viewer's scenes, one of them."""
-    ids = {example.scene for example in fitted([e for e in examples if e.methods])[0]}
+    ids = {one.example.scene for one in fitted([e for e in examples if e.methods])[0]}
     rows = table[table["scene"].isin(ids)].drop_duplicates("scene")
     columns = zip(rows["light"], rows["surface"], rows["body"], rows["scene"], strict=True)
     return {(light, surface, body): scene for light, surface, body, scene in columns}

@@ -17,8 +17,8 @@ import numpy as np
 from malus.scenes.core.arrays import Float32Array, Float64Array
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.quiet import quiet
-from malus.scenes.lights import sky
-from malus.scenes.lights.lights import Environment, Sky
+from malus.scenes.lights import interior, sky
+from malus.scenes.lights.lights import Interior, MapLight, Sky
 
 HEIGHT = 128
 """Rows of the map that malus brings."""
@@ -42,7 +42,7 @@ LARGEST_PIXELS = 1 << 26
 
 
 @functools.lru_cache(maxsize=4)
-def radiance_map(light: Environment | Sky) -> Float32Array:
+def radiance_map(light: MapLight) -> Float32Array:
     """Radiance of a map (height, width), the same in every band; of a sky without its sun.
 
     Raises
@@ -53,11 +53,16 @@ def radiance_map(light: Environment | Sky) -> Float32Array:
 
     Examples
     --------
+    >>> from malus.scenes import Environment
     >>> radiance_map(Environment()).shape
     (128, 256)
     """
     if isinstance(light, Sky):
         return sky.radiance(light, directions(SKY_HEIGHT, 2 * SKY_HEIGHT)).astype(np.float32)
+    if isinstance(light, Interior):
+        toward = directions(interior.HEIGHT, 2 * interior.HEIGHT)
+        weights = solid_angles(interior.HEIGHT, 2 * interior.HEIGHT)
+        return interior.interior_radiance(light, toward, weights).astype(np.float32)
     if light.name == "studio":
         return _studio()
     readers = {".exr": _read_exr_map, ".hdr": _read_hdr}

@@ -13,6 +13,12 @@ from pydantic import Field
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
+from malus.scenes.lights.angles import (
+    about_axis,
+    direction_at,
+    incidence_and_azimuth,
+    turns,
+)
 from malus.scenes.polarisation import polariser_angle_deg, polariser_axis
 
 Strength = Annotated[float, Field(ge=1e-9, le=1e9)]
@@ -122,7 +128,7 @@ class Distant(Model):
         >>> Distant(incidence_deg=90, azimuth_deg=90).direction[1]
         1.0
         """
-        return _direction(self.incidence_deg, self.azimuth_deg)
+        return direction_at(self.incidence_deg, self.azimuth_deg)
 
     @classmethod
     def towards(cls, direction: Iterable[float], irradiance: float = math.pi) -> Self:
@@ -135,7 +141,7 @@ class Distant(Model):
         >>> Distant.towards((0, 2, 2)).incidence_deg
         45.0
         """
-        return cls.model_validate(_angles(direction) | {"irradiance": irradiance})
+        return cls.model_validate(incidence_and_azimuth(direction) | {"irradiance": irradiance})
 
 
 class Area(Model):
@@ -166,7 +172,7 @@ class Area(Model):
     @property
     def direction(self) -> tuple[float, float, float]:
         """Unit vector towards the middle of the lamp in the world."""
-        return _direction(self.incidence_deg, self.azimuth_deg)
+        return direction_at(self.incidence_deg, self.azimuth_deg)
 
 
 class AllAround(Model):
@@ -202,7 +208,11 @@ class AllAround(Model):
     @property
     def rotation(self) -> Float64Array:
         """Rotation matrix (3, 3) from the light's own axes to the world."""
-        return _about(2, self.turn_deg) @ _about(0, self.tilt_deg) @ _about(1, self.heading_deg)
+        return (
+            about_axis(2, self.turn_deg)
+            @ about_axis(0, self.tilt_deg)
+            @ about_axis(1, self.heading_deg)
+        )
 
 
 class Environment(NamedFile, AllAround):
@@ -277,7 +287,34 @@ class Sky(AllAround):
         return level * math.sin(azimuth), math.sin(elevation), level * math.cos(azimuth)
 
 
-Light = Annotated[Uniform | Distant | Area | Environment | Sky, Field(discriminator="kind")]
+class Interior(AllAround):
+    """A room drawn at random, seen from its middle: walls, windows and lamps; y is up.
+
+    Its `radiance` is the mean over all directions. The lamps are 50 to 1000 times as bright as the
+    walls: see `malus.scenes.lights.interior`. `AllAround` says how it is turned.
+
+    Examples
+    --------
+    >>> Interior(seed=2).label
+    'interior-2'
+    """
+
+    kind: Literal["interior"] = "interior"
+    seed: int = Field(default=0, ge=0)
+    radiance: Strength = 1.0
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return self.kind if self.seed == 0 else f"{self.kind}-{self.seed}"
+
+
+MapLight = Environment | Sky | Interior
+"""Lights that are radiance maps."""
+
+Light = Annotated[
+    Uniform | Distant | Area | Environment | Sky | Interior, Field(discriminator="kind")
+]
 
 
 def turned(light: Light, angle_deg: float) -> Light:
@@ -291,8 +328,8 @@ def turned(light: Light, angle_deg: float) -> Light:
     if angle_deg == 0.0 or isinstance(light, Uniform):
         return light
     if isinstance(light, Distant | Area) and light.polarised:
-        return rotated(light, _about(2, angle_deg))
-    key = "turn_deg" if isinstance(light, Environment | Sky) else "azimuth_deg"
+        return rotated(light, about_axis(2, angle_deg))
+    key = "turn_deg" if isinstance(light, MapLight) else "azimuth_deg"
     # Back into the keys' range, whatever the sum.
     angle = math.remainder(getattr(light, key) + angle_deg, 360.0)
     return light.model_copy(update={key: angle})
@@ -309,10 +346,10 @@ def rotated(light: Light, rotation: Float64Array) -> Light:
     """
     if isinstance(light, Uniform):
         return light
-    if isinstance(light, Environment | Sky):
-        return light.model_copy(update=_turns(rotation @ light.rotation))
+    if isinstance(light, MapLight):
+        return light.model_copy(update=turns(rotation @ light.rotation))
     direction = rotation @ np.array(light.direction)
-    update: dict[str, object] = {**_angles(direction)}
+    update: dict[str, object] = {**incidence_and_azimuth(direction)}
     if light.polarised:
         axis = rotation @ transmission_axis(light)
         angle = polariser_angle_deg(np.array(light.model_copy(update=update).direction), axis)
@@ -341,40 +378,3 @@ def transmission_axis(light: Distant | Area) -> Float64Array:
 
 def _how(polarised: Polariser | SkyPolarisation | None) -> str:
     return polarised.label if polarised else ""
-
-
-def _about(axis: int, turn_deg: float) -> Float64Array:
-    """Rotation matrix (3, 3) about x, y or z: 0, 1 or 2."""
-    cosine, sine = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    result = np.eye(3)
-    result[first, first] = result[second, second] = cosine
-    result[first, second], result[second, first] = -sine, sine
-    return result
-
-
-def _turns(rotation: Float64Array) -> dict[str, float]:
-    """The keys of `AllAround` whose rotation it is."""
-    toward_x, up, toward_z = (float(value) for value in rotation[2])
-    level = math.hypot(toward_x, toward_z)
-    tilt = math.atan2(up, level)
-    if level < 1e-12:  # straight up: turn and heading are about the same axis
-        heading, turn = 0.0, math.atan2(rotation[1, 0], rotation[0, 0])
-    else:
-        heading, turn = math.atan2(-toward_x, toward_z), math.atan2(-rotation[0, 1], rotation[1, 1])
-    angles = {"turn_deg": turn, "tilt_deg": tilt, "heading_deg": heading}
-    return {key: math.degrees(angle) for key, angle in angles.items()}
-
-
-def _angles(direction: Iterable[float]) -> dict[str, float]:
-    """Incidence and azimuth of a vector (x, y, z); straight behind is a billionth beside it."""
-    x, y, z = map(float, direction)
-    incidence = math.degrees(math.atan2(math.hypot(x, y), z))
-    azimuth = math.degrees(math.atan2(y, x))
-    return {"incidence_deg": min(incidence, 180.0 - 1e-9), "azimuth_deg": azimuth}
-
-
-def _direction(incidence_deg: float, azimuth_deg: float) -> tuple[float, float, float]:
-    incidence, azimuth = math.radians(incidence_deg), math.radians(azimuth_deg)
-    sine = math.sin(incidence)
-    return sine * math.cos(azimuth), sine * math.sin(azimuth), math.cos(incidence)

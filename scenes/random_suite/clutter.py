@@ -7,15 +7,19 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, TypeAdapter
 
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.model import Model
 from malus.scenes.random_suite.sequence import Numbers
+from malus.scenes.shapes.resting import lowest
+from malus.scenes.shapes.shapes import ShapeOrPlane
 
 TRIES = 100
 """Positions tried for an object before it is left out."""
+
+_SHAPES: TypeAdapter[ShapeOrPlane] = TypeAdapter(ShapeOrPlane)
 
 CLEARANCE = 0.25
 """Least distance of an object from the pinhole of a camera, besides half its radius."""
@@ -33,7 +37,8 @@ class Clutter(Model):
     Their shapes, materials and surfaces are drawn from the axes of the suite. Each has a radius
     between the two of `scale` and stands on a floor at the height `floor`, at most `within` from
     the origin, turned about the vertical. Bounding spheres do not overlap; an object that finds no
-    room is left out.
+    room is left out. Where they `rest`, every object touches the floor with its lowest point, and
+    so does the scene's own shape: all surroundings are lifted to it.
 
     Examples
     --------
@@ -45,6 +50,7 @@ class Clutter(Model):
     scale: Annotated[tuple[float, float], AfterValidator(_ordered)] = (0.3, 0.7)
     within: float = Field(default=4.0, gt=0, le=900)
     floor: float = Field(default=-1.0, ge=-900, le=900)
+    rest: bool = False
 
 
 def place(
@@ -101,3 +107,27 @@ def _free_spot(
         if min(away) >= 0:
             return spot
     return None
+
+
+def rested(
+    clutter: Clutter, own: Mapping[str, Any], objects: Sequence[Mapping[str, Any]], scattered: int
+) -> list[dict[str, Any]]:
+    """Objects lowered to the floor, and lifted with it to the lowest point of the `own` shape.
+
+    Parameters
+    ----------
+    clutter : Clutter
+    own : mapping
+        The scene's own shape.
+    objects : sequence of mappings
+        All surroundings, of which the last `scattered` are the clutter.
+    scattered : int
+    """
+    lift = lowest(_SHAPES.validate_python(own)) - clutter.floor
+    result = []
+    for number, thing in enumerate(objects):
+        x, y, z = thing.get("position", (0.0, 0.0, 0.0))
+        if number >= len(objects) - scattered:
+            y -= thing["scale"] * (1.0 + lowest(_SHAPES.validate_python(thing["shape"])))
+        result.append({**thing, "position": (x, round(y + lift, 4), z)})
+    return result

@@ -16,7 +16,7 @@ from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.materials.surface import Body, Surface
-from malus.scenes.random_suite.clutter import Clutter, place
+from malus.scenes.random_suite.clutter import Clutter, place, rested
 from malus.scenes.random_suite.sequence import Numbers
 from malus.scenes.random_suite.splits import (
     Portion,
@@ -209,10 +209,13 @@ class SceneDraws:
             if around.get("clutter") is not None:
                 clutter = Clutter.parse(around["clutter"], "clutter")
                 camera = self._camera_of(content["camera"])
-                for number, spot in place(clutter, objects, camera, numbers).items():
+                spots = place(clutter, objects, camera, numbers)
+                for number, spot in spots.items():
                     name = f"clutter {number} "
                     own = {"shape": draw("shape", name), "surface": surface(name)}
                     objects.append(own | spot)
+                if clutter.rest:
+                    objects = rested(clutter, content["shape"], objects, len(spots))
             if objects:
                 content["surroundings"] = {"name": around["name"], "objects": tuple(objects)}
         return content

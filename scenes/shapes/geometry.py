@@ -287,9 +287,12 @@ def blob(seed: int = 0, amplitude: float = 0.5, subdivisions: int = _SUBDIVISION
 
 
 def superquadric(
-    e1: float = 0.5, e2: float = 0.5, subdivisions: int = _SUBDIVISIONS
+    e1: float = 0.5,
+    e2: float = 0.5,
+    stretch: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    subdivisions: int = _SUBDIVISIONS,
 ) -> TriangleMesh:
-    """Superquadric about z, scaled to the unit sphere; exponents of 1 make a sphere.
+    """Superquadric about z, stretched and scaled to the unit sphere; exponents of 1 make a sphere.
 
     Small exponents make boxes: the interpolated normal is within 0.03° at 0.5, 0.3° at 0.2 and
     1.3° at 0.1. Exponents above 1 make creases, where it is off by several degrees; 2 is an
@@ -304,19 +307,27 @@ def superquadric(
     if not (0.1 <= e1 <= 2 and 0.1 <= e2 <= 2):
         hint = "choose exponents in that range; 1 is a sphere"
         raise InputError("superquadric", "e1 and e2 in 0.1 to 2", f"e1 {e1}, e2 {e2}", hint)
-    return _radial_mesh(lambda d: superquadric_radius(d, e1, e2), subdivisions)
+    return _radial_mesh(lambda d: superquadric_radius(d, e1, e2), subdivisions, stretch)
 
 
-def _radial_mesh(surface: RadialSurface, subdivisions: int) -> TriangleMesh:
+def _radial_mesh(
+    surface: RadialSurface,
+    subdivisions: int,
+    stretch: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> TriangleMesh:
     directions, faces = _kept_grid(subdivisions)
     radius, gradient = surface(directions)
     normals = radial_normals(directions, radius, gradient)
-    return _in_single_precision(fitted(directions * radius[:, None]), normals, faces)
+    points = directions * radius[:, None]
+    if stretch != (1.0, 1.0, 1.0):
+        # Normals are stretched inversely.
+        points, normals = points * stretch, unit_vectors(normals / stretch)
+    return _in_single_precision(fitted(points), normals, faces)
 
 
-@functools.lru_cache(maxsize=1)
+@functools.lru_cache(maxsize=2)
 def _kept_grid(subdivisions: int) -> tuple[Float64Array, Faces]:
-    """The grid of all star-shaped surfaces, read-only: half of the time of a mesh is its."""
+    """The grids of star-shaped surfaces, fine and coarse, read-only: half of a mesh's time."""
     grid = icosahedral_grid(subdivisions)
     for array in grid:
         array.setflags(write=False)

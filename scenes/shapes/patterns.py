@@ -7,14 +7,17 @@ texture coordinates are needed. Only a picture may use those of a mesh.
 
 from __future__ import annotations
 
+import math
+import random
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from malus.scenes.core.arrays import Float32Array
+from malus.scenes.core.arrays import Float32Array, Float64Array
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
@@ -24,6 +27,12 @@ if TYPE_CHECKING:
     import PIL.Image
 
 Size = Annotated[float, Field(ge=1e-3, le=10)]
+
+GRAIN = 6.0
+"""How many times longer the waves of a noise are along its grain."""
+
+_OCTAVES = (0.0, 0.0, 0.0, 0.5, 0.5, 1.0, 1.5)
+"""Binary logarithms of the size over the length of each wave of a noise."""
 
 
 class Checker(Model):
@@ -82,6 +91,58 @@ class Spots(Model):
         return "spots"
 
 
+class Noise(Model):
+    """Patches of a smooth random field, of equal area on average: marble, speckles, wood.
+
+    The field is a sum of waves whose lengths are between `size` and a quarter of it; along `grain`
+    they are six times as long. Where it is `soft`, a place between is a fine mixture of both
+    neighbours; else patches have sharp edges.
+
+    Examples
+    --------
+    >>> Noise(seed=3).label
+    'noise'
+    """
+
+    kind: Literal["noise"] = "noise"
+    seed: int = Field(default=0, ge=0)
+    size: Size = 0.5
+    grain: Literal["none", "x", "y", "z"] = "none"
+    soft: bool = False
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return "noise" if self.grain == "none" else f"noise {self.grain}"
+
+    def waves(self) -> Float64Array:
+        """Wave vectors, phases and amplitudes of the field, (waves, 5); its variance is 1.
+
+        The field at a point p is the sum of a sin(k · p + φ) over the rows (k, φ, a).
+
+        Examples
+        --------
+        >>> round(float((Noise().waves()[:, 4] ** 2).sum() / 2), 9)
+        1.0
+        """
+        # The standard library promises the same random() for a seed in every version.
+        draw = random.Random(self.seed).random
+        rows = [self._wave(draw, octave) for octave in _OCTAVES]
+        waves = np.array(rows)
+        waves[:, 4] *= math.sqrt(2.0 / (waves[:, 4] ** 2).sum())
+        return waves
+
+    def _wave(self, draw: Callable[[], float], octave: float) -> tuple[float, ...]:
+        """A wave vector of random direction, its phase and its amplitude, before scaling."""
+        z, azimuth = 2.0 * draw() - 1.0, 2.0 * math.pi * draw()
+        ring, length = math.sqrt(max(0.0, 1.0 - z * z)), self.size * 2.0**-octave
+        toward = np.array([ring * math.cos(azimuth), ring * math.sin(azimuth), z])
+        if self.grain != "none":
+            toward["xyz".index(self.grain)] /= GRAIN
+        wave = toward * (2.0 * math.pi / length)
+        return (*map(float, wave), 2.0 * math.pi * draw(), 2.0**-octave)
+
+
 class ImageTexture(NamedFile):
     """A grey PNG or EXR file: black is the first surface, white the last.
 
@@ -128,7 +189,7 @@ class ImageTexture(NamedFile):
         return values
 
 
-Pattern = Annotated[Checker | Stripes | Spots | ImageTexture, Field(discriminator="kind")]
+Pattern = Annotated[Checker | Stripes | Spots | Noise | ImageTexture, Field(discriminator="kind")]
 
 
 def _read_png(path: Path) -> Float32Array:

@@ -24,6 +24,7 @@ class Crease(Model):
 
 Shading = Literal["smooth", "flat", "file"] | Crease
 Axis = Literal["x", "y", "z"]
+Stretch = Annotated[float, Field(ge=0.02, le=1)]
 
 
 class Sphere(Model):
@@ -90,6 +91,9 @@ class Blob(Model):
 class Superquadric(Model):
     """A superquadric with exact normals; exponents of 1 make a sphere.
 
+    `stretch` are the factors of its three axes, whose ratios alone count: it is scaled to the unit
+    sphere.
+
     Examples
     --------
     >>> Superquadric(e1=0.5, e2=1).label
@@ -99,11 +103,37 @@ class Superquadric(Model):
     kind: Literal["superquadric"] = "superquadric"
     e1: float = Field(default=0.5, ge=0.1, le=2)
     e2: float = Field(default=0.5, ge=0.1, le=2)
+    stretch: tuple[Stretch, Stretch, Stretch] = Field(
+        default=(1.0, 1.0, 1.0), exclude_if=lambda stretch: stretch == (1.0, 1.0, 1.0)
+    )
 
     @property
     def label(self) -> str:
         """Name in tables."""
-        return f"{self.kind}-{self.e1:g}-{self.e2:g}"
+        name = f"{self.kind}-{self.e1:g}-{self.e2:g}"
+        if self.stretch == (1.0, 1.0, 1.0):
+            return name
+        return f"{name} {' x '.join(f'{part:g}' for part in self.stretch)}"
+
+
+class Lathe(Model):
+    """A turned object of a profile drawn at random: bottle, vase and pot, or bowl, cup and glass.
+
+    Its axis is the vertical, its normals are exact: see `malus.scenes.shapes.lathe`.
+
+    Examples
+    --------
+    >>> Lathe(seed=2).label
+    'lathe-2'
+    """
+
+    kind: Literal["lathe"] = "lathe"
+    seed: int = Field(default=0, ge=0)
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return self.kind if self.seed == 0 else f"{self.kind}-{self.seed}"
 
 
 class MeshFile(NamedFile):
@@ -158,9 +188,11 @@ class Plane(Model):
         return self.kind
 
 
-Shape = Annotated[Sphere | Torus | Blob | Superquadric | MeshFile, Field(discriminator="kind")]
+Shape = Annotated[
+    Sphere | Torus | Blob | Superquadric | Lathe | MeshFile, Field(discriminator="kind")
+]
 ShapeOrPlane = Annotated[
-    Sphere | Torus | Blob | Superquadric | MeshFile | Plane, Field(discriminator="kind")
+    Sphere | Torus | Blob | Superquadric | Lathe | MeshFile | Plane, Field(discriminator="kind")
 ]
 
 CONVEX = frozenset({"sphere"})

@@ -12,6 +12,7 @@ from malus.bench.running import scene_scores
 from malus.bench.running.family_task import FamilyTask
 from malus.bench.running.plan import plan
 from malus.bench.running.scene_scores import SceneResult, ScoringPlan, score_together
+from malus.bench.running.truths import Renders
 from malus.bench.running.work import work
 from malus.bench.scoring import family_scores
 from malus.bench.scoring.family_scores import FamilyJudge, FamilyPixels, NotTogether, groups
@@ -52,7 +53,7 @@ def family(scenes: tuple[Scene, ...]) -> Family:
 def test_scores_are_those_of_each_scene(
     method: str, family: Family, scenes: tuple[Scene, ...]
 ) -> None:
-    pixels = FamilyPixels.of(family, scenes)
+    pixels = FamilyPixels.of(family, scenes, family.truth(scenes[0], False))
     together = FamilyJudge(pixels).scores(pixels.estimate(get_method(method)))
     for scene, score in zip(scenes, together, strict=True):
         alone = Judge(family.truth(scene, standard_error=False)).score(get_method(method))
@@ -65,7 +66,7 @@ def test_scores_are_those_of_each_scene(
 
 
 def test_pixels_are_those_of_the_truths(family: Family, scenes: tuple[Scene, ...]) -> None:
-    pixels = FamilyPixels.of(family, scenes)
+    pixels = FamilyPixels.of(family, scenes, family.truth(scenes[0], False))
     for number, scene in enumerate(scenes):
         truth, own = family.truth(scene, standard_error=False), slice(3 * number, 3 * number + 3)
         inside = truth.mask
@@ -88,7 +89,7 @@ def test_what_one_scene_refuses_is_scored_scene_by_scene(
     def needs_a_lamp(observation: Observation) -> Components:
         raise Inapplicable("needs a lamp")
 
-    pixels = FamilyPixels.of(family, scenes)
+    pixels = FamilyPixels.of(family, scenes, family.truth(scenes[0], False))
     with pytest.raises(NotTogether):
         pixels.estimate(Method("a", frozenset({"eta"}), dislikes_water, "", True, True))
     with pytest.raises(Inapplicable):
@@ -128,6 +129,10 @@ def test_results_are_the_same_for_any_number_of_threads(
         assert table.equals(tables[0])
 
 
+def renders(family: Family, scenes: tuple[Scene, ...]) -> Renders:
+    return Renders("render", lambda scene: family.truth(scene, False), scenes[0], family)
+
+
 def test_a_fault_in_the_common_pass_costs_no_scene(
     monkeypatch: pytest.MonkeyPatch, family: Family, scenes: tuple[Scene, ...]
 ) -> None:
@@ -137,8 +142,7 @@ def test_a_fault_in_the_common_pass_costs_no_scene(
     monkeypatch.setattr(FamilyPixels, "of", broken)
     results = [SceneResult(scene) for scene in scenes]
     scoring = ScoringPlan([get_method(name) for name in METHODS])
-    together = score_together(results, family, "render", family.truth, scoring, frozenset())
-    assert not together
+    assert not score_together(results, renders(family, scenes), scoring, frozenset())
     assert not any(result.records or result.outcome.failures for result in results)
 
 
@@ -152,6 +156,4 @@ def test_what_stops_a_run_stops_the_common_pass(
     monkeypatch.setattr(FamilyPixels, "of", stopped)
     scoring = ScoringPlan([get_method("eq8")])
     with pytest.raises((KeyboardInterrupt, OSError)):
-        score_together(
-            [SceneResult(scenes[0])], family, "render", family.truth, scoring, frozenset()
-        )
+        score_together([SceneResult(scenes[0])], renders(family, scenes), scoring, frozenset())

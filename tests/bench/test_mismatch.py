@@ -14,6 +14,7 @@ from malus.bench.studies.registry import run_study
 from malus.renderers.rendering import render
 from malus.renderers.variant import choose
 from malus.reports.figures.prices import figure_prices
+from malus.reports.tables.headline import price_tiles
 from malus.reports.tables.prices import price_cells, prices
 from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
 
@@ -113,3 +114,25 @@ def test_the_study_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     run_study("mismatch", tmp_path / "page", resolution=16, samples=16)
     page = (tmp_path / "page" / "report.html").read_text("utf-8")
     assert "The price of each assumption" in page
+
+
+def test_the_dearest_assumptions_stand_first() -> None:
+    """Of each assumption its first method; one that no pair prices is left out."""
+    rows = [
+        (name, "truth", scene, method, 0.9, broken)
+        for name, broken in (
+            ("a", 0.8),
+            ("b", 0.2),
+            ("c", np.nan),
+            ("d", 0.5),
+            ("e", 0.6),
+            ("f", 0.9),
+        )
+        for method in ("eq8", "visible")
+        for scene in ("s", "t")
+    ]
+    tiles = list(price_tiles(pd.DataFrame(rows, columns=COLUMNS)))
+    assert [label for _, label in tiles] == [
+        f"loss of skill: {name} (eq8)" for name in ("b", "d", "e", "a")
+    ]
+    assert tiles[0][0].startswith("0.7")

@@ -15,7 +15,14 @@ from rich.console import Console
 
 from malus.bench import read_results, run
 from malus.bench.commands import printing
-from malus.bench.running.results import Results, write_results, write_run, write_tables
+from malus.bench.running.results import (
+    Results,
+    given_command,
+    origin,
+    write_results,
+    write_run,
+    write_tables,
+)
 from malus.reports.tables import sample
 from malus.scenes import Suite
 from malus.scenes.core.result_files import HEADLINES, TABLE
@@ -135,3 +142,20 @@ def test_no_number_of_the_printed_table_is_cut(monkeypatch: pytest.MonkeyPatch) 
     for number in ("1.2e-11", "-40.125", "-1234.500", "0.750", "shadowed+body", "unpolarised"):
         assert number in text
     assert "…" not in text
+
+
+@pytest.mark.parametrize(
+    ("program", "wanted"),
+    [
+        ("/usr/bin/malus", {"command": "malus run 'my suite.toml' --samples 4"}),
+        ("malus.exe", {"command": "malus run 'my suite.toml' --samples 4"}),
+        ("/usr/bin/pytest", {}),
+        ("", {}),
+    ],
+)
+def test_the_command_is_recorded_where_malus_was_called(
+    monkeypatch: pytest.MonkeyPatch, program: str, wanted: dict[str, str]
+) -> None:
+    monkeypatch.setattr("sys.argv", [program, "run", "my suite.toml", "--samples", "4"])
+    assert given_command() == wanted
+    assert origin().items() >= wanted.items()

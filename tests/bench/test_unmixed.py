@@ -82,7 +82,7 @@ def test_scenes_side_by_side_score_alike(
     box: tuple[Family, tuple[Scene, ...]], method: str
 ) -> None:
     family, scenes = box
-    pixels = FamilyPixels.of(family, scenes)
+    pixels = FamilyPixels.of(family, scenes, family.truth(scenes[0], False))
     together = FamilyJudge(pixels).scores(pixels.estimate(get_method(method)))
     for scene, score in zip(scenes, together, strict=True):
         alone = Judge(family.truth(scene)).score(get_method(method))
@@ -95,7 +95,7 @@ def test_scenes_side_by_side_score_alike(
 
 def test_without_a_mixed_pixel_it_is_the_skill_to_the_bit() -> None:
     family, scenes = rendered(Blob(), resolution=64)
-    truth = family.truth(scenes[0])
+    truth = family.truth(scenes[0], False)
     score = Judge(truth).score(get_method("eq8"))
     numbers = values(score)
     assert numbers["mixed"] == 0
@@ -104,7 +104,7 @@ def test_without_a_mixed_pixel_it_is_the_skill_to_the_bit() -> None:
 
 def test_pixels_that_are_all_mixed_have_no_skill(box: tuple[Family, tuple[Scene, ...]]) -> None:
     family, scenes = box
-    truth = family.truth(scenes[0])
+    truth = family.truth(scenes[0], False)
     assert truth.normal_spread is not None
     only = replace(truth, mask=truth.mask & (truth.normal_spread > MOST_SPREAD_DEG))
     assert np.isnan(Judge(only).score(get_method("eq8")).skill_unmixed)
@@ -112,7 +112,7 @@ def test_pixels_that_are_all_mixed_have_no_skill(box: tuple[Family, tuple[Scene,
 
 def test_methods_are_not_told(box: tuple[Family, tuple[Scene, ...]]) -> None:
     family, scenes = box
-    told = vars(observe(family.truth(scenes[0]), INPUTS))
+    told = vars(observe(family.truth(scenes[0], False), INPUTS))
     assert not [name for name in told if "spread" in name or "mixed" in name]
 
 
@@ -126,7 +126,7 @@ def test_older_datasets_are_scored_without_it_and_told(
     tmp_path: Path, box: tuple[Family, tuple[Scene, ...]]
 ) -> None:
     family, scenes = box
-    truth = family.truth(scenes[0])
+    truth = family.truth(scenes[0], False)
     for number, one in enumerate((truth, replace(truth, normal_spread=None))):
         folder = tmp_path / str(number)
         folder.mkdir()

@@ -14,7 +14,7 @@ from malus.reconstruct.single_image import shape
 from malus.reconstruct.single_image.blind import BLIND_METHODS, blind, run_chain
 from malus.renderers import render
 from malus.renderers.truth import Truth
-from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere, Uniform
+from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sky, Sphere, Uniform
 
 METHODS = {entry[0]: Method(*entry) for entry in BLIND_METHODS}
 COLOUR = np.array([0.3, 0.6, 1.0])[:, None]
@@ -130,3 +130,27 @@ def test_other_lights_metals_and_dark_pictures_say_so() -> None:
         blind(replace(observation, image=0 * observation.image))
     with pytest.raises(Inapplicable, match="dielectric"):  # its real part alone is no index
         blind(replace(observation, eta=np.full(3, 0.4 + 2.4j)))
+
+
+def test_where_it_says_that_it_is_less_sure_it_errs_more() -> None:
+    """Renders that its constants were not chosen by: a lamp that it can explain, and a sky."""
+    stated, erred = [], []
+    for light in (Distant(incidence_deg=50, azimuth_deg=120), Sky(sun_elevation_deg=55)):
+        scene = Scene(
+            shape=Sphere(),
+            surface=Dielectric(eta=1.5, alpha=0.25, body="polarised", albedo="blue"),
+            light=light,
+            camera=Camera(resolution=24),
+            wavelengths_nm=(450.0, 550.0, 650.0),
+        )
+        truth = render(scene)
+        estimate = blind(observe(truth, frozenset()))
+        assert (estimate.deviation[truth.mask] > 0).all()
+        assert not estimate.deviation[~truth.mask].any()
+        lit = truth.mask[..., None] & (truth.image > 0.01 * truth.image[truth.mask].max())
+        field = np.stack([estimate.s1, estimate.s2], axis=-1)
+        error = (field - truth.stokes[..., 1:])[lit] / truth.image[lit][:, None]
+        erred.append(float(np.sqrt(np.mean(np.square(error)))))
+        stated.append(float(np.sqrt(np.mean(np.square(estimate.deviation[lit])))))
+    assert erred[1] > 2 * erred[0]
+    assert stated[1] > 2 * stated[0]

@@ -18,7 +18,7 @@ from malus.reconstruct.fresnel import smooth_dolp
 from malus.reconstruct.photos import capture
 from malus.reconstruct.photos.capture import conventional, read_capture
 from malus.reconstruct.photos.capture_fit import check_convention, fit_capture
-from malus.reconstruct.photos.estimate import Knowledge
+from malus.reconstruct.photos.knowledge import Knowledge
 from malus.scenes import InputError, polarisation
 
 

@@ -17,8 +17,8 @@ from pictures import dome, saved_dome
 
 from malus.bench.commands.filter import filter_command
 from malus.reconstruct import Components
-from malus.reconstruct.photos.estimate import PRESETS, Knowledge, read_knowledge
 from malus.reconstruct.photos.filter import FilterOutput, filter_picture, polarised
+from malus.reconstruct.photos.knowledge import PRESETS, Knowledge, read_knowledge
 from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.read_picture import read_picture
 from malus.reconstruct.photos.tone_curves import linear_transfer, srgb_transfer
@@ -162,6 +162,7 @@ def bad_pictures(folder: Path) -> dict[str, str]:
     }  # fmt: skip
 
 
+@pytest.mark.usefixtures("stand_in_net")
 def test_bad_pictures_end_in_one_line_and_no_output(tmp_path: Path) -> None:
     for name, word in bad_pictures(tmp_path).items():
         out = tmp_path / "out"
@@ -196,7 +197,9 @@ def test_bad_options_end_in_one_line_and_no_output(tmp_path: Path) -> None:
         (path, [*good, "--preset", "glass", "--light", "0,0,1"], "no --light"),
         (path, [*good, "--angle", "nan"], "degrees"),
         (grey, good, "grey image where colour is needed"),
-        (path, [], "no outline"),
+        (path, ["--method", "blind"], "no outline"),
+        (path, ["--net-size", "0"], "--net-size: expected a number of pixels"),
+        (path, [*good, "--net-size", "64"], "--net-size: expected the method net"),
     ]
     for picture, options, word in cases:
         out = tmp_path / "out"

@@ -13,7 +13,8 @@ from pictures import dome
 from malus.bench.commands.score import score_command
 from malus.bench.scoring.judge import Judge
 from malus.reconstruct import get_method
-from malus.reconstruct.photos.estimate import Knowledge, estimate
+from malus.reconstruct.photos.estimate import estimate
+from malus.reconstruct.photos.knowledge import Knowledge
 from malus.renderers import render
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.scenes import Camera, Dielectric, Distant, InputError, Sampling, Scene, Sphere, Torus

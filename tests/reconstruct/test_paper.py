@@ -13,7 +13,8 @@ from click.testing import CliRunner
 from malus.bench.commands.filter import filter_command
 from malus.bench.scoring.observe import INPUTS, observe
 from malus.reconstruct import Inapplicable, Observation, get_method
-from malus.reconstruct.photos.estimate import Knowledge, estimate, read_knowledge
+from malus.reconstruct.photos.estimate import estimate
+from malus.reconstruct.photos.knowledge import Knowledge, read_knowledge
 from malus.reconstruct.single_image.blind import run_chain
 from malus.reconstruct.single_image.paper import PAPER_SEPARATIONS, STAGES, paper, run_paper
 from malus.reconstruct.single_image.separation import separate

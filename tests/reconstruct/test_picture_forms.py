@@ -564,6 +564,6 @@ def test_notes_are_among_the_statements() -> None:
 
 
 def _flat():
-    from malus.reconstruct.photos.estimate import Knowledge
+    from malus.reconstruct.photos.knowledge import Knowledge
 
     return Knowledge(np.tile(np.array([0, 0.6, 0.8], np.float32), (8, 8, 1)))

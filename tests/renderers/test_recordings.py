@@ -12,7 +12,17 @@ from malus.renderers.mitsuba.bsdfs import bsdfs
 from malus.renderers.mitsuba.lighting import radiance_map_of
 from malus.renderers.mitsuba.lobe_samples import Lobes
 from malus.renderers.variant import Variant, choose, mitsuba
-from malus.scenes import Area, Camera, Distant, Environment, Sampling, Sky, Sphere, Uniform
+from malus.scenes import (
+    Area,
+    Camera,
+    Distant,
+    Environment,
+    Sampling,
+    Sky,
+    Sphere,
+    Torus,
+    Uniform,
+)
 from malus.scenes.lights.lights import Light
 from malus.scenes.materials.surface import Body, Facets
 
@@ -36,11 +46,17 @@ def variant() -> Variant:
 
 
 def lobes(
-    stage: wavefront.Stage, variant: Variant, light: Light, body: Body, turn: int, samples: int
+    stage: wavefront.Stage,
+    variant: Variant,
+    light: Light,
+    body: Body,
+    turn: int,
+    samples: int,
+    seed: int | None = None,
 ) -> Lobes:
     etas, alpha = (1.4 + 0.1 * turn, 1.6), 0.2 + 0.1 * turn
     lit = shading.Shading(*bsdfs(variant, etas, Facets((alpha, alpha)), body), errors=True)
-    return stage.render(light, lit, Sampling(samples=samples, seed=turn))
+    return stage.render(light, lit, Sampling(samples=samples, seed=turn if seed is None else seed))
 
 
 def arrays(found: Lobes) -> dict[str, Any]:
@@ -104,3 +120,33 @@ def test_a_stage_remembers_only_so_many(variant: Variant, monkeypatch: pytest.Mo
         if radiance_map_of(light) is None:
             lobes(stage, variant, light, body, 0, 2)
     assert stage._replay.n_cached_recordings <= 2
+
+
+def test_kept_hits_and_shadows_are_those_that_are_traced(
+    variant: Variant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the bit, for lights and surfaces that take turns on a shape that shades itself."""
+    if not variant.name.startswith("llvm"):
+        pytest.skip("hits are kept on the CPU only")
+    lights: list[Light] = [
+        Distant(incidence_deg=60),
+        Distant(incidence_deg=80),
+        Uniform(),
+        Area(incidence_deg=30),
+    ]
+
+    def renders(stage: wavefront.Stage) -> list[Lobes]:
+        turns = [(light, turn) for turn in range(2) for light in lights]
+        return [lobes(stage, variant, light, "polarised", turn, 8, seed=1) for light, turn in turns]
+
+    def stage() -> wavefront.Stage:
+        return wavefront.Stage(mitsuba(variant), Torus(), CAMERA)
+
+    keeping = stage()
+    kept = renders(keeping)
+    (touched,) = keeping._touched.values()
+    assert [bool(np.array(hidden).any()) for hidden in touched.hidden.values()] == [True, True]
+    monkeypatch.setattr(wavefront, "MOST_KEPT_HITS", 0)
+    for found, expected in zip(kept, renders(stage()), strict=True):
+        for name, values in arrays(expected).items():
+            assert np.array_equal(arrays(found)[name], values), name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
@@ -20,8 +21,8 @@ from malus.reports import write_report
 from malus.reports.tables import sample
 from malus.reports.viewer.error_maps import gallery
 from malus.reports.viewer.examples import Example, read_example
-from malus.reports.viewer.pack import NOT_FINITE, fitted, quantised
-from malus.scenes.colour import compared_colours, differences_from
+from malus.reports.viewer.pack import NOT_FINITE, Packer, Shown, fitted, quantised
+from malus.scenes.colour import compared_colours, differences_from, preview
 from malus.scenes.core.arrays import AnyArray, BoolArray, Float32Array, Float64Array, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import polarised
@@ -184,7 +185,11 @@ class Browser:
         assert self.js("return Number(document.getElementById('viewer').dataset.shown)") == degrees
 
     def grey(self, panel: str, size: int = SIZE) -> IntArray:
-        """Red channel of a panel at the centres of the image's pixels, as the screen shows it."""
+        """Red channel of a panel, as `rgb`."""
+        return self.rgb(panel, size)[..., 0]
+
+    def rgb(self, panel: str, size: int = SIZE) -> IntArray:
+        """A panel at the centres of the image's pixels, as the screen shows it."""
         script = """
             const canvas = document.querySelector(`[data-panel=${arguments[0]}] canvas`);
             const context = canvas.getContext("2d"), size = arguments[1], found = [];
@@ -192,11 +197,12 @@ class Browser:
             for (let y = 0; y < size; y++) for (let x = 0; x < size; x++) {
               const column = Math.floor((x + 0.5) * canvas.width / size);
               const row = Math.floor((y + 0.5) * canvas.height / size);
-              found.push(image.data[4 * (row * canvas.width + column)]);
+              const place = 4 * (row * canvas.width + column);
+              found.push(...image.data.slice(place, place + 3));
             }
             return found;
         """
-        return np.array(self.js(script, panel, size)).reshape(size, size)
+        return np.array(self.js(script, panel, size)).reshape(size, size, 3)
 
 
 @pytest.fixture(scope="module")
@@ -233,6 +239,7 @@ def test_slider_changes_pixels_as_equation_1_says(
     opened: Browser, angle: float, panel: str, seed: int
 ) -> None:
     opened.choose("method", "eq8")
+    opened.choose("band", "0")
     opened.turn(angle)
     white = float(opened.js("return document.getElementById('viewer').dataset.white"))
     wanted = screen_grey(polarised(stokes_image(seed)[:, :, 0], angle), white)
@@ -267,10 +274,128 @@ def test_band_and_scene_are_the_ones_chosen(opened: Browser) -> None:
     assert methods == ["eq8"]
 
 
+CIE_1931 = {
+    450: (0.33620, 0.03800, 1.77211),
+    550: (0.43345, 0.99495, 0.00875),
+    650: (0.28350, 0.10700, 0.00000),
+}
+"""Rows of the printed table of colour matching functions."""
+
+E_TO_D65 = np.array([
+    [0.9531874, -0.0265906, 0.0238731],
+    [-0.0382467, 1.0288406, 0.0094060],
+    [0.0026068, -0.0030332, 1.0892565],
+])  # fmt: skip
+"""Bradford's adaptation of the equal-energy white to daylight, as B. Lindbloom prints it."""
+
+XYZ_TO_SRGB = np.array([
+    [3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570],
+])  # fmt: skip
+"""IEC 61966-2-1."""
+
+
+def observed(bands: AnyArray) -> Float64Array:
+    """Linear sRGB of radiances at 450, 550 and 650 nm, from printed tables alone."""
+    functions = np.array(list(CIE_1931.values()))
+    xyz = bands @ (functions / functions.sum(axis=0))
+    return np.asarray(xyz @ E_TO_D65.T @ XYZ_TO_SRGB.T)
+
+
+def coloured_stokes(seed: int) -> Float32Array:
+    """Three bands of every degree and angle."""
+    return np.concatenate([stokes_image(seed), stokes_image(seed + 10)[:, :, :1]], axis=2)
+
+
+@pytest.fixture(scope="module")
+def coloured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page of one scene with three bands: it opens in colour."""
+    folder = tmp_path_factory.mktemp("coloured")
+    meta = {"scene": "0", "label": "a disc", "wavelengths_nm": list(CIE_1931)}
+    (folder / "examples").mkdir()
+    np.savez(folder / "examples" / "0.npz", truth=coloured_stokes(1), mask=disc(),
+             meta=np.array(json.dumps(meta)), **{"method.eq8": coloured_stokes(2)})  # fmt: skip
+    run = sample.run() | {"command": f"malus run '{EVIL}'"}
+    write_report(SimpleNamespace(table=sample.table(), run=run), folder)
+    return folder / "report.html"
+
+
+def test_the_command_can_be_copied(browser: Browser, coloured: Path) -> None:
+    browser.open(coloured)
+    assert browser.js("return document.querySelector('.command code').textContent") == (
+        f"malus run '{EVIL}'"
+    )
+    browser.js("document.querySelector('button.copy').click()")
+    text = "document.querySelector('button.copy').textContent"
+    browser.until(f"{text} !== 'Copy the command'")
+    # A browser may refuse; the command is marked then.
+    marked = browser.js("return String(window.getSelection())")
+    assert browser.js(f"return {text}") == "Copied" or marked == f"malus run '{EVIL}'"
+    assert browser.logs() == []
+
+
+@pytest.mark.parametrize(("panel", "seed"), [("truth", 1), ("estimate", 2)])
+def test_page_opens_in_the_colours_of_the_standard_observer(
+    browser: Browser, coloured: Path, panel: str, seed: int
+) -> None:
+    browser.open(coloured)
+    browser.turn(30)
+    assert browser.js("return document.getElementById('band').value") == "colour"
+    white = float(browser.js("return document.getElementById('viewer').dataset.white"))
+    stokes = coloured_stokes(seed)
+    wanted = screen_grey(observed(polarised(stokes, 30)), white)
+    # Off the mask a reconstruction shows what a camera sees, halved.
+    seen = observed(polarised(stokes, 30) if panel == "truth" else coloured_stokes(1)[..., 0] / 2)
+    wanted[~disc()] = screen_grey(seen, white)[~disc()]
+    away = ~_near_the_pick(browser)
+    difference = np.abs(browser.rgb(panel) - wanted)[away]
+    # Printed matrices have four digits, up to 2e-4 of a radiance: less than one of 1024 steps,
+    # which are one code apart but near black.
+    assert difference[wanted[away] > 40].max() <= 1
+    assert np.mean(difference == 0) > 0.8
+    assert np.ptp(wanted[away], axis=1).max() > 150  # the test sees colours
+
+
+def test_luminance_of_all_bands_is_read_out(browser: Browser, coloured: Path) -> None:
+    browser.open(coloured)
+    browser.turn(30)
+    text = browser.js("return document.querySelector('#readout .place').textContent")
+    assert "as the eye weighs them" in text
+    x, y = map(int, re.findall(r"\d+", text))
+    cell = "document.querySelector('#readout tbody td').textContent"
+    shown = float(browser.js(f"return {cell}"))
+    linear = observed(polarised(coloured_stokes(1)[y, x].astype(float), 30))
+    # Four digits of the matrices and of the number that is read.
+    assert shown == pytest.approx(linear @ [0.2126, 0.7152, 0.0722], abs=5e-4)
+
+
+def test_mask_can_be_laid_over_the_pictures(browser: Browser, coloured: Path) -> None:
+    browser.open(coloured)
+    away, inside = ~_near_the_pick(browser), disc()
+    plain = {name: browser.rgb(name) for name in ("truth", "estimate", "dolp-truth")}
+    # While the polariser turns, too: what does not turn with it is drawn anew all the same.
+    browser.js(
+        "document.getElementById('angle').dispatchEvent(new Event('input'));"
+        "document.getElementById('off-mask').click()"
+    )
+    browser.settle()
+    for name, before in plain.items():
+        after = browser.rgb(name)
+        np.testing.assert_array_equal(after[inside & away], before[inside & away])
+        changed = (after != before).any(axis=-1)[~inside & away]
+        assert changed.mean() > 0.95, name  # a stripe may have the colour of what it covers
+    browser.js("document.getElementById('off-mask').click()")
+    browser.settle()
+    np.testing.assert_array_equal(browser.rgb("truth"), plain["truth"])
+    browser.choose("band", "1")
+    grey = browser.rgb("truth")[away]
+    assert (np.ptp(grey, axis=-1) == 0).all()  # a single band has no colour
+
+
 def test_pixels_of_several_normals_can_be_left_out(opened: Browser) -> None:
     mixed, label = mixed_part(), "document.getElementById('unmixed').closest('.unmixed')"
     assert f"Leave out {mixed.sum()} pixels" in opened.js(f"return {label}.textContent")
     opened.choose("method", "eq8")
+    opened.choose("band", "0")
     opened.turn(30)
     before = opened.grey("estimate")
     opened.js("document.getElementById('unmixed').click()")
@@ -293,6 +418,7 @@ def test_pixels_of_several_normals_can_be_left_out(opened: Browser) -> None:
 
 
 def test_read_out_tells_the_pixel(opened: Browser) -> None:
+    opened.choose("band", "0")
     opened.turn(30)
     cells = opened.js(
         "return [...document.querySelectorAll('#readout tbody tr')].map("
@@ -498,7 +624,9 @@ def test_captures_have_a_page_with_their_colours(browser: Browser, tmp_path: Pat
     browser.open(tmp_path / "report.html", 390)
     assert browser.js("return document.documentElement.scrollWidth") <= 390
     bands = browser.js("return [...document.querySelectorAll('#band option')].map(o => o.text)")
-    assert bands == ["red", "green", "blue"]
+    assert bands == ["all, in colour", "red", "green", "blue"]
+    channels = browser.rgb("truth")[disc()]
+    assert (np.ptp(channels, axis=1) == 0).all()  # equal in all channels is grey
     rows = "[...document.querySelectorAll('.error-maps tbody th')].map(h => h.textContent)"
     assert browser.js(f"return {rows}") == ["captured", "eq8", "eq8, ΔE76"]
     loaded = "[...document.querySelectorAll('.error-maps img')].every(i => i.naturalWidth == 40)"
@@ -610,17 +738,62 @@ def test_storing_rounds_by_half_a_step_at_most_and_keeps_zero(values: list[float
 
 
 def example(size: int, bands: int) -> Example:
-    shape = (size, size, bands, 3)
-    wavelengths = tuple(400.0 + band for band in range(bands))
-    images = np.zeros(shape, np.float32)
-    return Example("0", "a", wavelengths, np.ones((size, size), bool), images, {"eq8": images})
+    truth, estimate = np.random.default_rng(7).random((2, size, size, bands, 3), np.float32)
+    wavelengths = tuple(np.linspace(400.0, 700.0, bands))
+    mask = np.ones((size, size), bool)
+    mask[0] = False
+    return Example("0", "a", wavelengths, mask, truth, {"eq8": estimate})
 
 
-def test_a_large_run_keeps_to_the_budget_and_counts_what_it_leaves_out() -> None:
-    kept, left_out = fitted([example(64, 8)] * 10, budget=1_000_000)
-    assert 0 < len(kept) == 10 - left_out
-    assert len(kept[0].wavelengths_nm) == 3
-    assert kept[0].wavelengths_nm[-1] == 407.0
+def test_a_large_run_keeps_its_colours_and_counts_what_it_leaves_out() -> None:
+    """Surroundings go first, then single bands, then scenes."""
+    ways = []
+    scene = example(64, 8)
+    bands_of_ten = 10 * 64 * 63 * 2 * 3 * 2 * 4 // 3  # truth and one method, 16 bits in base64
+    for budget in (9 * bands_of_ten, 8 * bands_of_ten, 7 * bands_of_ten, 3 * bands_of_ten):
+        kept, left_out = fitted([scene] * 10, budget)
+        assert sum(one.size for one in kept) <= budget
+        ways.append((len(kept[0].bands), kept[0].with_surroundings, left_out))
+        packer = Packer()
+        packer.scene(kept[0], {})
+        # The masks are a bit a pixel; base64 fills up to four characters a block.
+        assert sum(map(len, packer.blocks)) == pytest.approx(kept[0].size, rel=0.02)
+    assert ways == [(8, True, 0), (8, False, 0), (3, True, 0), (1, True, 3)]
+
+
+def test_colour_is_of_all_bands_also_where_few_are_shown() -> None:
+    """What is packed as red, green and blue is what the page makes of all bands."""
+    scene = example(8, 8)
+    (every,), _ = fitted([scene])
+    (few,), _ = fitted([scene], budget=0.7 * every.size)
+    assert (every.with_colour, few.with_colour) == (False, True)
+    wanted, found = (_packed_colour(one) for one in (every, few))
+    # Each of eight planes is rounded by half of 1/65533 of a range of 1, and weights are up to 0.5.
+    np.testing.assert_allclose(found, wanted, atol=4e-5)
+    np.testing.assert_allclose(
+        found[..., 0], preview(scene.truth[..., 0], scene.wavelengths_nm)[scene.mask], atol=4e-5
+    )
+    assert np.ptp(found[..., 0], axis=-1).max() > 0.2  # the test sees colours
+
+
+def test_only_light_that_is_known_is_shown_beside_the_object() -> None:
+    scene = example(8, 3)
+    scene.truth[0, :3] = 0
+    scene.truth[0, 3, 1, 2] = np.nan
+    wanted = ~scene.mask
+    wanted[0, :4] = False
+    np.testing.assert_array_equal(scene.beyond, wanted)
+
+
+def _packed_colour(shown: Shown) -> Float64Array:
+    """Stokes vectors (pixels, channels, 3) of the truth as the page has them."""
+    packer = Packer()
+    scene = packer.scene(shown, {})
+    planes = []
+    for plane in scene["truth"]:
+        q = np.frombuffer(base64.b64decode(packer.blocks[plane["block"]]), "<u2").reshape(3, -1)
+        planes.append((q + np.array(plane["first"])[:, None]) * np.array(plane["step"])[:, None])
+    return np.einsum("ck,ksp->pcs", scene["colours"], planes)
 
 
 @pytest.mark.parametrize("spoil", ["not an archive", "no truth", "wrong shape", "no json"])

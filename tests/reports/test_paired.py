@@ -13,7 +13,7 @@ from scipy import stats
 
 from malus.reports.tables.compared_runs import RunComparison
 from malus.reports.tables.metric_definitions import DEFINITIONS, definition_of
-from malus.reports.tables.paired import half_width, paired, ranked_pairs
+from malus.reports.tables.paired import half_width, paired, ranked_pairs, student_width
 from malus.reports.tables.paper_table import paper_table
 from malus.scenes.core.errors import InputError
 
@@ -172,3 +172,14 @@ def test_every_metric_of_a_score_is_defined() -> None:
     score = Judge(truth).score(get_method("eq8"), get_metrics(tuple(METRICS)))
     names = {value.metric for value in score.values()}
     assert [name for name in names if not definition_of(name).definition] == []
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.95, 0.999])
+@pytest.mark.parametrize("freedom", [1, 1.5, 2, 7.3, 30, 1799, 1e6])
+def test_student_widths_are_those_of_scipy(confidence: float, freedom: float) -> None:
+    expected = stats.t.ppf(0.5 + confidence / 2, freedom)
+    # 64 nodes leave 1e-11 where the density ends as a root does, and the difference of two ln Γ of
+    # size ν ln ν loses the digits of that size: 5e-8 at 1e6.
+    assert student_width(confidence, freedom) == pytest.approx(
+        expected, rel=1e-10 + 1e-13 * freedom
+    )

@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 from jinja2 import UndefinedError
 from markupsafe import escape
+from scipy.optimize import isotonic_regression
 
 from malus.reports import write_report
 from malus.reports.figures.drawings import drawings, ladders
@@ -25,13 +26,14 @@ from malus.reports.figures.figure9 import figure9
 from malus.reports.figures.ladder import figure_ladder
 from malus.reports.figures.panels import spread
 from malus.reports.figures.style import png, svg
-from malus.reports.sections import of_run, of_study
+from malus.reports.sections import made_by, of_run, of_study
 from malus.reports.source import Source, read_study
 from malus.reports.summary import summary
 from malus.reports.tables import sample
 from malus.reports.tables.colour_errors import figure9_numbers, table1, table1_text
 from malus.reports.tables.figure_numbers import both_panels, ladder_numbers, numbers
 from malus.reports.tables.formats import markdown
+from malus.reports.tables.headline import headline_tiles
 from malus.reports.tables.rows import coverage
 from malus.reports.tables.skills import (
     by_light_and_body,
@@ -213,10 +215,11 @@ def test_names_are_escaped_everywhere() -> None:
 
 
 def test_values_of_templates_are_escaped_and_none_may_be_missing() -> None:
-    text = render("figures.html", explanation="<b> & \"'\n\udc80", lines=[], drawings=[], origin="")
+    values = {"tiles": [], "lines": [], "drawings": [], "origin": ""}
+    text = render("figures.html", explanation="<b> & \"'\n\udc80", **values)
     assert text == "<p>&lt;b&gt; &amp; &#34;&#39;\\n\\udc80</p>"
     with pytest.raises(UndefinedError, match="explanation"):
-        render("figures.html", lines=[], drawings=[], origin="")
+        render("figures.html", **values)
 
 
 def test_nan_skills_are_counted_and_never_dropped_in_silence(table: pd.DataFrame) -> None:
@@ -343,6 +346,54 @@ def test_the_page_names_the_papers_method_where_it_was_run(
         assert ("mean NMSE by material of the trivial guess" in first.content) != named
 
 
+def headline_of(rows: pd.DataFrame, suite: str = "sample") -> str:
+    """Labels and numbers of a headline's tiles, as one text."""
+    tiles = headline_tiles(rows, table1(rows), suite)
+    return " | ".join(f"{number} {label}" for number, label in tiles)
+
+
+def test_the_headline_answers_what_the_suite_asks(table: pd.DataFrame) -> None:
+    """Several materials ask Figure 5's question, colours Table I's, a ladder its own."""
+    figure5 = headline_of(table)
+    assert "mean NMSE of eq8 by material. The paper: 4e-3" in figure5
+    assert "ΔE76" not in figure5
+    colours = headline_of(sample.coloured())
+    assert "Figure 5" not in colours
+    assert "by material" not in colours
+    # Means of the sample: 3 of the guess, 1 of eq8.
+    assert "1.00 mean ΔE76 of I_max by eq8; unpolarised: 3.00 |" in colours
+    assert "the paper, Indoor: 2.09 ± 0.64" in headline_of(sample.coloured(), "indoor")
+    assert "the paper, Outdoor: 4.40 ± 1.95" in headline_of(sample.coloured(), "outdoor")
+    ladder = headline_of(sample.laddered())
+    # From 1e-3 with everything known to 3e-3, 7e-3 and back to 6e-3.
+    assert "2.0e-3 of the mean NMSE of eq8: lobes estimated" in ladder
+    assert "-1.0e-3 of the mean NMSE of eq8: single image" in ladder
+    one = table[table["material"] == "pmma"]
+    assert "by material" not in headline_of(one)
+    assert "0.95 median skill of eq8" in headline_of(one)
+
+
+def test_errors_of_degree_and_angle_stand_first_where_they_were_asked_for(
+    table: pd.DataFrame,
+) -> None:
+    errors = table[(table["metric"] == "nmse") & table["angle_deg"].isna()]
+    degree = errors.assign(metric="dolp_mae", value=errors["method"].map({"eq8": 0.02}).fillna(0.1))
+    text = headline_of(pd.concat([table, degree], ignore_index=True))
+    assert "0.02 mean DoLP MAE of eq8; of the trivial guess 0.1 |" in text
+
+
+def test_a_page_has_the_command_and_links_the_data_set(tmp_path: Path) -> None:
+    run = sample.run() | {"command": "malus score 'a <b>'", "dataset": {"folder": str(tmp_path)}}
+    page = made_by(run)
+    assert "<code>malus score &#39;a &lt;b&gt;&#39;</code>" in page
+    assert f'<a href="{tmp_path.as_uri()}">{tmp_path}</a>' in page
+    address = "https://example.org/data"
+    assert f'<a href="{address}">' in made_by({"dataset": {"folder": address}})
+    for elsewhere in ("s3://bucket/data", "gone", "javascript://x"):
+        assert "<a" not in made_by({"dataset": {"folder": elsewhere}})
+    assert made_by(sample.run()) == ""  # of an older malus
+
+
 def test_the_page_says_what_the_plan_saved(table: pd.DataFrame, tmp_path: Path) -> None:
     lines = savings(sample.run()["plan"]).lines
     assert [line[:3] for line in lines] == [
@@ -371,6 +422,14 @@ def test_summary_says_what_a_reader_must_know(table: pd.DataFrame) -> None:
         "| render | 1.50 |",
     ):
         assert words in text
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_spread_moves_as_little_as_scipy_does(seed: int) -> None:
+    positions = np.sort(np.random.default_rng(seed).uniform(0.0, 9.0, 12))
+    steps = 1.0 * np.arange(12)
+    expected = isotonic_regression(positions - steps).x + steps
+    np.testing.assert_allclose(spread(positions, 1.0), expected, rtol=1e-13)  # order of the means
 
 
 def test_spread_keeps_order_and_distance() -> None:

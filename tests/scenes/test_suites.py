@@ -157,7 +157,7 @@ MISTAKES = [
         '"carbon"',
         PATTERN.replace("checker", "chequer"),
         "surfaces.0.pattern.kind",
-        "one of checker, stripes, spots, image",
+        "one of checker, stripes, spots, noise, image",
         "'chequer'; did you mean checker?",
     ),
     (
@@ -178,7 +178,7 @@ MISTAKES = [
         '"sphere"',
         '"spher"',
         "shapes.0.kind",
-        "one of sphere, torus, blob, superquadric, mesh",
+        "one of sphere, torus, blob, superquadric, lathe, mesh",
         "'spher'; did you mean sphere?",
     ),
     (

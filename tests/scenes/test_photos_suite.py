@@ -1,0 +1,87 @@
+"""The suite `photos`: what its scenes are, without a render."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from malus.scenes import Blob, Lathe, Plane, Sphere, Superquadric, Torus, load_suite
+from malus.scenes.random_suite.splits import check_leaks
+from malus.scenes.scene import Scene
+from malus.scenes.shapes.resting import lowest
+from malus.scenes.suite import Suite
+
+COUNT = 120
+
+
+@pytest.fixture(scope="module")
+def suite() -> Suite:
+    return load_suite("photos")
+
+
+@pytest.fixture(scope="module")
+def scenes(suite: Suite) -> list[Scene]:
+    assert suite.draws is not None
+    return [suite.draws.scene(index) for index in range(COUNT)]
+
+
+def test_a_larger_count_changes_no_scene(suite: Suite, scenes: list[Scene]) -> None:
+    assert suite.random is not None
+    larger = suite.random.model_copy(update={"count": 100_000})
+    draws = larger.draws(suite.camera, suite.wavelengths_nm, suite.splits)
+    assert [draws.scene(i).id for i in range(10)] == [scene.id for scene in scenes[:10]]
+
+
+def test_splits_share_no_shape_material_or_light(suite: Suite, scenes: list[Scene]) -> None:
+    assert suite.splits is not None
+    assert suite.draws is not None
+    named = [(s, s.id, suite.draws.split(i)) for i, s in enumerate(scenes)]
+    assert {split for *_, split in named} == {"train", "val", "test"}
+    found = check_leaks([(s, name, split) for s, name, split in named if split], suite.splits)
+    assert set(found) == {"shape", "material", "light"}
+
+
+def test_cameras_are_upright_and_look_down_a_little(scenes: list[Scene]) -> None:
+    for scene in scenes:
+        assert scene.camera.projection == "perspective"
+        assert 5 <= scene.camera.elevation_deg <= 50
+        assert abs(scene.camera.roll_deg) <= 4
+
+
+def test_shares_of_rooms_yards_and_single_objects(scenes: list[Scene]) -> None:
+    names = Counter(s.surroundings.name if s.surroundings else "none" for s in scenes)
+    # Weights of 0.8 to 3 of 9.8, of 120 stratified scenes.
+    assert 3 <= names["none"] <= 16
+    assert all(names[name] >= 10 for name in ("table", "corner", "floor", "yard"))
+    assert Counter(s.light.kind for s in scenes)["interior"] > COUNT // 3
+
+
+def test_objects_stand_on_the_floor(scenes: list[Scene]) -> None:
+    for scene in scenes:
+        if scene.surroundings is None:
+            continue
+        floor = scene.surroundings.objects[0]
+        assert isinstance(floor.shape, Plane)
+        things = [p for p in scene.objects if not isinstance(p.shape, Plane)]
+        assert len(things) > 1
+        for placed in things:
+            foot = placed.position[1] + placed.scale * lowest(placed.shape)
+            assert foot == pytest.approx(floor.position[1], abs=2e-4)  # four digits are kept
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        Sphere(),
+        Blob(seed=4),
+        Lathe(seed=13),
+        Torus(tilt_deg=20),
+        Superquadric(e1=0.2, e2=0.2, stretch=(1, 0.3, 0.7)),
+    ],
+)
+def test_the_lowest_point_is_that_of_the_whole_mesh(shape: Blob) -> None:
+    from malus.renderers.mitsuba.translate import tessellated
+
+    exact = -1.0 if isinstance(shape, Sphere) else tessellated(shape).vertices[:, 1].min()
+    assert lowest(shape) == pytest.approx(exact, abs=0.005)  # as its docstring promises
