@@ -15,22 +15,35 @@ from malus.bench.commands.options import command, json_option
 @click.option(
     "--out", type=click.Path(path_type=Path), help="The model, an ONNX file [default: net.onnx]."
 )
+@click.option(
+    "--from",
+    "begin_from",
+    type=click.Path(path_type=Path),
+    help="Model to go on from, its --width and --prior too.",
+)
 @click.option("--seconds", type=float, help="Time to train for, after reading [default: 600].")
 @click.option("--steps", type=int, help="Steps to train for, instead: repeats a training exactly.")
 @click.option("--batch", type=int, default=32, help="Pictures a step [32].")
+@click.option(
+    "--rate", type=float, help="Largest learning rate [0.001]; with --from, 3e-4 is enough."
+)
 @click.option("--turn", "turn_deg", type=float, default=20, help="Largest turn in degrees [20].")
 @click.option(
     "--prior",
     type=click.Choice(["none", "lobes"]),
-    default="none",
-    help="lobes: further inputs that tell glare from the body's colour.",
+    help="lobes: further inputs that tell glare from the body's colour [none].",
 )
-@click.option("--width", type=int, default=16, help="Channels of the network's first level [16].")
+@click.option("--width", type=int, help="Channels of the network's first level [16].")
 @click.option("--seed", type=int, default=0, help="Of weights and examples [0].")
 @click.option("--ablate", "ablates", is_flag=True, help="Compare priors instead; writes no model.")
 @json_option
 def train_command(
-    dataset: Path, out: Path | None, ablates: bool, as_json: bool, **given: Any
+    dataset: Path,
+    out: Path | None,
+    begin_from: Path | None,
+    ablates: bool,
+    as_json: bool,
+    **given: Any,
 ) -> None:
     """Train a small network on DATASET: from one picture to its polarisation.
 
@@ -41,22 +54,29 @@ def train_command(
     Example:
       malus render random --out random-dataset
       malus train random-dataset --out net.onnx --seconds 600
+      malus train more-scenes --from net.onnx --out better.onnx --rate 3e-4
     """
     from rich.console import Console
 
     from malus.bench.commands.printing import print_json
     from malus.bench.learning.options import TrainingOptions
-    from malus.bench.public.train import ablate, train
+    from malus.bench.public.train import ablate, shape_of, train
     from malus.bench.running.progress import with_progress
+    from malus.scenes.core.errors import InputError
 
-    options = TrainingOptions(**given)
+    if begin_from and ablates:
+        raise InputError("begin_from, ablates", "one of them", "both", "leave one out")
+    given = {name: value for name, value in given.items() if value is not None}
+    options = TrainingOptions(**(shape_of(begin_from) if begin_from else {}) | given)
     console = Console(stderr=True)
     if ablates:
         rows = with_progress(console, "reading", lambda show: ablate(dataset, options, show))
         print_json(rows) if as_json else Console().print(_table(rows))
         return
     model = out or Path("net.onnx")
-    done = with_progress(console, "reading", lambda show: train(dataset, model, options, show))
+    done = with_progress(
+        console, "reading", lambda show: train(dataset, model, options, show, begin_from)
+    )
     if as_json:
         print_json(done.facts)
         return

@@ -19,8 +19,8 @@ from malus.bench.learning.warp import moved, random_motion
 HIGHLIGHT = 10.0
 """Means of a picture above which a pixel counts no more than one of that brightness."""
 
-WHOLE = 0.95
-"""Share of valid pixels above which a picture fills the frame."""
+WHOLE = 0.75
+"""Share of valid pixels above which a picture fills the frame; edges are not valid."""
 
 _DARK = 1e-6
 """Level below which nothing is divided."""
@@ -53,29 +53,35 @@ def augmented(key: JaxArray, light: JaxArray, mask: JaxArray, turn_deg: float, s
     side : int
         Pixels a side of the new pictures, a multiple of 16.
     """
-    movement, behind, others = jax.random.split(key, 3)
+    movement, seen, others = jax.random.split(key, 3)
     count = light.shape[0]
+    whole = mask.mean(axis=(1, 2)) > WHOLE
     # Of a picture that fills the frame nobody knows what is around it: it is not made smaller.
-    least = jnp.where(mask.mean(axis=(1, 2)) > WHOLE, 1.0, 0.5)
+    least = jnp.where(whole, 1.0, 0.5)
     motions = jax.vmap(random_motion, (0, None, None, 0))(
         jax.random.split(movement, count), turn_deg, side, least
     )
     light, mask = jax.vmap(moved, (0, 0, 0, None))(light.astype(jnp.float32), mask, motions, side)
-    collage = jax.random.bernoulli(behind, 0.4, (count,))
-    light, mask = before_others(light, mask, collage)
+    chance = jax.random.uniform(seen, (count,))
+    cut, collage = chance < jnp.where(whole, 0.25, 0.4), ~whole & (chance > 0.6)
+    light, mask = before_others(without_surroundings(light, mask, cut), mask, collage)
     return Batch(*jax.vmap(_one)(jax.random.split(others, count), light, mask))
 
 
-def before_others(light: JaxArray, mask: JaxArray, whether: JaxArray) -> tuple[JaxArray, JaxArray]:
-    """Put what another picture of the batch shows behind the objects of those that are chosen.
+def without_surroundings(light: JaxArray, mask: JaxArray, whether: JaxArray) -> JaxArray:
+    """Black off the mask in the pictures that are chosen, as where somebody gives a mask."""
+    return jnp.where((mask | ~whether[:, None, None])[..., None, None], light, 0.0)
 
-    Elsewhere the background is black, as where a mask was given.
+
+def before_others(light: JaxArray, mask: JaxArray, whether: JaxArray) -> tuple[JaxArray, JaxArray]:
+    """Fill the darkness around objects, in the pictures that are chosen, with another picture.
+
+    Its truth comes with it: light and mask are those of the collage.
     """
-    behind = whether[:, None, None] & ~mask
+    dark = (light[..., 0] <= 0).all(axis=-1)
+    behind = whether[:, None, None] & dark & ~mask
     other_light, other_mask = jnp.roll(light, 1, axis=0), jnp.roll(mask, 1, axis=0)
-    light = jnp.where(mask[..., None, None], light, 0.0)
-    light = jnp.where(behind[..., None, None], other_light, light)
-    return light, mask | (behind & other_mask)
+    return jnp.where(behind[..., None, None], other_light, light), mask | (behind & other_mask)
 
 
 def _one(key: JaxArray, light: JaxArray, mask: JaxArray) -> tuple[JaxArray, JaxArray, JaxArray]:

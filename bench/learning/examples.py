@@ -128,9 +128,10 @@ def read_some(folder: Path, split: str, places: IntArray, numbers: IntArray) -> 
 
 
 def normalised(stokes: AnyArray, mask: BoolArray) -> AnyArray:
-    """Stokes vectors over the mean of s0 in the mask, in half precision, 0 in the background.
+    """Stokes vectors over the mean of s0 in the mask, in half precision.
 
-    Light that is not finite or negative counts as none.
+    Light off the mask stays: pixels on edges lie there, which a photograph shows too. Light that is
+    not finite or negative counts as none.
 
     Examples
     --------
@@ -138,7 +139,7 @@ def normalised(stokes: AnyArray, mask: BoolArray) -> AnyArray:
     [1.0, 1.0, 1.0]
     """
     valid = np.isfinite(stokes).all(axis=-1, keepdims=True) & (stokes[..., :1] >= 0)
-    clean = np.where(valid & mask[..., None, None], stokes, 0.0)
+    clean = np.where(valid, stokes, 0.0)
     mean = clean[mask][..., 0].mean(dtype=np.float64) if mask.any() else 0.0
     if mean <= 0:
         return np.zeros(stokes.shape, np.float16)

@@ -1,4 +1,4 @@
-"""Write a trained network as one ONNX file, with its recipe among its metadata.
+"""Write a trained network as one ONNX file, with its recipe in the metadata, and read it back.
 
 Input `image`: float32 (1, 3, height, width), sides multiples of 16; red, green, blue in linear
 light, over the mean of the valid pixels of the whole picture. Outputs `stokes` (1, 6, height,
@@ -8,9 +8,10 @@ deviations. Weights are stored in half precision and used in single.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import onnx
@@ -26,6 +27,7 @@ from malus.bench.learning.network import (
     Architecture,
     layers,
 )
+from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.files import replace_file
 
 KEY = "malus"
@@ -72,6 +74,60 @@ def write_model(
     helper.set_model_props(model, {KEY: json.dumps(facts, sort_keys=True)})
     onnx.checker.check_model(model, full_check=True)
     replace_file(path, lambda temporary: temporary.write_bytes(model.SerializeToString()))
+
+
+class Model(NamedTuple):
+    """A network that was read back; its weights are those before the factor on the deviations.
+
+    `sha256` is that of the file, `recipe` what the network was made by.
+    """
+
+    weights: Weights
+    architecture: Architecture
+    sha256: str
+    recipe: dict[str, Any]
+
+
+def read_model(path: Path) -> Model:
+    """Read a file of `write_model`.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or of which this version would not write every node and number.
+    """
+    expected, hint = "a model of malus train", "give a file that malus train has written"
+    with reading(str(path), expected, hint):
+        content = path.read_bytes()
+        model = onnx.load_from_string(content)
+        facts = {entry.key: entry.value for entry in model.metadata_props}
+        if KEY not in facts:
+            raise InputError(str(path), expected, f"no recipe (metadata {KEY})", hint)
+        told = json.loads(facts[KEY])
+        options = told["recipe"]["options"]
+        architecture = Architecture(options["width"], options["prior"])
+        weights = _stored_weights(model.graph, architecture)
+        again = _Graph()
+        again.write(weights, architecture, told["calibration"])
+        same = again.nodes == list(model.graph.node)
+        same = same and again.constants == list(model.graph.initializer)
+    if not same or not all(np.isfinite(w).all() for w in weights.values()):
+        raise InputError(str(path), expected, "another network than its recipe tells", hint)
+    return Model(weights, architecture, hashlib.sha256(content).hexdigest(), told["recipe"])
+
+
+def _stored_weights(graph: Any, architecture: Architecture) -> Weights:
+    """Weights by layer, of what a graph holds in half precision, in the order of the layers."""
+    stored = [c for c in graph.initializer if c.data_type == TensorProto.FLOAT16]
+    weights: Weights = {}
+    for layer, kernel, bias in zip(layers(architecture), stored[::2], stored[1::2], strict=True):
+        shape = [layer.outputs, layer.inputs, layer.kernel, layer.kernel]
+        if list(kernel.dims) != shape or list(bias.dims) != shape[:1]:
+            raise ValueError(f"{layer.name} of shape {list(kernel.dims)} instead of {shape}")
+        turned = numpy_helper.to_array(kernel).transpose(2, 3, 1, 0)
+        weights[f"{layer.name}.kernel"] = turned.astype(np.float32)
+        weights[f"{layer.name}.bias"] = numpy_helper.to_array(bias).astype(np.float32)
+    return weights
 
 
 def _tensor(name: str, channels: int, sides: list[str]) -> Any:

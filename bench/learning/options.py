@@ -37,6 +37,8 @@ class TrainingOptions:
     width : int
         Channels of the network at full resolution; the others grow with it.
     seed : int
+    rate : float
+        Largest learning rate; to go on from a trained model less is enough, such as 3e-4.
 
     Raises
     ------
@@ -56,6 +58,7 @@ class TrainingOptions:
     prior: str = "none"
     width: int = 16
     seed: int = 0
+    rate: float = 1e-3
 
     def __post_init__(self) -> None:
         """Check the values; without seconds and steps it takes `SECONDS`."""
@@ -70,6 +73,8 @@ class TrainingOptions:
         if not 0 <= self.turn_deg <= 180:
             expected = "degrees from 0 to 180"
             raise InputError("turn_deg", expected, f"{self.turn_deg:g}", "choose another angle")
+        if not 0 <= self.rate <= 1:
+            raise InputError("rate", "a number from 0 to 1", f"{self.rate:g}", "choose another")
         for name, least, most in (("batch", 1, 4096), ("width", 4, 64), ("seed", 0, 2**28)):
             _check_whole(name, getattr(self, name), least, most)
         if self.steps is not None:

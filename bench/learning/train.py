@@ -15,7 +15,7 @@ import numpy as np
 from malus.bench.learning.arrays import Weights
 from malus.bench.learning.examples import Examples, read_examples, splits_of
 from malus.bench.learning.kept import KeptTraining
-from malus.bench.learning.model_file import write_model
+from malus.bench.learning.model_file import Model, read_model, write_model
 from malus.bench.learning.network import STRIDE, Architecture, operations, radius, rounded
 from malus.bench.learning.options import TrainingOptions
 from malus.bench.learning.training import Progressed, fit, start
@@ -46,7 +46,7 @@ class Training:
     facts : dict
         How good it is, and the recipe it was made by; the metadata `malus` of the file, too.
     history : list of dict
-        One row a validation: step, loss, skill, calibration.
+        One row a validation: step, loss (but for the first, before any step), skill, calibration.
 
     Examples
     --------
@@ -94,25 +94,43 @@ def read_data(folder: Path, seed: int, progress: Progress) -> Data:
 
 
 def train_model(
-    folder: Path, model: Path, options: TrainingOptions, progress: Progress
+    folder: Path,
+    model: Path,
+    options: TrainingOptions | None,
+    progress: Progress,
+    begin_from: Path | None = None,
 ) -> Training:
     """Train on a dataset and write MODEL, and MODEL's name with .json and .svg beside it.
 
     Raises
     ------
     InputError
-        See `read_data` and `KeptTraining.read`; a file of another kind, or that cannot be written.
+        See `read_data`, `read_model` and `KeptTraining.read`; a file of another kind, or that
+        cannot be written; options of another network than that to begin from.
     """
     if model.suffix != ".onnx" or model.is_dir():
         raise InputError("out", "the name of a file that ends in .onnx", str(model), "choose one")
     model.parent.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
+    parent = None if begin_from is None else read_model(begin_from)
+    options = _agreed(options, parent)
     data = read_data(folder, options.seed, progress)
-    kept = KeptTraining(model, {"dataset": data.dataset.sha256, "options": asdict(options)})
-    training = fit(data.train, data.val, options, progress, kept.write, kept.read(start(options)))
+    about = {"dataset": data.dataset.sha256, "options": asdict(options)}
+    kept = KeptTraining(model, about | {"from": parent and parent.sha256})
+    training = fit(
+        data.train,
+        data.val,
+        options,
+        progress,
+        kept.write,
+        kept.read(start(options)),
+        parent and parent.weights,
+    )
     weights = rounded(training.best)
     facts = _facts(data, options, weights)
     facts["recipe"] = _recipe(data, options, training, time.monotonic() - began)
+    if parent is not None:
+        facts["recipe"]["from"] = {"sha256": parent.sha256, "recipe": parent.recipe}
     architecture = Architecture(options.width, options.prior)
     write_model(model, weights, architecture, facts["calibration"], facts)
     history = training.history
@@ -121,6 +139,20 @@ def train_model(
     replace_text(model.with_suffix(".svg"), svg(figure_learning(history, model.stem)))
     kept.remove()
     return Training(model, facts, history)
+
+
+def _agreed(options: TrainingOptions | None, parent: Model | None) -> TrainingOptions:
+    """The options, which must be those of the network to begin from; its own where none are."""
+    if parent is None:
+        return options or TrainingOptions()
+    own = parent.architecture._asdict()
+    options = options or TrainingOptions(**own)
+    for name, value in own.items():
+        given = getattr(options, name)
+        if given != value:
+            expected = f"{value}, as the model to begin from has"
+            raise InputError(name, expected, f"{given}", f"give {value}, or another model")
+    return options
 
 
 def _facts(data: Data, options: TrainingOptions, weights: Weights) -> dict[str, Any]:
@@ -189,6 +221,8 @@ def ablation(
     for row, change in ABLATION.items():
         own = replace(options, **change)
         training = fit(data.train, data.val, own, progress, lambda _: None)
+        # What the first could afford, all get.
+        options = replace(options, seconds=None, steps=training.steps)
         weights = rounded(training.best)
         yield _compared(row, data, own.prior, weights, training.steps)
         if not change:

@@ -1,6 +1,7 @@
 """The training itself: steps of gradient descent on new examples, validated as it goes.
 
-The best weights are those of the highest median skill over the scenes of the split `val`. All of a
+The best weights are those of the highest median skill over the scenes of the split `val`, those
+before the first step among them: a training never ends worse than it began. All of a
 training's state is kept at every validation, and what is drawn at random depends on the seed and
 the number of the step alone: a training that was stopped goes on as if it had not been.
 """
@@ -30,7 +31,6 @@ from malus.bench.running.progress import Progress
 VALIDATIONS = 20
 """Times that the weights are validated and kept."""
 
-_RATE = 1e-3
 _WARM_UP = 0.04
 _LARGEST_SIDE = 128
 _TIMED_STEPS = 4
@@ -49,7 +49,8 @@ class State(NamedTuple):
 class Progressed(NamedTuple):
     """A training up to a step, as it is kept on disk.
 
-    `steps` is the number that there will be; `history` has one row a validation.
+    `steps` is the number that there will be; `history` has one row a validation, the first before
+    any step.
     """
 
     state: State
@@ -63,10 +64,10 @@ Keep = Callable[[Progressed], None]
 """Keeps a training, so that it can go on after it was stopped."""
 
 
-def start(options: TrainingOptions) -> State:
-    """The state before the first step."""
-    architecture = Architecture(options.width, options.prior)
-    weights = initial_weights(options.seed, architecture)
+def start(options: TrainingOptions, weights: Weights | None = None) -> State:
+    """The state before the first step, of weights that are given or drawn at random."""
+    if weights is None:
+        weights = initial_weights(options.seed, Architecture(options.width, options.prior))
     return State(weights, weights, _optimiser().init(weights))
 
 
@@ -77,6 +78,7 @@ def fit(
     progress: Progress,
     keep: Keep,
     kept: Progressed | None = None,
+    begin: Weights | None = None,
 ) -> Progressed:
     """Train from the start, or on from what was kept.
 
@@ -87,20 +89,23 @@ def fit(
     progress : function of (steps done, steps in all, label)
     keep : function that keeps the training, called at every validation
     kept : Progressed, optional
+    begin : dict of arrays, optional
+        Weights to begin with, where nothing was kept, in place of random ones.
     """
     began = time.monotonic()
-    function = _step_function(options.batch, options.turn_deg, options.prior, side_of(train))
+    function = _step_function(options.batch, options.prior, side_of(train))
     key = jax.random.key(options.seed)
-    one_step = partial(function, *jax.device_put(tuple(train)), key)
+    one_step = partial(function, *jax.device_put(tuple(train)), key, options.turn_deg)
     if kept is None:
-        state = start(options)
+        state = start(options, begin)
         steps = options.steps or _affordable(one_step, val, state, options, began)
-        kept = Progressed(state, state.average, 0, steps, [])
+        first_row = _row(0, [], measured(state.average, val, options.prior))
+        kept = Progressed(state, state.average, 0, steps, [first_row])
     state, best, first, steps, history = kept
     every = max(1, steps // VALIDATIONS)
     losses = []
     for step in range(first, steps):
-        state, error = one_step(state, step, *_rates(step, steps))
+        state, error = one_step(state, step, *_rates(step, steps, options.rate))
         losses.append(error)
         if step % _TOGETHER == 0:
             error.block_until_ready()
@@ -116,18 +121,21 @@ def fit(
 
 
 def _row(step: int, losses: list[JaxArray], found: Measured) -> dict[str, float]:
-    mean = float(np.mean([float(one) for one in losses]))
-    return {"step": step, "loss": mean, "skill": found.skill, "calibration": found.calibration}
+    """A row of the history; without losses, before the first step, it has none."""
+    row = {"step": step, "skill": found.skill, "calibration": found.calibration}
+    if losses:
+        row["loss"] = float(np.mean([float(one) for one in losses]))
+    return row
 
 
 def _label(history: list[dict[str, float]]) -> str:
     return f"steps, skill {history[-1]['skill']:.3f}" if history else "steps"
 
 
-def _rates(step: int, steps: int) -> tuple[float, float]:
+def _rates(step: int, steps: int, largest: float) -> tuple[float, float]:
     """Learning rate of a step, warmed up and then a cosine; and decay of the mean weights."""
     share = (step + 0.5) / steps
-    rate = _RATE * min(share / _WARM_UP, 1.0) * 0.5 * (1 + np.cos(np.pi * share))
+    rate = largest * min(share / _WARM_UP, 1.0) * 0.5 * (1 + np.cos(np.pi * share))
     return float(rate), min(0.999, (1 + step) / (10 + step))
 
 
@@ -146,8 +154,8 @@ def side_of(examples: Examples) -> int:
 
 
 @functools.cache
-def _step_function(batch: int, turn_deg: float, prior: str, side: int) -> Any:
-    """One step as a compiled function of all pictures, a key, the state, and the step's number."""
+def _step_function(batch: int, prior: str, side: int) -> Any:
+    """One step as a compiled function: pictures, key, largest turn, state, number of the step."""
     optimiser = _optimiser()
     # Half the memory traffic, where the device has units for it.
     dtype = jnp.bfloat16 if jax.default_backend() == "gpu" else jnp.float32
@@ -159,6 +167,7 @@ def _step_function(batch: int, turn_deg: float, prior: str, side: int) -> Any:
         light: JaxArray,
         mask: JaxArray,
         root: JaxArray,
+        turn_deg: float,
         state: State,
         number: int,
         rate: float,
@@ -181,15 +190,15 @@ def _affordable(
 ) -> int:
     """Number of steps in the time that is given, from the speed of a few that are thrown away."""
     assert options.seconds is not None
-    trial = one_step(state, 0, *_rates(0, 100))[1].block_until_ready()  # compiles
+    trial = one_step(state, 0, *_rates(0, 100, options.rate))[1].block_until_ready()  # compiles
     measured(state.average, val, options.prior)
     started = time.monotonic()
     for number in range(_TIMED_STEPS):
-        trial = one_step(state, number, *_rates(number, 100))[1]
+        trial = one_step(state, number, *_rates(number, 100, options.rate))[1]
     trial.block_until_ready()
     a_step = (time.monotonic() - started) / _TIMED_STEPS
     started = time.monotonic()
     measured(state.average, val, options.prior)
-    validating = VALIDATIONS * (time.monotonic() - started)
+    validating = (1 + VALIDATIONS) * (time.monotonic() - started)
     left = options.seconds - (time.monotonic() - began) - validating
     return max(VALIDATIONS, int(left / a_step))

@@ -17,13 +17,15 @@ def train(
     out: Path | str,
     options: TrainingOptions | None = None,
     progress: Progress = silent,
+    begin_from: Path | str | None = None,
 ) -> Training:
     """Train a small network that tells polarisation from one unpolarised picture.
 
     It sees pictures in linear light and learns s1/s0 and s2/s0 of their pixels, and how sure it is.
     Every step sees new variants of the pictures: mirrored, turned and scaled (which turns s1, s2),
     in other colours, blurred, saturated, noisy, compressed. The split `val` decides which weights
-    are kept. A training that was stopped goes on with the same call.
+    are kept, those before the first step among them. A training that was stopped goes on with the
+    same call.
 
     Parameters
     ----------
@@ -34,6 +36,10 @@ def train(
         (.json) and its loss curve (.svg); `OUT.training` holds the state until it is finished.
     options : TrainingOptions, optional
     progress : function of (steps done, steps in all, label)
+    begin_from : path, optional
+        A model that `train` has written: training goes on from its weights in place of random ones,
+        as on further scenes. `width` and `prior` of the options must be the model's; without
+        options they are. The recipe holds the model's SHA-256 and its own recipe.
 
     Returns
     -------
@@ -42,7 +48,8 @@ def train(
     Raises
     ------
     InputError
-        Missing packages, a dataset that cannot be trained on, or a file that cannot be written.
+        Missing packages, a dataset that cannot be trained on, a file that cannot be written, or a
+        model that cannot be begun from.
 
     Examples
     --------
@@ -55,7 +62,29 @@ def train(
     check_packages()
     from malus.bench.learning.train import train_model
 
-    return train_model(Path(dataset), Path(out), options or TrainingOptions(), progress)
+    parent = None if begin_from is None else Path(begin_from)
+    return train_model(Path(dataset), Path(out), options, progress, parent)
+
+
+def shape_of(model: Path | str) -> dict[str, Any]:
+    """Options of a model that whoever goes on from it must repeat: `width` and `prior`.
+
+    Raises
+    ------
+    InputError
+        Missing packages, or a file that is no model of `train`.
+
+    Examples
+    --------
+    >>> shape_of("no.onnx")
+    Traceback (most recent call last):
+        ...
+    malus.scenes.core.errors.InputError: no.onnx: expected a model of malus train, found ...
+    """
+    check_packages()
+    from malus.bench.learning.model_file import read_model
+
+    return read_model(Path(model)).architecture._asdict()
 
 
 def ablate(
@@ -70,7 +99,7 @@ def ablate(
     dataset : path of a folder
     options : TrainingOptions, optional
         Of the first network; the others differ in the prior, or in how far pictures are turned.
-        Each takes the whole time or number of steps.
+        All take as many steps as the first.
     progress : function of (steps done, steps in all, label)
 
     Returns

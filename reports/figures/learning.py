@@ -15,7 +15,7 @@ def figure_learning(history: Sequence[dict[str, float]], name: str) -> Figure:
     Parameters
     ----------
     history : sequence of dict
-        With `step`, `loss` and `skill`, one a validation.
+        With `step` and `skill`, one a validation, and `loss` but for that before the first step.
     name : str
         Of the network, for the title.
     """
@@ -24,7 +24,8 @@ def figure_learning(history: Sequence[dict[str, float]], name: str) -> Figure:
     with style():
         figure = Figure(figsize=(7.0, 2.8), layout="constrained")
         left, right = figure.subplots(1, 2)
-        left.plot(steps, [row["loss"] for row in history], color=PALETTE[1])
+        losses = [(row["step"], row["loss"]) for row in history if "loss" in row]
+        left.plot(*zip(*losses, strict=True), color=PALETTE[1])
         left.set_title("loss")
         right.axhline(0.0, color=SOFT, linewidth=0.8, linestyle="--")
         right.plot(steps, skills, color=PALETTE[0])

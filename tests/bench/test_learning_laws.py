@@ -7,7 +7,7 @@ import pytest
 
 jax = pytest.importorskip("jax", reason="no jax; pip install jax optax onnx onnxruntime")
 
-from malus.bench.learning.augment import augmented, before_others, ratios  # noqa: E402
+from malus.bench.learning.augment import augmented, before_others, ratios, without_surroundings  # noqa: E402
 from malus.bench.learning.camera import Camera, in_blocks, photographed, random_camera  # noqa: E402
 from malus.bench.learning.colours import blurred, mixed, random_blur, random_mixture  # noqa: E402
 from malus.bench.learning.warp import Motion, moved, random_motion, with_picture  # noqa: E402
@@ -168,13 +168,21 @@ def test_blocks_lose_fine_detail_first() -> None:
 
 
 def test_a_collage_shows_another_picture_with_its_own_truth() -> None:
-    light = np.stack([np.full((2, 2, 3, 3), 1.0 + k, np.float32) for k in range(2)])
     mask = np.array([[[True, False]] * 2, [[False, True]] * 2])
+    light = np.stack([np.full((2, 2, 3, 3), 1.0 + k, np.float32) for k in range(2)])
+    light[~mask] = 0.0
+    light[0, 1, 1] = 0.5  # an edge, half covered
     seen, valid = before_others(light, mask, np.array([True, False]))
-    assert np.asarray(seen)[0, 0, :, 0, 0].tolist() == [1.0, 2.0]
-    assert np.asarray(valid)[0, 0].tolist() == [True, True]
-    assert np.asarray(seen)[1, 0, :, 0, 0].tolist() == [0.0, 2.0]  # black elsewhere
-    assert np.asarray(valid)[1, 0].tolist() == [False, True]
+    assert np.asarray(seen)[0, ..., 0, 0].tolist() == [[1.0, 2.0], [1.0, 0.5]]
+    assert np.asarray(valid)[0].tolist() == [[True, True], [True, False]]
+    np.testing.assert_array_equal(seen[1], light[1])
+    np.testing.assert_array_equal(valid[1], mask[1])
+
+
+def test_surroundings_are_cut_off_where_that_is_chosen() -> None:
+    light = np.ones((2, 1, 2, 3, 3), np.float32)
+    seen = without_surroundings(light, np.array([[[True, False]]] * 2), np.array([True, False]))
+    assert np.asarray(seen)[:, 0, :, 0, 0].tolist() == [[1.0, 0.0], [1.0, 1.0]]
 
 
 def test_new_examples_are_physical_and_their_picture_has_a_mean_of_one() -> None:
