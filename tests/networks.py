@@ -1,7 +1,7 @@
 """Small networks in ONNX files whose output has a closed form, for tests of the learned method.
 
-`edges` is a convolution: s1/s0 = a (x[u+r] − x[u−r]) along the columns, s2/s0 likewise down the
-rows, with an `a` of its own for every channel, and a deviation of b x + c, with x the normalised
+`edges` is a convolution: s1/s0 = a (x[v+r] − x[v−r]) down the rows, s2/s0 likewise along the
+columns (so that a picture in a mirror has the mirrored polarisation), with an `a` of its own for every channel, and a deviation of b x + c, with x the normalised
 picture. So every output follows by a subtraction of shifted pictures, and depends on pixels up to
 REACH away. `blocks` pools: its squares lie where the picture's corner says.
 """
@@ -38,8 +38,8 @@ def edges(path: Path, slope: float = SLOPE, **changes: object) -> Path:
     across[..., 0] = -across[..., -1]
     constants = {"across": across, "down": np.swapaxes(across, 2, 3), **_SURE}
     nodes = [
-        helper.make_node("Conv", ["image", "across"], ["s1"], group=3, pads=[0, REACH, 0, REACH]),
-        helper.make_node("Conv", ["image", "down"], ["s2"], group=3, pads=[REACH, 0, REACH, 0]),
+        helper.make_node("Conv", ["image", "across"], ["s2"], group=3, pads=[0, REACH, 0, REACH]),
+        helper.make_node("Conv", ["image", "down"], ["s1"], group=3, pads=[REACH, 0, REACH, 0]),
     ]
     return _written(path, nodes, constants, changes)
 
@@ -108,6 +108,6 @@ def edges_by_hand(normalised: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     around[REACH:-REACH, REACH:-REACH] = normalised
     inner = slice(REACH, -REACH)
     slope = SLOPE * OF_CHANNEL
-    s1 = slope * (around[inner, 2 * REACH :] - around[inner, : -2 * REACH])
-    s2 = slope * (around[2 * REACH :, inner] - around[: -2 * REACH, inner])
+    s1 = slope * (around[2 * REACH :, inner] - around[: -2 * REACH, inner])
+    s2 = slope * (around[inner, 2 * REACH :] - around[inner, : -2 * REACH])
     return s1, s2, SURE[0] + SURE[1] * normalised

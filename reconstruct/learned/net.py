@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from malus.reconstruct.learned.channels import at_bands, channel_weights
-from malus.reconstruct.learned.network import Output, network
+from malus.reconstruct.learned.network import Network, Output, network
 from malus.reconstruct.learned.scale import larger, smaller, working_size
 from malus.reconstruct.observation import Components, Inapplicable, Observation
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray
 
-SIDES = 2
+SIDES = 1
 """Longer side that a picture is reduced to, over the side of the pictures of the training."""
 
 FEWEST = 16
@@ -59,7 +59,8 @@ def net(
     Notes
     -----
     The picture is divided by its mean over channels and valid pixels, so that exposure means
-    nothing. The network works on a reduced picture; its ratios are brought back by interpolation
+    nothing. The network sees it and its mirror image, whose polarisation is the mirrored one, and
+    both answers are averaged. It works on a reduced picture; its ratios are brought back by interpolation
     and multiplied by the light of every pixel.
     """
     model = network(weights)
@@ -69,7 +70,8 @@ def net(
     seen = valid if around else valid & mask
     size = working_size((image.shape[0], image.shape[1]), side or SIDES * model.about.resolution)
     light, kept = _reduced(image, seen, size)
-    output = _physical(model.run(_normalised(light @ to_channels.T.astype(np.float32), kept)))
+    shown = _normalised(light @ to_channels.T.astype(np.float32), kept)
+    output = _physical(_seen_both_ways(model, shown))
     inside = valid & mask
     s1, s2, deviation = (_at_full_size(values, kept, inside, to_channels) for values in output)
     lit = np.where(inside[..., None], np.maximum(image, 0), 0)
@@ -102,6 +104,21 @@ def _normalised(light: Float32Array, seen: BoolArray) -> Float32Array:
     if not mean > 0:
         raise Inapplicable("no light in the picture")
     return light / np.float32(mean)
+
+
+def _seen_both_ways(model: Network, picture: Float32Array) -> Output:
+    """Mean of what the network says of a picture and of its mirror image, mirrored back.
+
+    A mirror from left to right turns +45° into −45°: s2 changes its sign. So the picture in a mirror
+    has exactly the mirrored polarisation, which training teaches a network only nearly.
+    """
+    plain = model.run(picture)
+    mirrored = Output(*(a[:, ::-1] for a in model.run(np.ascontiguousarray(picture[:, ::-1]))))
+    return Output(
+        0.5 * (plain.s1 + mirrored.s1),
+        0.5 * (plain.s2 - mirrored.s2),
+        np.sqrt(0.5 * (plain.deviation**2 + mirrored.deviation**2)),
+    )
 
 
 def _physical(output: Output) -> Output:

@@ -36,7 +36,7 @@ def test_a_picture_alone_is_told_by_the_network(tmp_path: Path) -> None:
     path, _ = saved_dome(tmp_path)
     stdout, stderr = filtered(path, "--angle", "0", "--out", tmp_path / "out")
     assert "- method net: " in stdout
-    assert "the network saw 64 x 64 pixels" in stdout
+    assert "the network saw 32 x 32 pixels" in stdout
     assert "cannot know" in stdout
     assert "it expects errors of s1/s0 and s2/s0 of 0.0" in stdout
     assert "light is" not in stdout  # of the light's colour nothing was assumed
