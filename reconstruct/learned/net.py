@@ -60,8 +60,8 @@ def net(
     -----
     The picture is divided by its mean over channels and valid pixels, so that exposure means
     nothing. The network sees it and its mirror image, whose polarisation is the mirrored one, and
-    both answers are averaged. It works on a reduced picture; its ratios are brought back by interpolation
-    and multiplied by the light of every pixel.
+    both answers are averaged. It works on a reduced picture; its ratios are brought back by
+    interpolation and multiplied by the light of every pixel.
     """
     model = network(weights)
     image, mask = observation.image, observation.mask
@@ -109,8 +109,8 @@ def _normalised(light: Float32Array, seen: BoolArray) -> Float32Array:
 def _seen_both_ways(model: Network, picture: Float32Array) -> Output:
     """Mean of what the network says of a picture and of its mirror image, mirrored back.
 
-    A mirror from left to right turns +45° into −45°: s2 changes its sign. So the picture in a mirror
-    has exactly the mirrored polarisation, which training teaches a network only nearly.
+    A mirror from left to right turns +45° into −45°: s2 changes its sign. So the picture in a
+    mirror has exactly the mirrored polarisation, which training teaches a network only nearly.
     """
     plain = model.run(picture)
     mirrored = Output(*(a[:, ::-1] for a in model.run(np.ascontiguousarray(picture[:, ::-1]))))
