@@ -3,7 +3,8 @@
 `edges` is a convolution: s1/s0 = a (x[v+r] − x[v−r]) down the rows, s2/s0 likewise along the
 columns (so that a picture in a mirror has the mirrored polarisation), with an `a` of its own for
 every channel, and a deviation of b x + c, with x the normalised picture. So every output follows by
-a subtraction of shifted pictures, and depends on pixels up to REACH away. `blocks` pools: its squares lie where the picture's corner says.
+a subtraction of shifted pictures, and depends on pixels up to REACH away. `blocks` pools: its
+squares lie where the picture's corner says.
 """
 
 from __future__ import annotations
