@@ -73,6 +73,9 @@ def main() -> None:
         raise
     except click.exceptions.Exit as leaving:
         sys.exit(leaving.exit_code)
+    except click.exceptions.NoArgsIsHelpError as asked:
+        click.echo(asked.format_message())
+        sys.exit(BAD_INPUT)
     except click.ClickException as mistake:
         message = " ".join(mistake.format_message().split()).rstrip(".")
         _stop(f"{message}. See `{_command_path(mistake)} --help`.", BAD_INPUT)

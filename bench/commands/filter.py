@@ -121,8 +121,8 @@ def filter_command(
 ) -> None:
     """Look at IMAGE through a virtual polariser.
 
-    A picture alone is told by a trained network, everywhere in it; *_uncertainty.png shows how
-    sure that is. With a mask or normals of one object, and its light, physics tells it.
+    From a picture alone a trained network estimates the polarisation, everywhere in it;
+    *_uncertainty.png shows how sure it is. With a mask or normals of one object physics does so.
 
     \b
     Example:

@@ -27,8 +27,8 @@ def towards_the_rim(observation: malus.Observation) -> malus.Components:
 mine = malus.Method("mine", frozenset({"specular", "normals"}), towards_the_rim, "grows to the rim")
 
 # %% [markdown]
-# What it does not name is `None`: a method cannot look at the truth by accident. Score it beside the paper's model on the
-# scenes of a suite; `malus.run` takes sizes, so that a try takes seconds:
+# What it does not name is `None`: a method cannot look at the truth by accident. Score it beside the paper's model on
+# some scenes of a suite, rendered small, so that a try takes seconds:
 
 # %%
 suite = malus.load_suite("quick")
@@ -44,7 +44,8 @@ for label, own, paper in zip(labels, skills["mine"], skills["eq8"], strict=True)
     print(f"{label:40} mine {own:7.2f}   eq8 {paper:7.2f}")
 
 # %% [markdown]
-# Where `eq8` is better, the picture tells why: look at one truth, and at what both say of it.
+# In the last scene both are worse than the guess. Its truth, and what both say of it, tell why: the light of the body is
+# polarised at the rim, and neither knows of it.
 
 # %%
 observed = malus.observe(truth, mine.needs | malus.get_method("eq8").needs)

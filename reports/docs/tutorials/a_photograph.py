@@ -1,4 +1,4 @@
-"""Tutorial: a photograph. Run it in an empty folder; it writes a_photograph.png."""
+"""Tutorial: a photograph, which needs the extra `net`. Run it in an empty folder."""
 
 # %% [markdown]
 # # A photograph

@@ -45,7 +45,8 @@ figure.savefig("first_scene.png", dpi=90)
 # %% [markdown]
 # ![The ball, through a polariser at two angles, and its degree of polarisation](first_scene.png)
 #
-# Light from the lamp makes the upper right of the ball shine. One polariser passes that glare, the other takes it away.
+# Light from the lamp makes the upper right of the ball shine. One polariser passes more than twice
+# as much of that glare as the other.
 #
 # Now the methods. Each is told the unpolarised image, the mask and what it asks for, and returns a picture for every angle of
 # the polariser. *Skill* is 1 for a perfect one and 0 for the guess that nothing is polarised.
