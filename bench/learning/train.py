@@ -156,9 +156,9 @@ def _agreed(options: TrainingOptions | None, parent: Model | None) -> TrainingOp
 
 
 def _facts(data: Data, options: TrainingOptions, weights: Weights) -> dict[str, Any]:
-    """What who runs the network must know, measured with the weights as they are stored."""
-    val = measured(weights, data.val, options.prior)
-    test = None if data.test is None else measured(weights, data.test, options.prior)
+    """What who runs the network must know: of the stored weights, as method `net` runs them."""
+    val = measured(weights, data.val, options.prior, mirrored=True)
+    test = None if data.test is None else measured(weights, data.test, options.prior, mirrored=True)
     usable = np.isfinite(val.calibration) and val.calibration > 0
     architecture = Architecture(options.width, options.prior)
     return {

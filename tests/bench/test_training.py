@@ -92,11 +92,23 @@ def test_training_beats_the_guess(trained: Path) -> None:
     assert facts["test_skill"] > 0.0
     history = facts["history"]
     assert history[-1]["step"] == 150
-    assert max(row["skill"] for row in history) == pytest.approx(
-        facts["validation_skill"], abs=0.01
-    )  # weights are rounded
+    # Weights are rounded, and the mean with the mirror image errs less than both on average.
+    assert facts["validation_skill"] > max(row["skill"] for row in history) - 0.01
     assert trained.with_suffix(".svg").read_text("utf-8").startswith("<?xml")
     assert not trained.with_name("net.onnx.training").exists()
+
+
+def both_ways(
+    session: onnxruntime.InferenceSession, picture: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ratios and deviations of a picture (height, width, 3), averaged with its mirror image's."""
+    shown = np.stack([picture, picture[:, ::-1]]).transpose(0, 3, 1, 2)
+    answers = [session.run(None, {"image": one[None]}) for one in shown]
+    stokes, deviation = (np.concatenate(a).transpose(0, 2, 3, 1) for a in zip(*answers, strict=True))
+    ratios = np.stack([stokes[..., :3], stokes[..., 3:]], axis=-1)
+    ratios[1] = ratios[1, :, ::-1] * np.float32([1, -1])
+    deviation[1] = deviation[1, :, ::-1].copy()
+    return ratios.mean(axis=0), np.sqrt(np.square(deviation).mean(axis=0))
 
 
 def test_the_file_tells_its_recipe_and_does_what_it_says(trained: Path, spheres: Path) -> None:
@@ -112,10 +124,8 @@ def test_the_file_tells_its_recipe_and_does_what_it_says(trained: Path, spheres:
     val = read_examples(malus.open_dataset(spheres), "val", 0, silent)
     found = []
     for light, mask in zip(val.light.astype(np.float32), val.mask, strict=True):
-        picture = light[..., 0].transpose(2, 0, 1)[None]
-        stokes, deviation = (a[0].transpose(1, 2, 0) for a in session.run(None, {"image": picture}))
-        both = np.stack([stokes[..., :3], stokes[..., 3:]], axis=-1)
-        found.append([float(one) for one in sums(light, mask, both, deviation)])
+        answer = both_ways(session, light[..., 0])
+        found.append([float(one) for one in sums(light, mask, *answer)])
     error, guess, residual, visible = np.array(found).T
     # The file has four digits of the skill.
     assert np.median(1 - error / guess) == pytest.approx(facts["validation_skill"], abs=2e-4)
@@ -209,7 +219,7 @@ def test_a_training_of_no_rate_is_the_model_it_began_from(
     before = json.loads(trained.with_suffix(".json").read_text("utf-8"))
     assert done.facts["calibration"] == pytest.approx(before["calibration"], rel=1e-5)
     assert [row["step"] for row in done.history] == [0, 1]
-    assert done.history[0]["skill"] == pytest.approx(before["validation_skill"], abs=1e-4)
+    assert done.facts["validation_skill"] == pytest.approx(before["validation_skill"], abs=1e-4)
     assert done.facts["recipe"]["from"] == {
         "sha256": hashlib.sha256(wrong.read_bytes()).hexdigest(),
         "recipe": before["recipe"],
