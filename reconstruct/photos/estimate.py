@@ -164,13 +164,21 @@ def _estimate_of(observation: Observation, knowledge: Knowledge) -> Estimate:
 
 
 def _together(whole: Observation, results: list[tuple[BoolArray, Estimate]]) -> Components:
-    """The components of all objects in one picture; what is off all of them is unpolarised."""
+    """The components of all objects in one picture; what is off all of them is unpolarised.
+
+    Of an object of which nothing could be told any polarisation is possible: its deviation is 1.
+    """
+    deviation = np.zeros_like(whole.image)
+    deviation[whole.mask] = 1.0
     if len(results) == 1:
-        return results[0][1].components
+        mask, (only, *_) = results[0]
+        if only.deviation is None:
+            return only
+        deviation[mask] = only.deviation[mask]
+        return replace(only, deviation=deviation)
     s1, s2 = np.zeros_like(whole.image), np.zeros_like(whole.image)
     for mask, result in results:
         s1[mask], s2[mask] = result.components.s1[mask], result.components.s2[mask]
-    deviation = np.zeros_like(whole.image)
     for mask, result in results:
         if result.components.deviation is None:
             return Components(whole.image, s1, s2)
