@@ -57,7 +57,8 @@ def estimate(image: Float32Array, knowledge: Knowledge, where: str) -> Estimate:
     if knowledge.is_nothing:
         knowledge = replace(knowledge, method=DEFAULT)
     mask = knowledge.mask if knowledge.mask is not None else np.ones(image.shape[:2], bool)
-    if knowledge.normals is not None:
+    # A network does not use normals: they do not hide anything from it.
+    if knowledge.normals is not None and not is_network(knowledge.method):
         mask = mask & (knowledge.normals[..., 2] > 0)
     try:
         name = knowledge.illuminant
