@@ -213,6 +213,8 @@ def _by_method(
 
 def _advice(knowledge: Knowledge) -> str:
     """What else could be given: what a method that is named cannot do without, if that is it."""
+    if is_network(knowledge.method):
+        return "give a larger `net_size`, or another picture"
     needs = get_method(knowledge.method).needs if knowledge.method is not None else frozenset()
     useful = [name for name in ("normals", "light") if name in needs] or (
         "normals",
