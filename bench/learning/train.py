@@ -115,8 +115,7 @@ def train_model(
     parent = None if begin_from is None else read_model(begin_from)
     options = _agreed(options, parent)
     data = read_data(folder, options.seed, progress)
-    about = {"dataset": data.dataset.sha256, "options": asdict(options)}
-    kept = KeptTraining(model, about | {"from": parent and parent.sha256})
+    kept = KeptTraining(model, _identity(data, options, parent), began)
     training = fit(
         data.train,
         data.val,
@@ -128,7 +127,7 @@ def train_model(
     )
     weights = rounded(training.best)
     facts = _facts(data, options, weights)
-    facts["recipe"] = _recipe(data, options, training, time.monotonic() - began)
+    facts["recipe"] = _recipe(data, options, training, kept.seconds)
     if parent is not None:
         facts["recipe"]["from"] = {"sha256": parent.sha256, "recipe": parent.recipe}
     architecture = Architecture(options.width, options.prior)
@@ -153,6 +152,17 @@ def _agreed(options: TrainingOptions | None, parent: Model | None) -> TrainingOp
             expected = f"{value}, as the model to begin from has"
             raise InputError(name, expected, f"{given}", f"give {value}, or another model")
     return options
+
+
+def _identity(data: Data, options: TrainingOptions, parent: Model | None) -> dict[str, Any]:
+    """What must be the same where a training goes on: else its numbers would be of no recipe."""
+    return {
+        "dataset": data.dataset.sha256,
+        "options": asdict(options),
+        "from": parent and parent.sha256,
+        "versions": versions("malus", "jax", "optax"),
+        "backend": jax.default_backend(),
+    }
 
 
 def _facts(data: Data, options: TrainingOptions, weights: Weights) -> dict[str, Any]:

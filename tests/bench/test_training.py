@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ import onnxruntime  # noqa: E402
 import malus  # noqa: E402
 from malus.bench.datasets.render import render_dataset  # noqa: E402
 from malus.bench.learning import examples as reading  # noqa: E402
-from malus.bench.learning import network, options, training  # noqa: E402
+from malus.bench.learning import network, options, train, training  # noqa: E402
 from malus.bench.learning.examples import normalised, read_examples  # noqa: E402
 from malus.bench.learning.kept import KeptTraining  # noqa: E402
 from malus.bench.learning.model_file import read_model, write_model  # noqa: E402
@@ -104,7 +105,9 @@ def both_ways(
     """Ratios and deviations of a picture (height, width, 3), averaged with its mirror image's."""
     shown = np.stack([picture, picture[:, ::-1]]).transpose(0, 3, 1, 2)
     answers = [session.run(None, {"image": one[None]}) for one in shown]
-    stokes, deviation = (np.concatenate(a).transpose(0, 2, 3, 1) for a in zip(*answers, strict=True))
+    stokes, deviation = (
+        np.concatenate(a).transpose(0, 2, 3, 1) for a in zip(*answers, strict=True)
+    )
     ratios = np.stack([stokes[..., :3], stokes[..., 3:]], axis=-1)
     ratios[1] = ratios[1, :, ::-1] * np.float32([1, -1])
     deviation[1] = deviation[1, :, ::-1].copy()
@@ -148,7 +151,7 @@ def test_the_same_seed_gives_the_same_weights_also_after_a_stop(
     assert not model.exists()
     assert (tmp_path / "again.onnx.training" / "state.npz").exists()
     other = TrainingOptions(steps=150, batch=8, width=4, seed=1)
-    with pytest.raises(InputError, match="the data and options of that training"):
+    with pytest.raises(InputError, match="the data, options, versions and device of"):
         malus.train(spheres, model, other)
     first: list[int] = []
     malus.train(spheres, model, QUICK, lambda done, _total, label: first.append(done))
@@ -236,7 +239,9 @@ def test_a_training_that_only_makes_worse_keeps_its_model(
     np.testing.assert_allclose(answers(done.model)[0], answers(trained)[0], rtol=1e-5)
 
 
-def test_going_on_needs_the_same_model(trained: Path, spheres: Path, tmp_path: Path) -> None:
+def test_going_on_needs_the_same_model_and_versions(
+    trained: Path, spheres: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     model, other = tmp_path / "net.onnx", rewritten(trained, tmp_path / "other.onnx", 2.0)
 
     def stop(done: int, _total: int, label: str) -> None:
@@ -248,10 +253,14 @@ def test_going_on_needs_the_same_model(trained: Path, spheres: Path, tmp_path: P
     with pytest.raises(KeyboardInterrupt):
         malus.train(spheres, model, options, stop, begin_from=trained)
     for parent in (None, other):
-        with pytest.raises(InputError, match="the data and options of that training"):
+        with pytest.raises(InputError, match="the data, options, versions and device of"):
             malus.train(spheres, model, options, begin_from=parent)
-    with pytest.raises(InputError, match="the data and options of that training"):
+    with pytest.raises(InputError, match="the data, options, versions and device of"):
         malus.train(spheres, model, replace(options, rate=1e-4), begin_from=trained)
+    with monkeypatch.context() as changed:
+        changed.setattr(train, "versions", lambda *names: dict.fromkeys(names, "0"))
+        with pytest.raises(InputError, match="the data, options, versions and device of"):
+            malus.train(spheres, model, options, begin_from=trained)
     assert malus.train(spheres, model, options, begin_from=trained).history[0]["step"] == 0
 
 
@@ -421,12 +430,21 @@ def test_time_buys_steps(spheres: Path) -> None:
 
 
 def test_a_state_that_was_cut_is_told(tmp_path: Path) -> None:
-    kept = KeptTraining(tmp_path / "net.onnx", {})
+    kept = KeptTraining(tmp_path / "net.onnx", {}, 0.0)
     assert kept.read(training.start(QUICK)) is None
     kept.folder.mkdir()
     (kept.folder / "state.npz").write_bytes(b"PK")
     with pytest.raises(InputError, match="the state of a training"):
         kept.read(training.start(QUICK))
+
+
+def test_the_time_of_a_training_is_that_of_all_its_sessions(tmp_path: Path) -> None:
+    state = training.start(QUICK)
+    first = KeptTraining(tmp_path / "net.onnx", {}, time.monotonic() - 1000)
+    first.write(training.Progressed(state, state.average, 1, 2, []))
+    second = KeptTraining(tmp_path / "net.onnx", {}, time.monotonic() - 500)
+    assert second.read(state) is not None
+    assert second.seconds == pytest.approx(1500, abs=100)  # and what this test takes
 
 
 def test_bad_input_ends_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -463,8 +481,6 @@ def test_datasets_without_splits_or_with_other_bands_are_refused(tmp_path: Path)
 
 
 def test_the_ablation_has_five_rows(spheres: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from malus.bench.learning import train
-
     monkeypatch.setattr(train, "ABLATION", {"as it is": {}})
     done = run_malus(
         "train", str(spheres), "--ablate", "--steps", "2", "--batch", "8", "--width", "4", "--json"
