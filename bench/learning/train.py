@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -108,9 +109,7 @@ def train_model(
         See `read_data`, `read_model` and `KeptTraining.read`; a file of another kind, or that
         cannot be written; options of another network than that to begin from.
     """
-    if model.suffix != ".onnx" or model.is_dir():
-        raise InputError("out", "the name of a file that ends in .onnx", str(model), "choose one")
-    model.parent.mkdir(parents=True, exist_ok=True)
+    _check_out(model)
     began = time.monotonic()
     parent = None if begin_from is None else read_model(begin_from)
     options = _agreed(options, parent)
@@ -138,6 +137,20 @@ def train_model(
     replace_text(model.with_suffix(".svg"), svg(figure_learning(history, model.stem)))
     kept.remove()
     return Training(model, facts, history)
+
+
+def _check_out(model: Path) -> None:
+    """Refuse, before anything is read, a model file that could not be written after hours."""
+    if model.suffix != ".onnx" or model.is_dir():
+        raise InputError("out", "the name of a file that ends in .onnx", str(model), "choose one")
+    try:
+        model.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=model.parent).close()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(
+            "out", "a folder that can be written", reason, "choose another"
+        ) from None
 
 
 def _agreed(options: TrainingOptions | None, parent: Model | None) -> TrainingOptions:
