@@ -148,9 +148,7 @@ def _check_out(model: Path) -> None:
         tempfile.TemporaryFile(dir=model.parent).close()
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InputError(
-            "out", "a folder that can be written", reason, "choose another"
-        ) from None
+        raise InputError("out", "a folder that can be written", reason, "choose another") from None
 
 
 def _agreed(options: TrainingOptions | None, parent: Model | None) -> TrainingOptions:

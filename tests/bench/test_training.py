@@ -456,6 +456,15 @@ def test_bad_input_ends_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "--seconds, --steps: expected one of them" in one_line(both.stderr)
     other = run_malus("train", str(tmp_path), "--out", str(tmp_path / "net.json"))
     assert "--out: expected the name of a file that ends in .onnx" in one_line(other.stderr)
+    (tmp_path / "file").touch()
+    nowhere = run_malus("train", str(tmp_path), "--out", str(tmp_path / "file" / "x" / "net.onnx"))
+    assert nowhere.returncode == 2
+    assert "--out: expected a folder that can be written, found Not a dir" in one_line(
+        nowhere.stderr
+    )
+    in_vain = run_malus("train", str(tmp_path), "--out", "z.onnx", "--ablate")
+    assert in_vain.returncode == 2
+    assert "--out, --ablate: expected one of them" in one_line(in_vain.stderr)
     fast = run_malus("train", str(tmp_path), "--rate", "2")
     assert "--rate: expected a number from 0 to 1" in one_line(fast.stderr)
     turned = run_malus("train", str(tmp_path), "--turn", "200")
@@ -466,7 +475,7 @@ def test_bad_input_ends_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert 'pip install "malus[learn]"' in one_line(lacking.stderr)
 
 
-def test_datasets_without_splits_or_with_other_bands_are_refused(tmp_path: Path) -> None:
+def test_datasets_that_cannot_be_trained_on_are_refused(tmp_path: Path) -> None:
     few = {"camera": {"resolution": 8}, "random": CONTENT["random"] | {"count": 10}}
     grey = {"surfaces": [{"alpha": 0.3, "albedo": 0.1}]}
     content = CONTENT | few | {"wavelengths_nm": [550], "random": few["random"] | grey}
@@ -474,6 +483,9 @@ def test_datasets_without_splits_or_with_other_bands_are_refused(tmp_path: Path)
     render_dataset(one_band, tmp_path / "one", Variant("none", "not used"))
     with pytest.raises(InputError, match="pictures of three bands"):
         malus.train(tmp_path / "one", tmp_path / "net.onnx", QUICK)
+    render_dataset(Suite.parse(CONTENT | few, "test"), tmp_path / "tiny", Variant("none", "no"))
+    with pytest.raises(InputError, match="at least 16 pixels a side, found 8 × 8"):
+        malus.train(tmp_path / "tiny", tmp_path / "net.onnx", QUICK)
     whole = Suite.parse({k: v for k, v in (CONTENT | few).items() if k != "splits"}, "test")
     render_dataset(whole, tmp_path / "whole", Variant("none", "not used"))
     with pytest.raises(InputError, match="splits train and val"):
