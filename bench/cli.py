@@ -65,7 +65,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, _terminate)
     try:
         cli.main(standalone_mode=False)
-    except click.exceptions.Abort:
+    except (click.exceptions.Abort, KeyboardInterrupt):
         _stop(STOPPED, INTERRUPTED)
     except SystemExit as leaving:
         if leaving.code == TERMINATED:
@@ -86,8 +86,6 @@ def main() -> None:
         if not isinstance(mistake, InputError):
             raise
         _stop(str(mistake), BAD_INPUT)
-    except KeyboardInterrupt:
-        _stop(STOPPED, INTERRUPTED)
     except (OSError, MemoryError) as error:
         _stop(_reason(error), BAD_INPUT)
 

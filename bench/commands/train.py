@@ -64,8 +64,9 @@ def train_command(
     from malus.bench.running.progress import with_progress
     from malus.scenes.core.errors import InputError
 
-    if begin_from and ablates:
-        raise InputError("begin_from, ablates", "one of them", "both", "leave one out")
+    for name, value in (("begin_from", begin_from), ("out", out)):
+        if value and ablates:
+            raise InputError(f"{name}, ablates", "one of them", "both", "leave one out")
     given = {name: value for name, value in given.items() if value is not None}
     options = TrainingOptions(**(shape_of(begin_from) if begin_from else {}) | given)
     console = Console(stderr=True)

@@ -22,6 +22,9 @@ MEMORY = 8e9
 ALONE = 150
 """Scenes that one process has read before others would have started."""
 
+SMALLEST = 16
+"""Fewest pixels a side of pictures to train on: the network's coarsest level has one."""
+
 _WORKERS = 8
 _LARGEST = 6e4
 """Largest number that half precision holds, nearly."""
@@ -46,7 +49,7 @@ def splits_of(dataset: Dataset) -> dict[str, int]:
     Raises
     ------
     InputError
-        Unless the dataset has `train` and `val`, and pictures of three bands.
+        Unless the dataset has `train` and `val`, and pictures of three bands that are large enough.
     """
     counts: dict[str, int] = {}
     for entry in dataset.record.scenes:
@@ -56,10 +59,18 @@ def splits_of(dataset: Dataset) -> dict[str, int]:
     if missing:
         found = f"no scenes of {' and '.join(missing)}"
         raise InputError(str(dataset.path), "a dataset with splits train and val", found, HINT)
-    bands = dataset.scene(dataset.scenes[0]).scene.wavelengths_nm
+    first = dataset.scene(dataset.scenes[0])
+    bands = first.scene.wavelengths_nm
     if len(bands) != 3:
         hint = "render the suite in three bands"
         raise InputError(str(dataset.path), "pictures of three bands", f"{len(bands)}", hint)
+    height, width = first.shape
+    if min(height, width) < SMALLEST:
+        expected, hint = (
+            f"at least {SMALLEST} pixels a side",
+            "render the suite in a higher resolution",
+        )
+        raise InputError(str(dataset.path), expected, f"{width} × {height}", hint)
     return counts
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,20 @@ class KeptTraining:
     model : Path
         Of the model file.
     about : dict
-        What makes the training this one: data and options.
+        What makes the training this one: data, options, versions and device.
+    began : float
+        When this session began, by `time.monotonic`.
     """
 
-    def __init__(self, model: Path, about: dict[str, Any]) -> None:
+    def __init__(self, model: Path, about: dict[str, Any], began: float) -> None:
         self.folder = model.with_name(f"{model.name}.training")
         self._about = json.dumps(about, sort_keys=True)
+        self._began = began
+
+    @property
+    def seconds(self) -> float:
+        """Time that the training has taken, in all its sessions."""
+        return time.monotonic() - self._began
 
     def write(self, training: Progressed) -> None:
         """Keep a training, whole or not at all."""
@@ -38,6 +47,7 @@ class KeptTraining:
         leaves = jax.tree.leaves((training.state, training.best))
         arrays: dict[str, Any] = {f"a{number}": np.asarray(a) for number, a in enumerate(leaves)}
         numbers = {"step": training.step, "steps": training.steps, "history": training.history}
+        numbers["seconds"] = self.seconds
         texts = {"about": self._about, "numbers": json.dumps(numbers)}
         arrays |= {name: np.array(text) for name, text in texts.items()}
         replace_file(self.folder / _STATE, lambda path: np.savez(path, **arrays))
@@ -48,7 +58,7 @@ class KeptTraining:
         Raises
         ------
         InputError
-            One with other data or options, or a damaged one.
+            One with other data, options, versions or device, or a damaged one.
         """
         path = self.folder / _STATE
         if not path.exists():
@@ -58,12 +68,13 @@ class KeptTraining:
             arrays = {name: stored[name] for name in stored.files}
             about, numbers = str(arrays.pop("about")), json.loads(str(arrays.pop("numbers")))
         if about != self._about:
-            expected, found = "the data and options of that training", "others"
+            expected, found = "the data, options, versions and device of that training", "others"
             raise InputError(str(self.folder), expected, found, f"give those, or {again}")
         structure = jax.tree.structure((start, start.average))
         with reading(str(path), "the state of a training", again):
             leaves = [arrays[f"a{number}"] for number in range(structure.num_leaves)]
             state, best = jax.tree.unflatten(structure, leaves)
+        self._began -= numbers["seconds"]
         return Progressed(state, best, numbers["step"], numbers["steps"], numbers["history"])
 
     def remove(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -108,15 +109,12 @@ def train_model(
         See `read_data`, `read_model` and `KeptTraining.read`; a file of another kind, or that
         cannot be written; options of another network than that to begin from.
     """
-    if model.suffix != ".onnx" or model.is_dir():
-        raise InputError("out", "the name of a file that ends in .onnx", str(model), "choose one")
-    model.parent.mkdir(parents=True, exist_ok=True)
+    _check_out(model)
     began = time.monotonic()
     parent = None if begin_from is None else read_model(begin_from)
     options = _agreed(options, parent)
     data = read_data(folder, options.seed, progress)
-    about = {"dataset": data.dataset.sha256, "options": asdict(options)}
-    kept = KeptTraining(model, about | {"from": parent and parent.sha256})
+    kept = KeptTraining(model, _identity(data, options, parent), began)
     training = fit(
         data.train,
         data.val,
@@ -128,7 +126,7 @@ def train_model(
     )
     weights = rounded(training.best)
     facts = _facts(data, options, weights)
-    facts["recipe"] = _recipe(data, options, training, time.monotonic() - began)
+    facts["recipe"] = _recipe(data, options, training, kept.seconds)
     if parent is not None:
         facts["recipe"]["from"] = {"sha256": parent.sha256, "recipe": parent.recipe}
     architecture = Architecture(options.width, options.prior)
@@ -139,6 +137,18 @@ def train_model(
     replace_text(model.with_suffix(".svg"), svg(figure_learning(history, model.stem)))
     kept.remove()
     return Training(model, facts, history)
+
+
+def _check_out(model: Path) -> None:
+    """Refuse, before anything is read, a model file that could not be written after hours."""
+    if model.suffix != ".onnx" or model.is_dir():
+        raise InputError("out", "the name of a file that ends in .onnx", str(model), "choose one")
+    try:
+        model.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=model.parent).close()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError("out", "a folder that can be written", reason, "choose another") from None
 
 
 def _agreed(options: TrainingOptions | None, parent: Model | None) -> TrainingOptions:
@@ -155,10 +165,21 @@ def _agreed(options: TrainingOptions | None, parent: Model | None) -> TrainingOp
     return options
 
 
+def _identity(data: Data, options: TrainingOptions, parent: Model | None) -> dict[str, Any]:
+    """What must be the same where a training goes on: else its numbers would be of no recipe."""
+    return {
+        "dataset": data.dataset.sha256,
+        "options": asdict(options),
+        "from": parent and parent.sha256,
+        "versions": versions("malus", "jax", "optax"),
+        "backend": jax.default_backend(),
+    }
+
+
 def _facts(data: Data, options: TrainingOptions, weights: Weights) -> dict[str, Any]:
-    """What who runs the network must know, measured with the weights as they are stored."""
-    val = measured(weights, data.val, options.prior)
-    test = None if data.test is None else measured(weights, data.test, options.prior)
+    """What who runs the network must know: of the stored weights, as method `net` runs them."""
+    val = measured(weights, data.val, options.prior, mirrored=True)
+    test = None if data.test is None else measured(weights, data.test, options.prior, mirrored=True)
     usable = np.isfinite(val.calibration) and val.calibration > 0
     architecture = Architecture(options.width, options.prior)
     return {

@@ -32,7 +32,8 @@ def measured(weights: Weights, examples: Examples, prior: str, mirrored: bool = 
     Parameters
     ----------
     mirrored : bool
-        Take the mean of the estimates for each picture and for its mirror image.
+        Of the estimates for each picture and its mirror image take the mean, and of deviations the
+        root of the mean square, as method `net` does.
 
     Returns
     -------
@@ -87,5 +88,5 @@ def estimated(
     if mirrored:
         others, other_deviations = estimated(weights, pictures[:, :, ::-1], prior)
         ratios = (ratios + others[:, :, ::-1] * jnp.array([1.0, -1.0])) / 2
-        deviations = (deviations + other_deviations[:, :, ::-1]) / 2
+        deviations = jnp.sqrt((deviations**2 + other_deviations[:, :, ::-1] ** 2) / 2)
     return ratios, deviations

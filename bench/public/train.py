@@ -32,8 +32,9 @@ def train(
     dataset : path of a folder
         Of a dataset in three bands with splits `train` and `val`, as random suites have.
     out : path
-        Of the model, an ONNX file of at most 4 MB. Beside it are written its recipe and history
-        (.json) and its loss curve (.svg); `OUT.training` holds the state until it is finished.
+        Of the model, an ONNX file of 3.7 MB at the default width. Beside it are written its recipe
+        and history (.json) and its loss curve (.svg); `OUT.training` holds the state until it is
+        finished.
     options : TrainingOptions, optional
     progress : function of (steps done, steps in all, label)
     begin_from : path, optional

@@ -39,7 +39,8 @@ def calibration_values(
     -----
     `calibration` is the mean of the squared error over the stated variance, 1 where the method
     knows how well it does and more where it is too sure; `deviation_rank` is the rank correlation
-    (Spearman) of the stated deviation with the actual error over pixels and bands.
+    (Spearman) of the stated deviation with the actual error over pixels and bands. An image without
+    light has neither.
 
     Examples
     --------
@@ -50,6 +51,8 @@ def calibration_values(
     [1.0, 1.0]
     """
     lit = image > LIT * brightest(image)
+    if not lit.any():
+        return
     stated = np.maximum(deviation[lit], _SURE).astype(np.float64)
     light = image[lit].astype(np.float64)
     error = (estimated[:, lit] - true[:, lit]) / light

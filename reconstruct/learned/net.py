@@ -99,8 +99,9 @@ def _reduced(
 def _normalised(light: Float32Array, seen: BoolArray) -> Float32Array:
     """Light (height, width, 3) over its mean where it is seen."""
     mean = float(light[seen].mean(dtype=np.float64)) if seen.any() else 0.0
-    if np.count_nonzero(seen) < FEWEST:
-        raise Inapplicable(f"{np.count_nonzero(seen)} pixels: too few to see anything in them")
+    if (count := np.count_nonzero(seen)) < FEWEST:
+        few = f"{count} pixels of the reduced picture: too few"
+        raise Inapplicable(f"{few}; a larger net_size shows more")
     if not mean > 0:
         raise Inapplicable("no light in the picture")
     return light / np.float32(mean)

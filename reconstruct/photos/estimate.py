@@ -57,7 +57,8 @@ def estimate(image: Float32Array, knowledge: Knowledge, where: str) -> Estimate:
     if knowledge.is_nothing:
         knowledge = replace(knowledge, method=DEFAULT)
     mask = knowledge.mask if knowledge.mask is not None else np.ones(image.shape[:2], bool)
-    if knowledge.normals is not None:
+    # A network does not use normals: they do not hide anything from it.
+    if knowledge.normals is not None and not is_network(knowledge.method):
         mask = mask & (knowledge.normals[..., 2] > 0)
     try:
         name = knowledge.illuminant
@@ -164,13 +165,21 @@ def _estimate_of(observation: Observation, knowledge: Knowledge) -> Estimate:
 
 
 def _together(whole: Observation, results: list[tuple[BoolArray, Estimate]]) -> Components:
-    """The components of all objects in one picture; what is off all of them is unpolarised."""
+    """The components of all objects in one picture; what is off all of them is unpolarised.
+
+    Of an object of which nothing could be told any polarisation is possible: its deviation is 1.
+    """
+    deviation = np.zeros_like(whole.image)
+    deviation[whole.mask] = 1.0
     if len(results) == 1:
-        return results[0][1].components
+        mask, (only, *_) = results[0]
+        if only.deviation is None:
+            return only
+        deviation[mask] = only.deviation[mask]
+        return replace(only, deviation=deviation)
     s1, s2 = np.zeros_like(whole.image), np.zeros_like(whole.image)
     for mask, result in results:
         s1[mask], s2[mask] = result.components.s1[mask], result.components.s2[mask]
-    deviation = np.zeros_like(whole.image)
     for mask, result in results:
         if result.components.deviation is None:
             return Components(whole.image, s1, s2)
@@ -204,6 +213,8 @@ def _by_method(
 
 def _advice(knowledge: Knowledge) -> str:
     """What else could be given: what a method that is named cannot do without, if that is it."""
+    if is_network(knowledge.method):
+        return "give a larger `net_size`, or another picture"
     needs = get_method(knowledge.method).needs if knowledge.method is not None else frozenset()
     useful = [name for name in ("normals", "light") if name in needs] or (
         "normals",

@@ -30,7 +30,8 @@ def figure_learning(history: Sequence[dict[str, float]], name: str) -> Figure:
         right.axhline(0.0, color=SOFT, linewidth=0.8, linestyle="--")
         right.plot(steps, skills, color=PALETTE[0])
         if history:
-            best = max(range(len(skills)), key=lambda k: skills[k])
+            # Of equals the last, which training keeps.
+            best = max(range(len(skills)), key=lambda k: (skills[k], k))
             right.plot(steps[best], skills[best], "o", color=PALETTE[0])
         right.set_title("median skill on scenes kept aside")
         for axes in (left, right):

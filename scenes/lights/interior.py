@@ -94,7 +94,7 @@ def _windows(
     point: Float64Array,
     distances: list[float],
 ) -> None:
-    """Cut windows of several panes into one or two walls; half of the rooms have some."""
+    """Cut windows of several panes into one or two walls; three rooms of five have some."""
     if draw() < 0.4:
         return
     for _ in range(1 + int(1.5 * draw())):

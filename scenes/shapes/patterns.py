@@ -94,7 +94,7 @@ class Spots(Model):
 class Noise(Model):
     """Patches of a smooth random field, of equal area on average: marble, speckles, wood.
 
-    The field is a sum of waves whose lengths are between `size` and a quarter of it; along `grain`
+    The field is a sum of waves whose lengths are between `size` and a third of it; along `grain`
     they are six times as long. Where it is `soft`, a place between is a fine mixture of both
     neighbours; else patches have sharp edges.
 

@@ -95,6 +95,11 @@ def test_noise_of_the_truth_stands_beside_it() -> None:
     assert rows[0].noise == pytest.approx(0.25)
 
 
+def test_a_picture_without_light_has_neither() -> None:
+    dark, zero = np.zeros((50, 1)), np.zeros((2, 50, 1))
+    assert not list(calibration_values(dark, zero, zero, np.full((50, 1), 0.2)))
+
+
 @pytest.mark.usefixtures("stand_in_net")
 def test_a_suite_scores_it_beside_others(tmp_path: Path) -> None:
     options = {"resolution": 12, "samples": 2, "report": False}

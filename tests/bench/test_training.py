@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ import onnxruntime  # noqa: E402
 import malus  # noqa: E402
 from malus.bench.datasets.render import render_dataset  # noqa: E402
 from malus.bench.learning import examples as reading  # noqa: E402
-from malus.bench.learning import network, options, training  # noqa: E402
+from malus.bench.learning import network, options, train, training  # noqa: E402
 from malus.bench.learning.examples import normalised, read_examples  # noqa: E402
 from malus.bench.learning.kept import KeptTraining  # noqa: E402
 from malus.bench.learning.model_file import read_model, write_model  # noqa: E402
@@ -92,11 +93,25 @@ def test_training_beats_the_guess(trained: Path) -> None:
     assert facts["test_skill"] > 0.0
     history = facts["history"]
     assert history[-1]["step"] == 150
-    assert max(row["skill"] for row in history) == pytest.approx(
-        facts["validation_skill"], abs=0.01
-    )  # weights are rounded
+    # Weights are rounded, and the mean with the mirror image errs less than both on average.
+    assert facts["validation_skill"] > max(row["skill"] for row in history) - 0.01
     assert trained.with_suffix(".svg").read_text("utf-8").startswith("<?xml")
     assert not trained.with_name("net.onnx.training").exists()
+
+
+def both_ways(
+    session: onnxruntime.InferenceSession, picture: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ratios and deviations of a picture (height, width, 3), averaged with its mirror image's."""
+    shown = np.stack([picture, picture[:, ::-1]]).transpose(0, 3, 1, 2)
+    answers = [session.run(None, {"image": one[None]}) for one in shown]
+    stokes, deviation = (
+        np.concatenate(a).transpose(0, 2, 3, 1) for a in zip(*answers, strict=True)
+    )
+    ratios = np.stack([stokes[..., :3], stokes[..., 3:]], axis=-1)
+    ratios[1] = ratios[1, :, ::-1] * np.float32([1, -1])
+    deviation[1] = deviation[1, :, ::-1].copy()
+    return ratios.mean(axis=0), np.sqrt(np.square(deviation).mean(axis=0))
 
 
 def test_the_file_tells_its_recipe_and_does_what_it_says(trained: Path, spheres: Path) -> None:
@@ -112,10 +127,8 @@ def test_the_file_tells_its_recipe_and_does_what_it_says(trained: Path, spheres:
     val = read_examples(malus.open_dataset(spheres), "val", 0, silent)
     found = []
     for light, mask in zip(val.light.astype(np.float32), val.mask, strict=True):
-        picture = light[..., 0].transpose(2, 0, 1)[None]
-        stokes, deviation = (a[0].transpose(1, 2, 0) for a in session.run(None, {"image": picture}))
-        both = np.stack([stokes[..., :3], stokes[..., 3:]], axis=-1)
-        found.append([float(one) for one in sums(light, mask, both, deviation)])
+        answer = both_ways(session, light[..., 0])
+        found.append([float(one) for one in sums(light, mask, *answer)])
     error, guess, residual, visible = np.array(found).T
     # The file has four digits of the skill.
     assert np.median(1 - error / guess) == pytest.approx(facts["validation_skill"], abs=2e-4)
@@ -138,7 +151,7 @@ def test_the_same_seed_gives_the_same_weights_also_after_a_stop(
     assert not model.exists()
     assert (tmp_path / "again.onnx.training" / "state.npz").exists()
     other = TrainingOptions(steps=150, batch=8, width=4, seed=1)
-    with pytest.raises(InputError, match="the data and options of that training"):
+    with pytest.raises(InputError, match="the data, options, versions and device of"):
         malus.train(spheres, model, other)
     first: list[int] = []
     malus.train(spheres, model, QUICK, lambda done, _total, label: first.append(done))
@@ -209,7 +222,7 @@ def test_a_training_of_no_rate_is_the_model_it_began_from(
     before = json.loads(trained.with_suffix(".json").read_text("utf-8"))
     assert done.facts["calibration"] == pytest.approx(before["calibration"], rel=1e-5)
     assert [row["step"] for row in done.history] == [0, 1]
-    assert done.history[0]["skill"] == pytest.approx(before["validation_skill"], abs=1e-4)
+    assert done.facts["validation_skill"] == pytest.approx(before["validation_skill"], abs=1e-4)
     assert done.facts["recipe"]["from"] == {
         "sha256": hashlib.sha256(wrong.read_bytes()).hexdigest(),
         "recipe": before["recipe"],
@@ -226,7 +239,9 @@ def test_a_training_that_only_makes_worse_keeps_its_model(
     np.testing.assert_allclose(answers(done.model)[0], answers(trained)[0], rtol=1e-5)
 
 
-def test_going_on_needs_the_same_model(trained: Path, spheres: Path, tmp_path: Path) -> None:
+def test_going_on_needs_the_same_model_and_versions(
+    trained: Path, spheres: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     model, other = tmp_path / "net.onnx", rewritten(trained, tmp_path / "other.onnx", 2.0)
 
     def stop(done: int, _total: int, label: str) -> None:
@@ -238,10 +253,14 @@ def test_going_on_needs_the_same_model(trained: Path, spheres: Path, tmp_path: P
     with pytest.raises(KeyboardInterrupt):
         malus.train(spheres, model, options, stop, begin_from=trained)
     for parent in (None, other):
-        with pytest.raises(InputError, match="the data and options of that training"):
+        with pytest.raises(InputError, match="the data, options, versions and device of"):
             malus.train(spheres, model, options, begin_from=parent)
-    with pytest.raises(InputError, match="the data and options of that training"):
+    with pytest.raises(InputError, match="the data, options, versions and device of"):
         malus.train(spheres, model, replace(options, rate=1e-4), begin_from=trained)
+    with monkeypatch.context() as changed:
+        changed.setattr(train, "versions", lambda *names: dict.fromkeys(names, "0"))
+        with pytest.raises(InputError, match="the data, options, versions and device of"):
+            malus.train(spheres, model, options, begin_from=trained)
     assert malus.train(spheres, model, options, begin_from=trained).history[0]["step"] == 0
 
 
@@ -411,12 +430,21 @@ def test_time_buys_steps(spheres: Path) -> None:
 
 
 def test_a_state_that_was_cut_is_told(tmp_path: Path) -> None:
-    kept = KeptTraining(tmp_path / "net.onnx", {})
+    kept = KeptTraining(tmp_path / "net.onnx", {}, 0.0)
     assert kept.read(training.start(QUICK)) is None
     kept.folder.mkdir()
     (kept.folder / "state.npz").write_bytes(b"PK")
     with pytest.raises(InputError, match="the state of a training"):
         kept.read(training.start(QUICK))
+
+
+def test_the_time_of_a_training_is_that_of_all_its_sessions(tmp_path: Path) -> None:
+    state = training.start(QUICK)
+    first = KeptTraining(tmp_path / "net.onnx", {}, time.monotonic() - 1000)
+    first.write(training.Progressed(state, state.average, 1, 2, []))
+    second = KeptTraining(tmp_path / "net.onnx", {}, time.monotonic() - 500)
+    assert second.read(state) is not None
+    assert second.seconds == pytest.approx(1500, abs=100)  # and what this test takes
 
 
 def test_bad_input_ends_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -428,6 +456,15 @@ def test_bad_input_ends_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "--seconds, --steps: expected one of them" in one_line(both.stderr)
     other = run_malus("train", str(tmp_path), "--out", str(tmp_path / "net.json"))
     assert "--out: expected the name of a file that ends in .onnx" in one_line(other.stderr)
+    (tmp_path / "file").touch()
+    nowhere = run_malus("train", str(tmp_path), "--out", str(tmp_path / "file" / "x" / "net.onnx"))
+    assert nowhere.returncode == 2
+    assert "--out: expected a folder that can be written, found Not a dir" in one_line(
+        nowhere.stderr
+    )
+    in_vain = run_malus("train", str(tmp_path), "--out", "z.onnx", "--ablate")
+    assert in_vain.returncode == 2
+    assert "--out, --ablate: expected one of them" in one_line(in_vain.stderr)
     fast = run_malus("train", str(tmp_path), "--rate", "2")
     assert "--rate: expected a number from 0 to 1" in one_line(fast.stderr)
     turned = run_malus("train", str(tmp_path), "--turn", "200")
@@ -438,7 +475,7 @@ def test_bad_input_ends_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert 'pip install "malus[learn]"' in one_line(lacking.stderr)
 
 
-def test_datasets_without_splits_or_with_other_bands_are_refused(tmp_path: Path) -> None:
+def test_datasets_that_cannot_be_trained_on_are_refused(tmp_path: Path) -> None:
     few = {"camera": {"resolution": 8}, "random": CONTENT["random"] | {"count": 10}}
     grey = {"surfaces": [{"alpha": 0.3, "albedo": 0.1}]}
     content = CONTENT | few | {"wavelengths_nm": [550], "random": few["random"] | grey}
@@ -446,6 +483,9 @@ def test_datasets_without_splits_or_with_other_bands_are_refused(tmp_path: Path)
     render_dataset(one_band, tmp_path / "one", Variant("none", "not used"))
     with pytest.raises(InputError, match="pictures of three bands"):
         malus.train(tmp_path / "one", tmp_path / "net.onnx", QUICK)
+    render_dataset(Suite.parse(CONTENT | few, "test"), tmp_path / "tiny", Variant("none", "no"))
+    with pytest.raises(InputError, match="at least 16 pixels a side, found 8 × 8"):
+        malus.train(tmp_path / "tiny", tmp_path / "net.onnx", QUICK)
     whole = Suite.parse({k: v for k, v in (CONTENT | few).items() if k != "splits"}, "test")
     render_dataset(whole, tmp_path / "whole", Variant("none", "not used"))
     with pytest.raises(InputError, match="splits train and val"):
@@ -453,8 +493,6 @@ def test_datasets_without_splits_or_with_other_bands_are_refused(tmp_path: Path)
 
 
 def test_the_ablation_has_five_rows(spheres: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from malus.bench.learning import train
-
     monkeypatch.setattr(train, "ABLATION", {"as it is": {}})
     done = run_malus(
         "train", str(spheres), "--ablate", "--steps", "2", "--batch", "8", "--width", "4", "--json"

@@ -95,6 +95,31 @@ def test_objects_are_seen_one_by_one() -> None:
     assert not both.deviation[labels == 0].any()
 
 
+@pytest.mark.parametrize("others", [(), (3,)])
+def test_nothing_is_sure_of_an_object_that_is_refused(others: tuple[int, ...]) -> None:
+    image, labels = photo(), np.zeros((32, 32), int)
+    labels[:12], labels[20, :3] = 1, 2
+    for label in others:
+        labels[22:] = label
+    done = estimate(image, Knowledge(labels=labels, method="net"), "p")
+    assert any(w.startswith("object 2 is left unpolarised") for w in done.warnings)
+    assert (done.components.deviation[labels == 2] == 1).all()
+    assert not done.components.deviation[labels == 0].any()
+    alone = estimate(image, Knowledge(mask=labels == 1, method="net"), "p").components
+    for name in ("s1", "s2", "deviation"):
+        one, two = (getattr(c, name)[labels == 1] for c in (done.components, alone))
+        np.testing.assert_array_equal(one, two)
+
+
+def test_normals_do_not_change_what_a_network_sees() -> None:
+    image, normals = photo(), np.zeros((32, 32, 3), np.float32)
+    normals[8:24, 8:24, 2] = 1
+    told = estimate(image, Knowledge(normals=normals, method="net"), "p").components
+    alone = estimate(image, Knowledge(method="net"), "p").components
+    for name in ("s1", "s2", "deviation"):
+        np.testing.assert_array_equal(getattr(told, name), getattr(alone, name))
+
+
 def test_the_size_that_the_network_sees_can_be_chosen(tmp_path: Path) -> None:
     path, _ = saved_dome(tmp_path)
     stdout, _ = filtered(path, "--net-size", "24", "--out", tmp_path / "out")
@@ -117,5 +142,7 @@ def test_without_the_runtime_one_line_says_what_to_install(
 
 
 def test_a_picture_smaller_than_a_glance_is_refused() -> None:
-    with pytest.raises(InputError, match="9 pixels: too few"):
+    with pytest.raises(InputError, match=r"9 pixels of the reduced .* give a larger `net_size`"):
         estimate(photo(3), Knowledge(), "p")
+    with pytest.raises(InputError, match="give `normals`, `mask`"):  # no network
+        estimate(photo(3), Knowledge(light=(0.0, 0.0, 1.0)), "p")
