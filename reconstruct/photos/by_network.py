@@ -15,7 +15,7 @@ DEFAULT = "net"
 """Method of a photograph of which nothing is known but the picture."""
 CANNOT_KNOW = (
     "it cannot know materials, lights or what a lens did: it learned on rendered scenes how such"
-    " pictures are polarised, and where it is unsure its polarisation is too weak"
+    " pictures are polarised, and where it is unsure its polarisation may be wrong or too weak"
 )
 
 
