@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from malus.bench.documents.gallery import SHEETS, filter_tiles, gallery, photo_tiles, suite_of
+from malus.bench.documents.gallery import (
+    METHOD,
+    SHEETS,
+    filter_tiles,
+    gallery,
+    photo_tiles,
+    suite_of,
+)
+from malus.bench.scoring.judge import Judge
+from malus.reconstruct import get_method
 from malus.renderers import Truth, render
 from malus.reports.figures import stokes_pictures as pictures
 from malus.scenes.core.arrays import FloatArray
@@ -38,14 +47,22 @@ def test_crossed_polarisers_share_the_light_of_the_photo(still_life: Truth) -> N
     inside = (three.max(axis=0) < 1) & (three.min(axis=0) > 0)  # neither is clipped
     # Codes are rounded by half: 0.5/255 at a slope of the curve of 2.4 at most.
     assert np.abs(mean - seen)[inside].max() < 0.5 / 255 * 2.4 * 2
+    # Light that vibrates level, of positive s1, passes a polariser at 90° from the vertical.
+    assert [tile.caption[-3:] for tile in photo_tiles(still_life)[1:3]] == [" 0°", "90°"]
     assert (np.abs(upright - across)[inside] > 0.05).any()  # the polariser matters
+    s1 = still_life.stokes[..., 1].mean(axis=-1)
+    assert ((across - upright).mean(axis=-1) * s1).sum() > 0
 
 
 def test_the_photo_says_the_skill_of_its_estimate(still_life: Truth) -> None:
     tiles = photo_tiles(still_life)
     truth, estimate = (tile.pictures[0].astype(int) for tile in tiles[-2:])
-    assert "skill 0." in tiles[-1].caption
+    skill = Judge(still_life).score(get_method(METHOD)).skill
+    assert skill > 0.1
+    assert f"skill {skill:.2f}" in tiles[-1].caption
     assert np.abs(truth - estimate)[still_life.mask].mean() < 60
+    grey = estimate[~still_life.mask][0]
+    assert np.abs(estimate - grey)[still_life.mask].max() > 60  # it finds something
     off = ~still_life.mask
     # Zero has one colour, that of an unpolarised light.
     assert len(np.unique(estimate[off], axis=0)) == 1
@@ -76,6 +93,9 @@ def test_filter_is_told_the_mask_alone() -> None:
     assert before.pictures[0].shape == after.pictures[0].shape == wanted.pictures[0].shape
     changed = filter_tiles(replace(truth, normals=-truth.normals))
     np.testing.assert_array_equal(changed[1].pictures[0], after.pictures[0])
+    seen = before.pictures[0][truth.mask].mean()
+    # Twice the least light is the photograph where nothing is polarised, and less elsewhere.
+    assert all(tile.pictures[0][truth.mask].mean() < seen for tile in (after, wanted))
 
 
 @pytest.mark.parametrize("name", SHEETS)
@@ -85,11 +105,21 @@ def test_every_sheet_tells_its_scenes_apart(name: str) -> None:
     captions = [contents.caption(scene) for scene in scenes]
     if name != "rooms":  # of which one is shown
         assert len(set(captions)) == len(captions)
+    else:
+        assert all(
+            scene.surroundings and scene.surroundings.name in caption
+            for scene, caption in zip(scenes, captions, strict=True)
+        )
 
 
 def test_gallery_writes_what_is_asked_for(tmp_path: Path) -> None:
     written = gallery(tmp_path, ["bodies"], 0.1)
     assert [path.name for path in written] == ["bodies.jpg"]
     with Image.open(written[0]) as sheet:
-        assert sheet.width > sheet.height > 160
+        # Gaps of 8; each tile has two pictures of 160², a caption below, and a legend.
+        columns = (sheet.width - 8) / (2 * 160 + 8)
+        assert columns == 3
+        below = np.asarray(sheet.convert("L"))[8 + 160 + 4 :, 8:320]
+        assert below[:12].min() < 100  # letters of the caption
+        assert np.ptp(np.asarray(sheet.convert("HSV"))[8 + 160 + 4 :, 8:320, 1]) > 60  # the bar
         assert len(sheet.getcolors(1 << 20) or ()) > 100

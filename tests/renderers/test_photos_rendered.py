@@ -68,6 +68,25 @@ def test_parts_of_noise_are_of_equal_area(mi: ModuleType) -> None:
         assert np.asarray(found).mean() == pytest.approx(0.5, abs=0.01)
 
 
+def test_three_parts_of_noise_are_of_nearly_equal_area(mi: ModuleType) -> None:
+    points = np.random.default_rng(2).uniform(-10, 10, (40_000, 3))
+    hit = SimpleNamespace(p=mi.Point3f(points.T))
+    for seed in range(3):
+        found = np.asarray(surface_number(mi, Noise(seed=seed, size=0.3), 3)(hit))
+        # A sum of seven waves is nearly normal: by 0.01 too few of the middle part, besides noise.
+        assert np.bincount(found.astype(int)) / len(found) == pytest.approx(1 / 3, abs=0.02)
+
+
+def test_waves_are_as_long_as_the_size_to_a_third_of_it() -> None:
+    waves = Noise(seed=3, size=0.4).waves()
+    lengths = 2 * math.pi / np.linalg.norm(waves[:, :3], axis=1)
+    assert lengths.max() == pytest.approx(0.4)
+    assert lengths.min() == pytest.approx(0.4 / 2**1.5)
+    np.testing.assert_allclose(waves[:, 4] / waves[:, 4].max(), lengths / 0.4)
+    assert (waves[:, 4] ** 2).sum() / 2 == pytest.approx(1)
+    assert not np.array_equal(waves, Noise(seed=4, size=0.4).waves())
+
+
 def test_waves_are_longer_along_the_grain() -> None:
     plain, grained = Noise(seed=1).waves(), Noise(seed=1, grain="z").waves()
     np.testing.assert_allclose(grained[:, 2] * 6, plain[:, 2])
@@ -96,13 +115,13 @@ def test_the_frame_of_a_corner_is_full() -> None:
     assert suite.draws is not None
     drawn = (suite.draws.scene(index) for index in range(60))
     corners = [s for s in drawn if s.surroundings and s.surroundings.name == "corner"]
-    for scene in corners[:1]:
-        camera = scene.camera.model_copy(update={"resolution": 24})
-        truth = render(scene.model_copy(update={"camera": camera}), Sampling(samples=8))
-        assert (truth.image.min(axis=-1) >= 0).all()
-        np.testing.assert_allclose(np.linalg.norm(truth.normals, axis=-1), 1, atol=1e-5)
-        # All but the pixels in which two objects meet: outlines of 8 objects in 24² pixels.
-        assert truth.mask.mean() > 0.7
+    scene = corners[0]
+    camera = scene.camera.model_copy(update={"resolution": 24})
+    truth = render(scene.model_copy(update={"camera": camera}), Sampling(samples=8))
+    assert (truth.image.min(axis=-1) >= 0).all()
+    np.testing.assert_allclose(np.linalg.norm(truth.normals, axis=-1), 1, atol=1e-5)
+    # All but the pixels in which two objects meet: outlines of 8 objects in 24² pixels.
+    assert truth.mask.mean() > 0.7
 
 
 @pytest.fixture
@@ -122,7 +141,13 @@ def test_rooms_of_one_structure_share_a_kernel(kernels: Any) -> None:
         marble = Patterned(pattern=Noise(seed=order, size=0.1 + order), surfaces=(DULL, GLOSSY))
         clear = Dielectric(eta=1.3 + 0.1 * order, alpha=0.1 + 0.1 * order, albedo=0.2)
         floor = Placed(shape=Plane(), surface=clear, position=(0, -1, 0), scale=9 + order)
-        thing = Placed(shape=Blob(seed=order), surface=marble, position=(2, order, 0))
+        thing = Placed(
+            shape=Plane() if order else Blob(),
+            surface=marble,
+            position=(2, order, 0),
+            scale=0.5 + 0.1 * order,
+            turn_deg=10 + 30 * order,
+        )
         return Scene(
             shape=Blob(seed=3 + order),
             surface=clear,
@@ -142,5 +167,5 @@ def test_rooms_of_one_structure_share_a_kernel(kernels: Any) -> None:
     render(scene(0, fov_deg=40, distance=4), Sampling(samples=2))
     assert new() > 0
     fourth = Placed(shape=Blob(), surface=DULL, position=(-3, 0, 1), scale=0.5)
-    render(scene(1, fourth, fov_deg=50, distance=5, elevation_deg=20), Sampling(samples=2))
+    render(scene(1, fourth, fov_deg=50, distance=5, elevation_deg=20), Sampling(samples=4, seed=2))
     assert new() == 0

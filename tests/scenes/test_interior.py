@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from malus.scenes import Interior
 from malus.scenes.lights.environment import directions, radiance_map
-from malus.scenes.lights.interior import LEAST_LAMP_RADIUS_DEG
+from malus.scenes.lights.interior import HEIGHT, LEAST_LAMP_RADIUS_DEG, _lamps
 
 SEEDS = range(8)
 
@@ -42,11 +43,25 @@ def test_lamps_are_small_bright_and_overhead(seed: int) -> None:
     assert directions(*values.shape)[values == values.max()][:, 1].mean() > 0
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_lamps_have_the_sizes_and_levels_that_are_promised(seed: int) -> None:
+    level = np.zeros((HEIGHT, 2 * HEIGHT))
+    _lamps(random.Random(seed).random, level, directions(*level.shape))
+    solid, lit = solid_angle(level), level[level > 0]
+    # The edge of a disk of 2°, 2.8 pixels, is drawn to within a pixel's diagonal.
+    assert solid[level > 0].sum() > 0.6 * math.pi * math.radians(LEAST_LAMP_RADIUS_DEG) ** 2
+    assert solid[level > 0].sum() < 1.1 * 4 * math.pi * math.radians(9) ** 2
+    assert 50 <= lit.min() <= lit.max() <= 1000
+
+
 def test_a_room_is_upright_and_brighter_above_than_below() -> None:
     means = [radiance_map(Interior(seed=seed)) for seed in SEEDS]
     above = np.mean([values[:100].mean() for values in means])
     below = np.mean([values[156:].mean() for values in means])
     assert above > 2 * below
+    # Straight up is the ceiling, of 0.5 at least, straight down the floor, of 0.5 at most; both
+    # fade by a fifth there. No window is seen in either.
+    assert all(np.median(values[:8]) > np.median(values[-8:]) for values in means)
 
 
 def test_rooms_differ_by_their_seed_alone() -> None:
