@@ -346,7 +346,7 @@ class Room:
                     s3 += dr.select(weight > 0, outgoing * weight, 0.0)
         normal = [dr.select(valid, c, 0.0) for c in hit.sh_frame.n]
         whole = [a + b for a, b in zip(shaded[:3], shaded[3:], strict=True)]
-        # The shapes' addresses are data: other numbers of objects need no new kernel.
+        # The shapes' addresses are data, so that they alone make no new kernel.
         on_owner = (owner >= 0) & (
             hit.shape == dr.gather(mi.ShapePtr, self.shape_pointers, owner, owner >= 0)
         )
