@@ -72,9 +72,9 @@ def radiance_map_of(light: Light) -> MapLight | None:
 
 def _part(mi: ModuleType, light: Light, scene: Any) -> Any:
     if isinstance(light, Distant):
-        return _Distant(_vector(mi, light.direction), _constant(mi, light.irradiance))
+        return _Distant(vector(mi, light.direction), constant(mi, light.irradiance))
     if isinstance(light, Uniform):
-        return _Uniform(_constant(mi, light.radiance))
+        return _Uniform(constant(mi, light.radiance))
     if isinstance(light, Area):
         return _Area(Cone.of(mi, light))
     return _Environment(scene.environment())
@@ -85,7 +85,7 @@ def polarised_by(mi: ModuleType, how: Oscillation | None) -> Any:
     if how is None:
         return None
     kind = _Scattered if how.scattered else _Filtered
-    return kind(_vector(mi, how.axis), _constant(mi, how.degree))
+    return kind(vector(mi, how.axis), constant(mi, how.degree))
 
 
 @dataclass
@@ -129,14 +129,16 @@ def _stokes(x: Any, y: Any, scale: Any) -> list[Any]:
     return [mi.Float(1.0), (x * x - y * y) * scale, 2.0 * x * y * scale]
 
 
-def _constant(mi: ModuleType, value: float) -> Any:
+def constant(mi: ModuleType, value: float) -> Any:
+    """A number that kernels take as data: another value needs no new kernel."""
     import drjit as dr
 
     return dr.opaque(mi.Float, value)
 
 
-def _vector(mi: ModuleType, values: Any) -> Any:
-    return mi.Vector3f(*(_constant(mi, float(value)) for value in values))
+def vector(mi: ModuleType, values: Any) -> Any:
+    """A vector of `constant` components."""
+    return mi.Vector3f(*(constant(mi, float(value)) for value in values))
 
 
 def _from_bsdf(hit: Any, bsdf: Any, random: Any, valid: Any) -> tuple[Any, Any]:
@@ -184,8 +186,8 @@ class Cone:
     def of(cls, mi: ModuleType, light: Area) -> Self:
         """The cone of a lamp."""
         # Without cancellation, which in 32 bits matters for small lamps.
-        span = _constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
-        return cls(_vector(mi, light.direction), span, _constant(mi, light.radiance))
+        span = constant(mi, 2.0 * math.sin(0.5 * math.radians(light.half_angle_deg)) ** 2)
+        return cls(vector(mi, light.direction), span, constant(mi, light.radiance))
 
     @property
     def density(self) -> Any:

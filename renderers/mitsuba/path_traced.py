@@ -317,7 +317,9 @@ class Room:
         samples = dr.opaque(mi.UInt32, self.sampling.samples // HALVES)
         zeros = [dr.zeros(mi.Float, count) for _ in range(self.channels)]
         state = (dr.zeros(mi.UInt32, count), zeros, rays, draws, path_sampler)
-        _, sums, *_ = dr.while_loop(state, lambda i, *_: i < samples, step)
+        # Dr.Jit would trace the loop twice to find what does not change in it: hardly anything.
+        with dr.scoped_set_flag(dr.JitFlag.OptimizeLoops, False):
+            _, sums, *_ = dr.while_loop(state, lambda i, *_: i < samples, step)
         dr.eval(sums)
         for row, values in zip(result, sums, strict=True):
             row[:] = np.asarray(values).reshape(HALVES, -1)

@@ -1,21 +1,26 @@
-"""Polarised lights as emitters for Mitsuba's path integrator, whose own are unpolarised.
+"""Emitters of our own for Mitsuba's path integrator: polarised lights, and parallel light.
 
 In a polarised variant an emitter's radiance is a Mueller matrix, whose first column is the Stokes
-vector of its light in Mitsuba's frame of the ray. These emitters fill it: light that other objects
-reflect then keeps how the lamp polarised it.
+vector of its light in Mitsuba's frame of the ray. Mitsuba's own emitters are unpolarised; these
+fill it: light that other objects reflect then keeps how the lamp polarised it. Mitsuba's parallel
+light has the bounds of its scene as constants in every kernel, so that no two scenes share one.
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
-from malus.renderers.mitsuba.lighting import Cone, polarised_by
+from malus.renderers.mitsuba.lighting import Cone, constant, polarised_by, vector
 from malus.renderers.mitsuba.translate import LAMP_DISTANCE, emitter
-from malus.scenes.lights.lights import Area, Light
+from malus.scenes.lights.lights import Area, Distant, Light
 from malus.scenes.lights.polarised import oscillation
 from malus.scenes.lights.sky import parts
+
+_BEYOND = 2.0
+"""Distance, in radii of the objects, that shadow rays towards a light are traced to."""
 
 
 def room_emitters(
@@ -38,50 +43,114 @@ def room_emitters(
 
 def _emitter(mi: ModuleType, light: Light, reach: float, lamp_distance: float) -> Any:
     how = oscillation(light)
-    if how is None:
+    if isinstance(light, Distant):
+        source = _DistantEmitter(mi, light, reach)
+    elif isinstance(light, Area) and how is not None:
+        source = _ConeEmitter(mi, light, reach)
+    elif how is None:
         return emitter(mi, light, lamp_distance)
-    source = _ConeEmitter(mi, light, reach) if isinstance(light, Area) else None
-    return _polarised(mi, source or mi.load_dict(emitter(mi, light)), polarised_by(mi, how))
+    else:
+        source = mi.load_dict(emitter(mi, light))
+    return _python_emitter(mi, source, polarised_by(mi, how))
 
 
-def _polarised(mi: ModuleType, source: Any, how: Any) -> Any:
-    """An emitter whose light is that of another one, polarised."""
+def _python_emitter(mi: ModuleType, source: Any, how: Any) -> Any:
+    """An emitter whose light is that of another one, polarised unless `how` is None."""
+    emitter = _python_emitter_class(mi)(mi.Properties())
+    emitter.source, emitter.how, emitter.m_flags = source, how, source.flags()
+    return emitter
 
-    class PolarisedEmitter(mi.Emitter):  # type: ignore[misc, name-defined]
-        def __init__(self) -> None:
-            super().__init__(mi.Properties())
-            self.m_flags = source.flags()
+
+@functools.cache
+def _python_emitter_class(mi: ModuleType) -> Any:
+    """The class of the emitter: one for all, as each would be garbage only a collection removes.
+
+    Dr.Jit counts the emitters of garbage, too, and kernels depend on their number.
+    """
+
+    class PythonEmitter(mi.Emitter):  # type: ignore[misc, name-defined]
+        source: Any
+        how: Any
 
         def set_scene(self, scene: Any) -> None:
-            source.set_scene(scene)
+            self.source.set_scene(scene)
 
         def sample_direction(self, reference: Any, sample: Any, active: Any = True) -> Any:
-            towards, weight = source.sample_direction(reference, sample, active)
+            towards, weight = self.source.sample_direction(reference, sample, active)
             towards.emitter = mi.EmitterPtr(self)
-            return towards, _mueller(mi, how, towards.d) @ weight
+            return towards, _mueller(mi, self.how, towards.d) @ weight
 
         def eval_direction(self, reference: Any, towards: Any, active: Any = True) -> Any:
-            radiance = source.eval_direction(reference, towards, active)
-            return _mueller(mi, how, towards.d) @ radiance
+            radiance = self.source.eval_direction(reference, towards, active)
+            return _mueller(mi, self.how, towards.d) @ radiance
 
         def pdf_direction(self, reference: Any, towards: Any, active: Any = True) -> Any:
-            return source.pdf_direction(reference, towards, active)
+            return self.source.pdf_direction(reference, towards, active)
 
         def eval(self, hit: Any, active: Any = True) -> Any:
-            return _mueller(mi, how, -hit.wi) @ source.eval(hit, active)
+            return _mueller(mi, self.how, -hit.wi) @ self.source.eval(hit, active)
 
         def to_string(self) -> str:
-            return f"PolarisedEmitter[{source}]"
+            return f"PythonEmitter[{self.source}]"
 
-    return PolarisedEmitter()
+    return PythonEmitter
 
 
 def _mueller(mi: ModuleType, how: Any, toward: Any) -> Any:
     """A matrix that makes the Stokes vector of polarised light of that of unpolarised light."""
     matrix = mi.Spectrum(0.0)
-    for row, component in enumerate(how.stokes(toward)):
+    for row, component in enumerate([1.0] if how is None else how.stokes(toward)):
         matrix[row, 0] = mi.UnpolarizedSpectrum(component)
     return matrix
+
+
+@dataclass
+class _DistantEmitter:
+    """Parallel light, with the functions of a Mitsuba emitter."""
+
+    mi: ModuleType
+    light: Distant
+    reach: float
+
+    def __post_init__(self) -> None:
+        self.toward = vector(self.mi, self.light.direction)
+        self.irradiance = constant(self.mi, self.light.irradiance)
+        self.distance = constant(self.mi, _BEYOND * self.reach)
+
+    def flags(self) -> Any:
+        return self.mi.EmitterFlags.Infinite | self.mi.EmitterFlags.DeltaDirection
+
+    def set_scene(self, scene: Any) -> None:
+        """It is infinitely far from any scene."""
+
+    def sample_direction(self, reference: Any, _sample: Any, active: Any) -> Any:
+        import drjit as dr
+
+        towards = _towards(self.mi, reference, self.toward, self.distance)
+        towards.pdf = self.mi.Float(1.0)
+        towards.delta = self.mi.Bool(True)
+        return towards, self.mi.Spectrum(dr.select(active, self.irradiance, 0.0))
+
+    def pdf_direction(self, _reference: Any, _towards: Any, _active: Any) -> Any:
+        return self.mi.Float(0.0)
+
+    def eval_direction(self, _reference: Any, _towards: Any, _active: Any) -> Any:
+        return self.mi.Spectrum(0.0)
+
+    def eval(self, _hit: Any, _active: Any) -> Any:
+        return self.mi.Spectrum(0.0)
+
+
+def _towards(mi: ModuleType, reference: Any, direction: Any, distance: Any) -> Any:
+    """What a path needs to know of a direction towards a light, but for its density."""
+    import drjit as dr
+
+    towards = dr.zeros(mi.DirectionSample3f, dr.width(reference.p))
+    towards.d, towards.dist = direction, distance
+    towards.p = reference.p + distance * direction
+    towards.n = -direction
+    towards.time = reference.time
+    return towards
 
 
 @dataclass
@@ -94,6 +163,7 @@ class _ConeEmitter:
 
     def __post_init__(self) -> None:
         self.cone = Cone.of(self.mi, self.light)
+        self.distance = constant(self.mi, _BEYOND * self.reach)
 
     def flags(self) -> Any:
         return self.mi.EmitterFlags.Infinite
@@ -104,17 +174,11 @@ class _ConeEmitter:
     def sample_direction(self, reference: Any, sample: Any, active: Any) -> Any:
         import drjit as dr
 
-        mi = self.mi
-        towards = dr.zeros(mi.DirectionSample3f, dr.width(reference.p))
-        towards.d = self.cone.direction(sample)
-        # Beyond all objects.
-        towards.dist = mi.Float(2.0 * self.reach)
-        towards.p = reference.p + towards.dist * towards.d
-        towards.n = -towards.d
+        direction = self.cone.direction(sample)
+        towards = _towards(self.mi, reference, direction, self.distance)
         towards.pdf = self.cone.density
-        towards.time = reference.time
         radiance = dr.select(active, self.cone.radiance / self.cone.density, 0.0)
-        return towards, mi.Spectrum(radiance)
+        return towards, self.mi.Spectrum(radiance)
 
     def pdf_direction(self, _reference: Any, towards: Any, _active: Any) -> Any:
         import drjit as dr

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -18,13 +19,17 @@ from malus.scenes import (
     Blob,
     Camera,
     Dielectric,
+    Distant,
     Interior,
+    Light,
     Noise,
     Patterned,
     Placed,
     Plane,
     Sampling,
     Scene,
+    Sky,
+    SkyPolarisation,
     Sphere,
     Surroundings,
     load_suite,
@@ -134,7 +139,18 @@ def kernels() -> Iterator[Any]:
     dr.kernel_history_clear()
 
 
-def test_rooms_of_one_structure_share_a_kernel(kernels: Any) -> None:
+@pytest.mark.parametrize(
+    "light_of",
+    [
+        lambda order: Interior(seed=order),
+        lambda order: Sky(sun_elevation_deg=30 + 9 * order, turbidity=3 + order),
+        lambda order: Distant(incidence_deg=30 + 9 * order, irradiance=1 + order),
+    ],
+    ids=["interior", "sky and sun", "distant"],
+)
+def test_rooms_of_one_structure_share_a_kernel(
+    kernels: Any, light_of: Callable[[int], Light]
+) -> None:
     """Other shapes, places, numbers and order of objects, roughness, noise, camera and light."""
 
     def scene(order: int, *extra: Placed, **camera: float) -> Scene:
@@ -151,7 +167,7 @@ def test_rooms_of_one_structure_share_a_kernel(kernels: Any) -> None:
         return Scene(
             shape=Blob(seed=3 + order),
             surface=clear,
-            light=Interior(seed=order),
+            light=light_of(order),
             camera=Camera(resolution=8, projection="perspective", **camera),
             wavelengths_nm=BANDS,
             surroundings=Surroundings(
@@ -169,3 +185,31 @@ def test_rooms_of_one_structure_share_a_kernel(kernels: Any) -> None:
     fourth = Placed(shape=Blob(), surface=DULL, position=(-3, 0, 1), scale=0.5)
     render(scene(1, fourth, fov_deg=50, distance=5, elevation_deg=20), Sampling(samples=4, seed=2))
     assert new() == 0
+
+
+def test_what_an_earlier_room_leaves_makes_no_new_kernel(kernels: Any) -> None:
+    """Dr.Jit counts all emitters of a process, those of garbage too."""
+    sky = Sky(sun_elevation_deg=40, polarised=SkyPolarisation())
+
+    def paths_of(light: Light) -> set[str]:
+        kernels()  # forget what was before
+        ball = Placed(shape=Sphere(), surface=DULL, position=(2.5, 0, 0))
+        scene = Scene(
+            shape=Sphere(),
+            surface=DULL,
+            light=light,
+            camera=Camera(resolution=8),
+            surroundings=Surroundings(name="two", objects=(ball,)),
+        )
+        render(scene, Sampling(samples=2))
+        return {str(k["hash"]) for k in kernels() if k.get("operation_count", 0) > 1000}
+
+    gc.collect()
+    gc.disable()
+    try:
+        first = paths_of(Interior(seed=1))
+        assert first
+        paths_of(sky)
+        assert paths_of(Interior(seed=1)) == first
+    finally:
+        gc.enable()
