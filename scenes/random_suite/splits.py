@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -87,7 +88,8 @@ def identity(template: Any) -> str | None:
     """Path of the range or choice that makes values of a template different; None without one.
 
     A folder of files before all, for a mesh or a map stays the same however it is turned; then the
-    choice of most values; then the first range. An item with one file is that file.
+    range or choice that can be cut most finely, so that every split has a share of it. An item
+    with one file is that file.
 
     Examples
     --------
@@ -100,10 +102,7 @@ def identity(template: Any) -> str | None:
         return min(named)
     if _names_a_file(template):
         return None
-    choices = [path for path, node in nodes.items() if not node.is_range]
-    if choices:
-        return max(choices, key=lambda path: nodes[path].intervals)
-    return next(iter(nodes), None)
+    return max(nodes, key=lambda path: nodes[path].intervals, default=None)
 
 
 def _names_a_file(template: Any) -> bool:
@@ -139,7 +138,9 @@ def separate(
     """Share out the portions of an axis among the splits, so that each has its share of the draws.
 
     `order` gives a number for a name, by which the portions of an item are shuffled: which of its
-    values belong to a split follows from the suite's seed.
+    values belong to a split follows from the suite's seed. Where other items have values for all
+    splits, one of fewer values than splits stays whole in the largest: it would fill most of
+    a small one, which should be drawn like the others.
 
     Raises
     ------
@@ -152,10 +153,17 @@ def separate(
         raise InputError(
             f"key splits.disjoint, {axis}", f"at least {len(shares)} values", str(len(parts)), hint
         )
-    shuffled = sorted(parts, key=lambda part: (part.item, order(f"{axis} {part.item} {part.low}")))
+    counts = Counter(part.item for part in parts)
+    whole = [part for part in parts if counts[part.item] < len(shares)]
+    cut = [part for part in parts if counts[part.item] >= len(shares)]
     result: dict[SplitName, list[Portion]] = {name: [] for name in shares}
+    if cut:
+        result[max(shares, key=lambda name: shares[name])] += whole
+    shared = sorted(
+        cut or whole, key=lambda part: (part.item, order(f"{axis} {part.item} {part.low}"))
+    )
     lacking = dict.fromkeys(shares, 0.0)
-    for left, part in zip(range(len(shuffled), 0, -1), shuffled, strict=True):
+    for left, part in zip(range(len(shared), 0, -1), shared, strict=True):
         empty = [name for name in shares if not result[name]]
         for name, share in shares.items():
             lacking[name] += share * part.weight

@@ -26,8 +26,14 @@ from malus.scenes import (
 from malus.scenes.core.model import content_id
 from malus.scenes.random_suite.clutter import Clutter, place
 from malus.scenes.random_suite.sequence import Numbers
-from malus.scenes.random_suite.splits import Splits, check_leaks, values_of
-from malus.scenes.random_suite.templates import distribution
+from malus.scenes.random_suite.splits import (
+    Splits,
+    check_leaks,
+    portions,
+    separate,
+    values_of,
+)
+from malus.scenes.random_suite.templates import distribution, distributions
 from malus.scenes.scene import Scene
 
 BASE: dict[str, Any] = {
@@ -186,6 +192,64 @@ def test_ranges_of_a_disjoint_axis_are_cut_into_bands() -> None:
     nearest = min(abs(a - b) for a in by_split["train"] for b in by_split["test"])
     assert nearest >= 0.99 * 2 * 0.005 * 0.005  # two borders of 0.5 % of a band of 0.005
     assert len(bands["test"]) == 10
+
+
+def shares(made: Suite, axis: str) -> dict[str, dict[int, float]]:
+    """Share of the draws that every item of an axis has in every split."""
+    assert made.draws is not None
+    assert made.splits is not None
+    assert made.random is not None
+    cut = portions(made.random.items(axis), cut=True)
+    parts = separate(cut, made.splits, axis, Numbers(made.random.seed, 0).plain)
+    found: dict[str, dict[int, float]] = {}
+    for split, own in parts.items():
+        total = math.fsum(part.weight for part in own)
+        found[split] = {
+            item: math.fsum(part.weight for part in own if part.item == item) / total
+            for item in {part.item for part in own}
+        }
+    return found
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_each_split_of_a_disjoint_axis_is_drawn_like_the_others(seed: int) -> None:
+    """A choice of two beside ranges does not keep a kind of light out of a split."""
+    elevation = {"sun_elevation_deg": {"uniform": [5, 75]}}
+    lights = [
+        {"kind": "distant", "incidence_deg": {"uniform": [10, 90]}, "weight": 3},
+        {"kind": "sky", **elevation, "sun": {"choice": [True, False]}},
+    ]
+    made = suite(SPLITS, seed=seed, lights=lights)
+    for found in shares(made, "light").values():
+        # 100 bands an item: a split of a tenth has ten of each, or one more or less.
+        assert found[0] == pytest.approx(0.75, abs=0.05)
+        assert found[1] == pytest.approx(0.25, abs=0.05)
+
+
+@pytest.mark.parametrize("name", ["photos", "random"])
+def test_the_product_suites_have_every_range_in_every_split(name: str) -> None:
+    made = load_suite(name)
+    assert made.random is not None
+    assert made.splits is not None
+    for axis in made.splits.disjoint:
+        ranged = {
+            item
+            for item, (template, _) in enumerate(made.random.items(axis))
+            if any(node.is_range or node.integers for _, node in distributions(template))
+        }
+        assert ranged
+        for split, found in shares(made, axis).items():
+            assert ranged <= set(found), (axis, split)
+
+
+def test_single_values_beside_ranges_are_trained_on_and_alone_are_shared_out() -> None:
+    whole = ["pmma", "water", "polystyrene", "polycarbonate", "gold"]
+    ranged = {"eta": {"uniform": [1.3, 1.8]}, "weight": 5}
+    found = shares(suite(SPLITS, materials=[ranged, *whole]), "material")
+    assert found["val"] == found["test"] == {0: 1.0}
+    assert set(found["train"]) == set(range(6))
+    alone = shares(suite(SPLITS, materials=whole), "material")
+    assert [len(alone[name]) for name in ("train", "val", "test")] == [3, 1, 1]
 
 
 def test_a_planted_leak_is_an_error() -> None:
