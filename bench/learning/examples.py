@@ -12,9 +12,10 @@ import numpy as np
 from malus.bench.running.progress import Progress
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.datasets.dataset import Dataset, open_dataset
-from malus.scenes.core.arrays import AnyArray, BoolArray, IntArray
+from malus.scenes.core.arrays import AnyArray, BoolArray, Float64Array, IntArray
 from malus.scenes.core.cores import usable_cores
 from malus.scenes.core.errors import InputError
+from malus.scenes.polarisation import angle_weights
 
 MEMORY = 8e9
 """Bytes that the pictures of a split may take; of a larger one a part is drawn at random."""
@@ -36,11 +37,14 @@ class Examples(NamedTuple):
     """Pictures of one split.
 
     `light` (count, height, width, 3, 3), half precision: Stokes vectors of the channels red, green,
-    blue, over the mean of s0 over the valid pixels of all channels; `mask` (count, height, width).
+    blue, over the mean of s0 over the valid pixels of all channels; `mask` (count, height, width);
+    `noise` (count,): what the truth's own noise adds to both sums of squares of
+    `objective.Sums`.
     """
 
     light: AnyArray
     mask: BoolArray
+    noise: Float64Array
 
 
 def splits_of(dataset: Dataset) -> dict[str, int]:
@@ -90,19 +94,19 @@ def read_examples(
     if len(numbers) > most:
         numbers = np.sort(np.random.default_rng(seed).choice(numbers, most, replace=False))
     light = np.zeros((len(numbers), height, width, 3, 3), np.float16)
-    mask = np.zeros((len(numbers), height, width), bool)
-    for done, (place, one, valid) in enumerate(_in_processes(dataset.path, split, numbers)):
+    mask, noise = np.zeros((len(numbers), height, width), bool), np.zeros(len(numbers))
+    for done, (place, one, valid, power) in enumerate(_in_processes(dataset.path, split, numbers)):
         progress(done, len(numbers), f"reading {split}")
         if valid.shape != (height, width):
             expected = f"pictures of {width} × {height} pixels"
             found = f"{valid.shape[1]} × {valid.shape[0]}"
             raise InputError(str(dataset.path), expected, found, "render them in one suite")
-        light[place], mask[place] = one, valid
-    return Examples(light, mask)
+        light[place], mask[place], noise[place] = one, valid, power
+    return Examples(light, mask, noise)
 
 
-_One = tuple[int, AnyArray, BoolArray]
-"""Position of a picture, its light and its mask."""
+_One = tuple[int, AnyArray, BoolArray, float]
+"""Position of a picture, its light, its mask and the power of its noise."""
 
 
 def _in_processes(folder: Path, split: str, numbers: IntArray) -> Iterator[_One]:
@@ -126,7 +130,7 @@ def _in_one(folder: Path, split: str, places: IntArray, numbers: IntArray) -> li
 def read_some(folder: Path, split: str, places: IntArray, numbers: IntArray) -> Iterator[_One]:
     """Pictures of those numbers in a split, one after the other."""
     dataset = open_dataset(folder)
-    samples = dataset.samples(split, maps=("stokes", "mask"))
+    samples = dataset.samples(split, maps=("stokes", "mask", "standard_error"))
     for place, number in zip(places, numbers, strict=True):
         sample = samples[int(number)]
         bands = dataset.scene(sample["scene"]).scene.wavelengths_nm
@@ -135,7 +139,38 @@ def read_some(folder: Path, split: str, places: IntArray, numbers: IntArray) -> 
             raise InputError(where, "three bands", f"{len(bands)}", hint)
         order = np.argsort(bands)[::-1]  # red first
         stokes, mask = sample["stokes"][:, :, order], sample["mask"]
-        yield int(place), normalised(stokes, mask), mask
+        noise = noise_power(sample["standard_error"], mask) / (mean_light(stokes, mask) or 1.0) ** 2
+        yield int(place), normalised(stokes, mask), mask, noise
+
+
+def noise_power(standard_error: AnyArray, mask: BoolArray) -> float:
+    """Expected mean square over the paper's angles of s1, s2 that are noise, summed over the mask.
+
+    Parameters
+    ----------
+    standard_error : (height, width, bands, 3) array
+    mask : (height, width) array of bool
+
+    Examples
+    --------
+    >>> noise_power(np.zeros((1, 1, 3, 3)), np.ones((1, 1), bool))
+    0.0
+    """
+    # s1 and s2 vary independently, nearly; what is not finite is no light, see `normalised`.
+    variance = np.square(np.nan_to_num(standard_error[mask][..., 1:], posinf=0.0), dtype=np.float64)
+    return float((variance * np.diag(angle_weights())[1:]).sum())
+
+
+def mean_light(stokes: AnyArray, mask: BoolArray) -> float:
+    """Mean of s0 over the valid pixels and channels; 0 without light."""
+    light = _clean(stokes)[mask][..., 0]
+    return float(light.mean(dtype=np.float64)) if light.size else 0.0
+
+
+def _clean(stokes: AnyArray) -> AnyArray:
+    """Stokes vectors, black where they are not finite or s0 is negative."""
+    valid = np.isfinite(stokes).all(axis=-1, keepdims=True) & (stokes[..., :1] >= 0)
+    return np.where(valid, stokes, 0.0)
 
 
 def normalised(stokes: AnyArray, mask: BoolArray) -> AnyArray:
@@ -149,11 +184,9 @@ def normalised(stokes: AnyArray, mask: BoolArray) -> AnyArray:
     >>> normalised(np.full((1, 1, 3, 3), 4.0), np.ones((1, 1), bool))[0, 0, 0].tolist()
     [1.0, 1.0, 1.0]
     """
-    valid = np.isfinite(stokes).all(axis=-1, keepdims=True) & (stokes[..., :1] >= 0)
-    clean = np.where(valid, stokes, 0.0)
-    mean = clean[mask][..., 0].mean(dtype=np.float64) if mask.any() else 0.0
+    mean = mean_light(stokes, mask)
     if mean <= 0:
         return np.zeros(stokes.shape, np.float16)
-    light = clean / mean
+    light = _clean(stokes) / mean
     brightest = np.maximum(light[..., :1] / _LARGEST, 1.0)
     return (light / brightest).astype(np.float16)

@@ -66,7 +66,7 @@ class Sums(NamedTuple):
 
 
 def sums(light: JaxArray, mask: JaxArray, ratios: JaxArray, deviations: JaxArray) -> Sums:
-    """Sums over one scene; skill is 1 - error/guess, without correction for noise.
+    """Sums over one scene; skill is 1 - error/guess, once noise is taken from both.
 
     Parameters
     ----------

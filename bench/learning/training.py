@@ -95,7 +95,7 @@ def fit(
     began = time.monotonic()
     function = _step_function(options.batch, options.prior, side_of(train))
     key = jax.random.key(options.seed)
-    one_step = partial(function, *jax.device_put(tuple(train)), key, options.turn_deg)
+    one_step = partial(function, *jax.device_put((train.light, train.mask)), key, options.turn_deg)
     if kept is None:
         state = start(options, begin)
         steps = options.steps or _affordable(one_step, val, state, options, began)

@@ -13,6 +13,7 @@ from malus.bench.learning.arrays import JaxArray, Weights
 from malus.bench.learning.examples import Examples
 from malus.bench.learning.network import STRIDE, forward
 from malus.bench.learning.objective import Sums, sums
+from malus.bench.scoring.metrics import skills
 
 _TOGETHER = 32
 """Pictures that are estimated at once."""
@@ -37,18 +38,20 @@ def measured(weights: Weights, examples: Examples, prior: str, mirrored: bool = 
 
     Returns
     -------
-    Measured, NaN where no scene is polarised
+    Measured, NaN where no scene is polarised beyond its noise; skills are corrected for noise
     """
     parts = [
         _sums(prior, mirrored, weights, *part) for part in _parts(examples.light, examples.mask)
     ]
     found = Sums(*(np.concatenate(one)[: len(examples.mask)] for one in zip(*parts, strict=True)))
-    polarised, visible = found.guess > 0, found.visible > 0
+    error, guess = found.error - examples.noise, found.guess - examples.noise
+    each = skills(error, guess, examples.noise, np.maximum(3 * examples.mask.sum(axis=(1, 2)), 1))
+    polarised, visible = np.isfinite(each), found.visible > 0
     if not polarised.any():
         return Measured(float("nan"), float("nan"), float("nan"))
-    skills = 1 - found.error[polarised] / found.guess[polarised]
+    each = each[polarised]
     squares = found.residual[visible] / found.visible[visible]
-    return Measured(float(np.median(skills)), float(np.mean(skills > 0)), float(np.mean(squares)))
+    return Measured(float(np.median(each)), float(np.mean(each > 0)), float(np.mean(squares)))
 
 
 def _parts(*arrays: JaxArray) -> list[list[JaxArray]]:

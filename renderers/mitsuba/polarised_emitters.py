@@ -44,7 +44,7 @@ def room_emitters(
 def _emitter(mi: ModuleType, light: Light, reach: float, lamp_distance: float) -> Any:
     how = oscillation(light)
     if isinstance(light, Distant):
-        source = _DistantEmitter(mi, light, reach)
+        source: Any = _DistantEmitter(mi, light, reach)
     elif isinstance(light, Area) and how is not None:
         source = _ConeEmitter(mi, light, reach)
     elif how is None:

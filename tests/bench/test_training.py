@@ -26,7 +26,7 @@ import malus  # noqa: E402
 from malus.bench.datasets.render import render_dataset  # noqa: E402
 from malus.bench.learning import examples as reading  # noqa: E402
 from malus.bench.learning import network, options, train, training  # noqa: E402
-from malus.bench.learning.examples import normalised, read_examples  # noqa: E402
+from malus.bench.learning.examples import noise_power, normalised, read_examples  # noqa: E402
 from malus.bench.learning.kept import KeptTraining  # noqa: E402
 from malus.bench.learning.model_file import read_model, write_model  # noqa: E402
 from malus.bench.learning.network import Architecture  # noqa: E402
@@ -130,7 +130,7 @@ def test_the_file_tells_its_recipe_and_does_what_it_says(trained: Path, spheres:
         answer = both_ways(session, light[..., 0])
         found.append([float(one) for one in sums(light, mask, *answer)])
     error, guess, residual, visible = np.array(found).T
-    # The file has four digits of the skill.
+    # The file has four digits of the skill, and these truths, of formulas, no noise.
     assert np.median(1 - error / guess) == pytest.approx(facts["validation_skill"], abs=2e-4)
     assert np.mean(residual / visible) == pytest.approx(1.0, rel=1e-3)
 
@@ -346,7 +346,7 @@ def test_every_step_sees_other_examples(spheres: Path) -> None:
     step = training._step_function(QUICK.batch, QUICK.prior, 32)
     state = training.start(QUICK)
     errors = {
-        float(step(*train, jax.random.key(seed), 20.0, state, number, 0.0, 0.0)[1])
+        float(step(train.light, train.mask, jax.random.key(seed), 20.0, state, number, 0.0, 0.0)[1])
         for seed, number in ((0, 0), (0, 1), (1, 0))
     }
     assert len(errors) == 3
@@ -375,6 +375,41 @@ def test_skill_is_that_of_the_five_angles() -> None:
     residual = ((true - ratios[truth.mask]) / 0.2)[lit]
     assert float(found.residual) == pytest.approx(float((residual**2).sum()), rel=1e-4)
     assert int(found.visible) == residual.size
+
+
+def test_noise_has_the_power_by_which_two_renders_differ() -> None:
+    scene = malus.Scene(
+        shape=malus.Sphere(),
+        surface=malus.Dielectric(eta=1.5, alpha=0.4, albedo=0.3),
+        light=malus.Uniform(),
+        camera=malus.Camera(resolution=48),
+    )
+    one, two = (malus.render(scene, malus.Sampling(samples=16, seed=seed)) for seed in (1, 2))
+    mask = one.mask & two.mask
+    halved = (one.stokes - two.stokes)[..., 1:] / np.sqrt(2)
+    pictures = [halved @ [np.cos(2 * a), np.sin(2 * a)] / 2 for a in np.radians(PAPER_ANGLES_DEG)]
+    measured_power = float(np.square(np.array(pictures)[:, mask]).sum(axis=(1, 2)).mean())
+    # 1,300 pixels of two components: 4 %; three standard deviations.
+    assert noise_power(one.standard_error, mask) == pytest.approx(measured_power, rel=0.12)
+
+
+def test_noise_in_the_truth_changes_no_skill(spheres: Path, trained: Path) -> None:
+    val = read_examples(malus.open_dataset(spheres), "val", 0, silent)
+    random = np.random.default_rng(4)
+    signal = np.sqrt(np.square(val.light[val.mask][..., 1:].astype(np.float64)).mean())
+    errors = np.zeros((*val.light.shape[1:4], 3)) + [0.0, signal, signal / 2]
+    noise = random.normal(size=val.light.shape) * errors * val.mask[..., None, None]
+    noisy = val._replace(
+        light=(val.light + noise).astype(np.float16),
+        noise=np.array([noise_power(errors, mask) for mask in val.mask]),
+    )
+    weights = read_model(trained).weights
+    clean, found = (measured(weights, part, "none") for part in (val, noisy))
+    assert clean.skill > 0.3
+    # As much noise as signal, in 1000 numbers a scene: its power is known to 5 %.
+    assert found.skill == pytest.approx(clean.skill, abs=0.15)
+    forgotten = measured(weights, noisy._replace(noise=np.zeros(len(noise))), "none")
+    assert forgotten.skill < clean.skill - 0.15
 
 
 def test_red_comes_first_and_the_mean_is_one(spheres: Path) -> None:
