@@ -34,6 +34,11 @@ from malus.bench.commands.options import command, json_option
     help="lobes: further inputs that tell glare from the body's colour [none].",
 )
 @click.option("--width", type=int, help="Channels of the network's first level [16].")
+@click.option(
+    "--side",
+    type=int,
+    help="Pixels a side to reduce pictures to [as rendered]: faster, less noise.",
+)
 @click.option("--seed", type=int, default=0, help="Of weights and examples [0].")
 @click.option("--ablate", "ablates", is_flag=True, help="Compare priors instead; writes no model.")
 @json_option

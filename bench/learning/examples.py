@@ -79,56 +79,85 @@ def splits_of(dataset: Dataset) -> dict[str, int]:
 
 
 def read_examples(
-    dataset: Dataset, split: str, seed: int, progress: Progress, memory: float = MEMORY
+    dataset: Dataset,
+    split: str,
+    seed: int,
+    progress: Progress,
+    side: int | None = None,
+    memory: float = MEMORY,
 ) -> Examples:
     """Read the pictures of a split, in several processes where there are many.
+
+    Parameters
+    ----------
+    side : int, optional
+        Pixels a side that they are reduced to, see `TrainingOptions`.
 
     Raises
     ------
     InputError
-        A damaged dataset, pictures of different sizes or bands, or no light in any.
+        A damaged dataset, pictures of different sizes or bands, or no light in any; a side that
+        does not divide theirs.
     """
     numbers = np.arange(sum(entry.split == split for entry in dataset.record.scenes))
-    height, width = dataset.scene(dataset.scenes[0]).shape
+    rendered = dataset.scene(dataset.scenes[0]).shape
+    factor = _factor(rendered, side)
+    height, width = (length // factor for length in rendered)
     most = max(1, int(memory // (19 * height * width)))  # nine halves and the mask
     if len(numbers) > most:
         numbers = np.sort(np.random.default_rng(seed).choice(numbers, most, replace=False))
     light = np.zeros((len(numbers), height, width, 3, 3), np.float16)
     mask, noise = np.zeros((len(numbers), height, width), bool), np.zeros(len(numbers))
-    for done, (place, one, valid, power) in enumerate(_in_processes(dataset.path, split, numbers)):
+    for done, (place, one, valid, power) in enumerate(
+        _in_processes(dataset.path, split, numbers, factor)
+    ):
         progress(done, len(numbers), f"reading {split}")
         if valid.shape != (height, width):
-            expected = f"pictures of {width} × {height} pixels"
-            found = f"{valid.shape[1]} × {valid.shape[0]}"
+            expected = f"pictures of {factor * width} × {factor * height} pixels"
+            found = f"{factor * valid.shape[1]} × {factor * valid.shape[0]}"
             raise InputError(str(dataset.path), expected, found, "render them in one suite")
         light[place], mask[place], noise[place] = one, valid, power
     return Examples(light, mask, noise)
+
+
+def _factor(shape: tuple[int, int], side: int | None) -> int:
+    """How many pixels along a side become one."""
+    if side is None:
+        return 1
+    if any(length % side for length in shape) or shape[0] != shape[1]:
+        expected = f"a divisor of the pictures' sides, {shape[1]} × {shape[0]} pixels"
+        raise InputError("side", expected, f"{side}", "choose another, or leave it out")
+    return shape[0] // side
 
 
 _One = tuple[int, AnyArray, BoolArray, float]
 """Position of a picture, its light, its mask and the power of its noise."""
 
 
-def _in_processes(folder: Path, split: str, numbers: IntArray) -> Iterator[_One]:
+def _in_processes(folder: Path, split: str, numbers: IntArray, factor: int) -> Iterator[_One]:
     """Pictures in any order, each with its position in `numbers`."""
     places = np.arange(len(numbers))
     if len(numbers) <= ALONE:
-        yield from read_some(folder, split, places, numbers)
+        yield from read_some(folder, split, places, numbers, factor)
         return
     count = min(_WORKERS, usable_cores())
     parts = [(places[k::count], numbers[k::count]) for k in range(count)]
     with ThreadPoolExecutor(count) as pool:
-        for part in pool.map(lambda part: _in_one(folder, split, *part), parts):
+        for part in pool.map(lambda part: _in_one(folder, split, part[0], part[1], factor), parts):
             yield from part
 
 
-def _in_one(folder: Path, split: str, places: IntArray, numbers: IntArray) -> list[_One]:
+def _in_one(
+    folder: Path, split: str, places: IntArray, numbers: IntArray, factor: int
+) -> list[_One]:
     with WorkerProcess() as worker:
-        return list(worker.stream(read_some, folder, split, places, numbers))
+        return list(worker.stream(read_some, folder, split, places, numbers, factor))
 
 
-def read_some(folder: Path, split: str, places: IntArray, numbers: IntArray) -> Iterator[_One]:
-    """Pictures of those numbers in a split, one after the other."""
+def read_some(
+    folder: Path, split: str, places: IntArray, numbers: IntArray, factor: int
+) -> Iterator[_One]:
+    """Pictures of those numbers in a split, one after the other; `factor`² pixels become one."""
     dataset = open_dataset(folder)
     samples = dataset.samples(split, maps=("stokes", "mask", "standard_error"))
     for place, number in zip(places, numbers, strict=True):
@@ -138,9 +167,37 @@ def read_some(folder: Path, split: str, places: IntArray, numbers: IntArray) -> 
             where, hint = f"scene {sample['scene']}", "render it in three bands"
             raise InputError(where, "three bands", f"{len(bands)}", hint)
         order = np.argsort(bands)[::-1]  # red first
-        stokes, mask = sample["stokes"][:, :, order], sample["mask"]
-        noise = noise_power(sample["standard_error"], mask) / (mean_light(stokes, mask) or 1.0) ** 2
+        stokes = averaged(_clean(sample["stokes"][:, :, order]), factor)
+        mask = averaged(sample["mask"], factor) == 1.0
+        power = noise_power(averaged_errors(sample["standard_error"], factor), mask)
+        noise = power / (mean_light(stokes, mask) or 1.0) ** 2
         yield int(place), normalised(stokes, mask), mask, noise
+
+
+def averaged(plane: AnyArray, factor: int) -> AnyArray:
+    """Means over squares of `factor`² pixels of a plane (height, width, ...), in float32.
+
+    Examples
+    --------
+    >>> averaged(np.array([[1.0, 3.0], [5.0, 7.0]]), 2).tolist()
+    [[4.0]]
+    """
+    if factor == 1:
+        return plane
+    height, width = (length // factor for length in plane.shape[:2])
+    squares = plane.reshape(height, factor, width, factor, *plane.shape[2:])
+    return squares.mean(axis=(1, 3), dtype=np.float32)
+
+
+def averaged_errors(standard_error: AnyArray, factor: int) -> AnyArray:
+    """Standard errors of means over squares of `factor`² pixels, whose errors are independent.
+
+    Examples
+    --------
+    >>> averaged_errors(np.full((2, 2), 0.5), 2).tolist()
+    [[0.25]]
+    """
+    return np.sqrt(averaged(np.square(standard_error), factor)) / factor
 
 
 def noise_power(standard_error: AnyArray, mask: BoolArray) -> float:

@@ -75,22 +75,26 @@ class Data(NamedTuple):
     counts: dict[str, int]
 
 
-def read_data(folder: Path, seed: int, progress: Progress) -> Data:
+def read_data(folder: Path, options: TrainingOptions, progress: Progress) -> Data:
     """Read the splits of a dataset.
 
     Raises
     ------
     InputError
         A dataset without splits train and val, or not of three bands, or damaged; no polarised
-        light in the split val.
+        light in the split val; a side that does not divide that of the pictures.
     """
     dataset = open_dataset(folder)
     counts = splits_of(dataset)
-    train, val = (read_examples(dataset, name, seed, progress) for name in ("train", "val"))
+
+    def read(split: str) -> Examples:
+        return read_examples(dataset, split, options.seed, progress, options.side)
+
+    train, val = read("train"), read("val")
     if not val.light[val.mask][..., 1:].any() or not train.mask.any():
         hint = "render a suite with polarised light"
         raise InputError(str(folder), "polarised light in train and val", "none", hint)
-    test = read_examples(dataset, TEST, seed, progress) if counts.get(TEST) else None
+    test = read(TEST) if counts.get(TEST) else None
     return Data(dataset, train, val, test, counts)
 
 
@@ -113,7 +117,7 @@ def train_model(
     began = time.monotonic()
     parent = None if begin_from is None else read_model(begin_from)
     options = _agreed(options, parent)
-    data = read_data(folder, options.seed, progress)
+    data = read_data(folder, options, progress)
     kept = KeptTraining(model, _identity(data, options, parent), began)
     training = fit(
         data.train,
@@ -238,7 +242,7 @@ def ablation(
     The first network is also measured with its estimates for a picture and for its mirror image
     averaged.
     """
-    data = read_data(folder, options.seed, progress)
+    data = read_data(folder, options, progress)
     for row, change in ABLATION.items():
         own = replace(options, **change)
         training = fit(data.train, data.val, own, progress, lambda _: None)

@@ -26,7 +26,13 @@ import malus  # noqa: E402
 from malus.bench.datasets.render import render_dataset  # noqa: E402
 from malus.bench.learning import examples as reading  # noqa: E402
 from malus.bench.learning import network, options, train, training  # noqa: E402
-from malus.bench.learning.examples import noise_power, normalised, read_examples  # noqa: E402
+from malus.bench.learning.examples import (  # noqa: E402
+    averaged,
+    averaged_errors,
+    noise_power,
+    normalised,
+    read_examples,
+)
 from malus.bench.learning.kept import KeptTraining  # noqa: E402
 from malus.bench.learning.model_file import read_model, write_model  # noqa: E402
 from malus.bench.learning.network import Architecture  # noqa: E402
@@ -431,6 +437,27 @@ def test_processes_read_what_one_reads(spheres: Path, monkeypatch: pytest.Monkey
     together = read_examples(dataset, "train", 0, silent)
     np.testing.assert_array_equal(alone.light, together.light)
     np.testing.assert_array_equal(alone.mask, together.mask)
+
+
+def test_smaller_pictures_are_means_of_pixels(spheres: Path) -> None:
+    dataset = malus.open_dataset(spheres)
+    whole, half = (read_examples(dataset, "val", 0, silent, side) for side in (None, 16))
+    blocks = whole.light.astype(np.float64).reshape(8, 16, 2, 16, 2, 3, 3).mean(axis=(2, 4))
+    mask = whole.mask.reshape(8, 16, 2, 16, 2).all(axis=(2, 4))
+    np.testing.assert_array_equal(half.mask, mask)
+    assert mask.any()
+    for found, expected, valid in zip(half.light, blocks, mask, strict=True):
+        expected = expected / expected[valid][..., 0].mean()
+        np.testing.assert_allclose(found, expected, rtol=3e-3, atol=1e-6)  # half precision, twice
+    with pytest.raises(malus.InputError, match=r"side: expected a divisor .* 32 × 32"):
+        read_examples(dataset, "val", 0, silent, 20)
+
+
+def test_means_of_pixels_vary_by_their_stated_error() -> None:
+    errors = np.random.default_rng(1).uniform(0, 0.3, (8, 8, 3, 3))
+    draws = errors * np.random.default_rng(2).normal(size=(4000, 8, 8, 3, 3))
+    found = np.std([averaged(draw, 2) for draw in draws], axis=0)
+    np.testing.assert_allclose(averaged_errors(errors, 2), found, rtol=0.06)  # 5 of 1/√8000
 
 
 def test_memory_is_bounded(spheres: Path) -> None:
