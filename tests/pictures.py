@@ -1,4 +1,4 @@
-"""Pictures that nobody took, and a mesh that one of them is wrapped around."""
+"""Pictures that nobody took, files of them, and a mesh that one of them is wrapped around."""
 
 from __future__ import annotations
 
@@ -8,8 +8,13 @@ import numpy as np
 import PIL.Image
 import trimesh
 
+from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.tone_curves import srgb_transfer
+from malus.reconstruct.photos.write_picture import write_picture
 from malus.scenes import MeshFile
+
+SMOOTH = np.linspace(20, 230, 16 * 24).reshape(16, 24)[..., None].repeat(3, -1).astype(np.uint8)
+CODES_16 = np.random.default_rng(0).integers(0, 65536, (16, 24, 4), dtype=np.uint16)
 
 
 def dome(side: int = 64) -> tuple[np.ndarray, np.ndarray]:
@@ -51,3 +56,10 @@ def corner(folder: Path) -> Path:
     values[:20, 20:] = 255
     PIL.Image.fromarray(values).save(folder / "corner.png")
     return folder / "corner.png"
+
+
+def rewritten(path: Path, picture: Picture) -> Path:
+    """A file beside `path` that malus makes of a picture as it was read."""
+    copy = path.with_name(f"copy{picture.suffix}")
+    write_picture(copy, picture)
+    return copy

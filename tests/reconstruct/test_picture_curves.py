@@ -1,0 +1,100 @@
+"""Curves and transparent colours that a picture tells of: taken at its word, or refused."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+import PIL.Image
+import PIL.TiffImagePlugin
+import pytest
+from pictures import CODES_16, SMOOTH, rewritten
+
+from malus.reconstruct.photos.read_picture import read_picture
+from malus.scenes import InputError
+
+
+def png_with(chunk: bytes, content: bytes) -> bytes:
+    data = io.BytesIO()
+    PIL.Image.fromarray(SMOOTH).save(data, "PNG")
+    raw = struct.pack(">I", len(content)) + chunk + content
+    raw += struct.pack(">I", zlib.crc32(chunk + content))
+    return data.getvalue()[:33] + raw + data.getvalue()[33:]
+
+
+def test_a_transparent_colour_is_told(tmp_path: Path) -> None:
+    colour = struct.pack(">3H", *SMOOTH[3, 4].tolist())
+    (tmp_path / "t.png").write_bytes(png_with(b"tRNS", colour))
+    picture = read_picture(tmp_path / "t.png")
+    assert picture.alpha is not None
+    assert picture.alpha[3, 4] == 0
+    assert any("transparent colour" in note for note in picture.notes)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("gamma", [1.0, 0.55])
+def test_a_png_tells_its_gamma_and_keeps_it(tmp_path: Path, bits: int, gamma: float) -> None:
+    codes = np.ascontiguousarray(SMOOTH if bits == 8 else CODES_16[..., :3])
+    data, path = bytes(imagecodecs.png_encode(codes)), tmp_path / "a.png"
+    content = struct.pack(">I", round(gamma * 1e5))
+    raw = struct.pack(">I", 4) + b"gAMA" + content
+    raw += struct.pack(">I", zlib.crc32(b"gAMA" + content))
+    path.write_bytes(data[:33] + raw + data[33:])
+    picture = read_picture(path)
+    # The samples are light to the power of the chunk's number.
+    np.testing.assert_allclose(picture.linear**gamma, codes / (2**bits - 1), atol=1e-6)
+    assert f"gamma of {1 / gamma:.4g}" in picture.assumption
+    copy = rewritten(path, picture)
+    assert raw in copy.read_bytes()
+    np.testing.assert_array_equal(imagecodecs.png_decode(copy.read_bytes()), codes)
+    srgb = b"\0\0\0\1sRGB\0" + struct.pack(">I", zlib.crc32(b"sRGB\0"))
+    path.write_bytes(data[:33] + srgb + raw + data[33:])  # which stands above gAMA
+    assert "sRGB" in read_picture(path).assumption
+
+
+@pytest.mark.parametrize("named", ["index", "gamma", "xmp"])
+def test_a_jpeg_tells_its_gamma_and_keeps_it(tmp_path: Path, named: str) -> None:
+    """Cameras in their Adobe RGB mode write no profile, but R03."""
+    exif, options = PIL.Image.Exif(), {}
+    if named == "xmp":
+        options["xmp"] = b"<x:xmpmeta xmlns:x='adobe:ns:meta/'><exif:Gamma>22/10</exif:Gamma>"
+    elif named == "gamma":
+        exif.get_ifd(0x8769)[0xA500] = PIL.TiffImagePlugin.IFDRational(22, 10)
+    else:
+        exif.get_ifd(0x8769)[0xA001] = 65535
+        exif.get_ifd(0x8769)[0xA005] = {1: "R03"}
+    path = tmp_path / "a.jpg"
+    PIL.Image.new("RGB", (16, 16), (128, 64, 200)).save(path, quality=100, exif=exif, **options)
+    picture = read_picture(path)
+    assert "gamma of 2.2" in picture.assumption or "gamma of 2.199" in picture.assumption
+    light = (np.array([128, 64, 200]) / 255) ** 2.2
+    np.testing.assert_allclose(picture.linear, np.broadcast_to(light, (16, 16, 3)), atol=0.01)
+    again = read_picture(rewritten(path, picture))
+    assert again.assumption == picture.assumption
+
+
+@pytest.mark.parametrize(("code", "found"), [(16, "PQ"), (18, "HLG"), (9, "number 9")])
+def test_curves_of_high_range_are_refused(tmp_path: Path, code: int, found: str) -> None:
+    (tmp_path / "a.png").write_bytes(png_with(b"cICP", bytes([9, code, 0, 1])))
+    with pytest.raises(InputError, match=found):
+        read_picture(tmp_path / "a.png")
+    deep = (CODES_16[..., :3] >> 6).astype(np.uint16)
+    data = imagecodecs.avif_encode(deep, bitspersample=10, level=100, transfer=code)
+    (tmp_path / "a.avif").write_bytes(data)
+    with pytest.raises(InputError, match=found):
+        read_picture(tmp_path / "a.avif")
+
+
+def test_a_linear_avif_is_linear(tmp_path: Path) -> None:
+    codes = np.ascontiguousarray(SMOOTH)
+    data = imagecodecs.avif_encode(codes, level=100, transfer=8)
+    (tmp_path / "a.avif").write_bytes(data)
+    picture = read_picture(tmp_path / "a.avif")
+    np.testing.assert_allclose(picture.linear, codes / 255, atol=1.01 / 255)
+    again = read_picture(rewritten(tmp_path / "a.avif", picture))
+    assert again.kind == "PNG"
+    np.testing.assert_allclose(again.linear, picture.linear, atol=1e-6)
