@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import struct
+from pathlib import Path
 
 import numpy as np
 
 from malus.renderers import Truth
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
 from malus.scenes.shapes.geometry import TriangleMesh, icosahedral_grid
 from malus.scenes.shapes.meshes import signed_volume
@@ -62,6 +64,14 @@ def made_up_truth(
         diffuse_noise=-stokes(1e-3),
         interpolation_error={"rms": 0.1 + seed, "worst": 1 / 3},
     )
+
+
+def stored(folder: Path, *truths: Truth) -> Path:
+    """Write a dataset of truths; its folder."""
+    with DatasetWriter(folder) as writer:
+        for truth in truths:
+            writer.add(truth)
+    return folder
 
 
 def tensor_file(**fields: np.ndarray) -> bytes:

@@ -1,6 +1,6 @@
 """Meshes, pictures and measured materials: a dataset keeps those that scenes name, and no others.
 
-Radiance maps have the same tests in test_dataset.py.
+Radiance maps have the same tests in test_dataset_maps.py.
 """
 
 from __future__ import annotations
