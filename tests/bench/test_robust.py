@@ -1,4 +1,4 @@
-"""It holds up: kills at any moment, two at once, full disks, failures, workers that die.
+"""It holds up: kills at any moment, two at once, suites that change, and failures.
 
 `MALUS_KILLS=50` kills that often more; `MALUS_FAMILIES=500` also watches the memory
 of a run of so many families, which takes minutes.
@@ -16,50 +16,24 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
-from runs import (
-    NOBODY,
-    SMALL,
-    SUITE,
-    TINY,
-    assert_same_results,
-    end,
-    files,
-    one_line,
-    run_malus,
-    start,
-    wait_for,
-)
+from runs import NOBODY, SMALL, SUITE, TINY, assert_same_results, end, files, start, wait_for
 
 import malus.bench.running.truths
 from malus.bench import run
 from malus.bench.datasets.render import render_dataset
-from malus.bench.running.cluster import WAITING, spread
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import PLAN
-from malus.bench.running.plan import plan
 from malus.bench.running.status import status
 from malus.bench.running.work import Engine, in_this_process
 from malus.reconstruct import Components, Observation, get_method
-from malus.renderers.variant import choose
 from malus.scenes import InputError, Scene, Suite
 from malus.scenes.core.result_files import PARTS
 
 KILLS = int(os.environ.get("MALUS_KILLS", "0"))
-
-
-@pytest.fixture(scope="module")
-def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of an uninterrupted run."""
-    out = tmp_path_factory.mktemp("robust") / "whole"
-    done = run_malus(*TINY, "--out", str(out))
-    assert done.returncode == 0, done.stderr
-    return out
 
 
 def test_kills_at_any_moment_lose_nothing(tmp_path: Path, uninterrupted: Path) -> None:
@@ -327,116 +301,6 @@ def test_status_counts_what_is_left_and_refuses_what_is_no_run(tmp_path: Path) -
         status(tmp_path)
 
 
-# --- clusters ---
-
-
-@pytest.fixture(scope="module")
-def client() -> Iterator[Any]:
-    """A client of a cluster of two processes."""
-    pytest.importorskip("distributed", reason="Dask is not installed")
-    from malus.bench.running.cluster import _local
-
-    with ExitStack() as stack:
-        yield _local(2, stack)
-
-
-def meets(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
-    """Wait until another task is under way too, which only another worker can do."""
-    mine = Path(task.id)
-    mine.touch()
-    until = time.monotonic() + 60
-    while len(list(mine.parent.iterdir())) < 2:
-        if time.monotonic() > until:
-            raise RuntimeError("no worker does the other task")
-        time.sleep(0.01)
-    return FamilyResult()
-
-
-def test_workers_do_tasks_at_the_same_time(
-    client: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """What the scheduler takes of a family's time is measured by `malus bench scaling`."""
-    monkeypatch.setattr("malus.bench.running.cluster._remote", meets)
-    family = plan(SUITE)[0]
-    tasks = [FamilyTask(str(tmp_path / str(k)), family, "torrance-sparrow", {}) for k in range(2)]
-    done = list(spread(tasks, client, NOBODY))
-    assert sorted(task.id for task, _ in done) == [task.id for task in tasks]
-    assert not any(result.failures for _, result in done)
-
-
-def answers(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
-    return FamilyResult()
-
-
-def test_no_worker_waits_for_a_task_and_few_are_handed_over(
-    client: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("malus.bench.running.cluster._remote", answers)
-    family = plan(SUITE)[0]
-    taken: list[FamilyTask] = []
-
-    def source() -> Iterator[FamilyTask]:
-        for k in range(100):
-            taken.append(FamilyTask(str(k), family, "torrance-sparrow", {}))
-            yield taken[-1]
-
-    under_way = []
-    for finished, (_, result) in enumerate(spread(source(), client, NOBODY)):
-        assert not result.failures
-        under_way.append(len(taken) - finished)
-    assert len(under_way) == 100
-    # Two workers: one task each and the next one, and a fixed number beside them.
-    assert min(under_way[:60]) >= 4
-    assert max(under_way) <= 4 + WAITING
-
-
-def test_workers_make_the_same_tables_and_a_killed_one_loses_nothing(
-    client: Any, tmp_path: Path, uninterrupted: Path
-) -> None:
-    killed: list[int] = []
-
-    def kills(source: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-        for pair in spread(source, client, choose()):
-            if not killed:
-                killed.append(next(iter(client.run(os.getpid).values())))
-                os.kill(killed[0], signal.SIGKILL)
-            yield pair
-
-    results = run(SMALL, tmp_path, engine=kills)
-    assert killed
-    assert results.run["families_failed"] == 0
-    assert_same_results(tmp_path, uninterrupted)
-
-
-def profilers(dask_worker: Any) -> set[str]:
-    """Periodic callbacks of a worker that take samples of its threads and are running."""
-    callbacks = dask_worker.periodic_callbacks
-    return {name for name in ("profile", "profile-cycle") if running(callbacks.get(name))}
-
-
-def running(callback: Any) -> bool:
-    return callback is not None and callback.is_running()
-
-
-def starts_profiler(dask_worker: Any) -> None:
-    from tornado.ioloop import PeriodicCallback
-
-    dask_worker.periodic_callbacks["profile"] = PeriodicCallback(dask_worker.trigger_profile, 10)
-    dask_worker.loop.add_callback(dask_worker.periodic_callbacks["profile"].start)
-
-
-def test_workers_take_no_samples_of_a_thread_that_renders(client: Any) -> None:
-    """Dask's profiler holds frames with arrays of Dr.Jit, which only their thread may free."""
-    assert set().union(*client.run(profilers).values()) == set()
-    client.run(starts_profiler)  # as the workers of somebody else's cluster do
-    assert set().union(*client.run(profilers).values()) == {"profile"}
-    family = plan(SUITE)[0]
-    tasks = [FamilyTask(str(k), family, "torrance-sparrow", {}) for k in range(4)]
-    assert len(list(spread(tasks, client, NOBODY))) == 4
-    stopped = [name for name in client.run(profilers).values() if not name]
-    assert stopped  # on every worker that did a task
-
-
 @pytest.mark.skipif("MALUS_FAMILIES" not in os.environ, reason="MALUS_FAMILIES=500 asks for it")
 def test_memory_stays_flat(tmp_path: Path) -> None:
     count = int(os.environ["MALUS_FAMILIES"])
@@ -456,29 +320,3 @@ def test_memory_stays_flat(tmp_path: Path) -> None:
     run(Suite.parse(data, "test"), tmp_path, progress=watch)
     # Kernels and tables of methods are kept up to a fixed number: the first fifth fills them.
     assert megabytes[-2] - megabytes[count // 5] < 64
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (["--workers", "0"], "at least 1"),
-        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "one of the two"),
-    ],
-)
-def test_wrong_clusters_are_one_line(tmp_path: Path, options: list[str], says: str) -> None:
-    done = run_malus(*TINY, "--out", str(tmp_path), *options)
-    assert done.returncode == 2
-    assert says in one_line(done.stderr)
-
-
-def test_without_workers_nothing_of_dask_is_imported(tmp_path: Path) -> None:
-    script = (
-        "import sys; from malus.bench.commands.run import run_command\n"
-        "from malus.bench.running.cluster import engine\n"
-        "from malus.renderers.variant import choose\n"
-        "with engine(choose('scalar'), None, None): print({'dask', 'distributed'} & {*sys.modules})"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "set()"
