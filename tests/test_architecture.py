@@ -150,6 +150,14 @@ def test_modules_and_functions_stay_small(package: str) -> None:
                 assert lines <= LINES_OF_A_FUNCTION, f"{path}: {node.name} has {lines} lines"
 
 
+def test_modules_of_tests_stay_small() -> None:
+    """Their functions may be long: a test reads as one story."""
+    modules = list((ROOT / "tests").rglob("*.py"))
+    assert modules
+    for path in modules:
+        assert len(path.read_text("utf-8").splitlines()) <= LINES_OF_A_MODULE, path
+
+
 def test_conventions_are_coded_once() -> None:
     """Only scenes/polarisation.py does trigonometry with a polariser's angle."""
     for path in all_sources():
