@@ -30,7 +30,7 @@ class Batch(NamedTuple):
     """What the network sees and shall tell.
 
     `picture` (batch, side, side, 3), linear light over its mean; `target` (batch, side, side, 3,
-    2), s1/s0 and s2/s0; `weight` (batch, side, side, 3), the squared light of pixels that count, 0
+    2), s1/s0 and s2/s0; `weight` (batch, side, side, 3), the light of pixels that count, 0
     elsewhere.
     """
 
@@ -92,7 +92,7 @@ def _one(key: JaxArray, light: JaxArray, mask: JaxArray) -> tuple[JaxArray, JaxA
     light = light / jnp.maximum(_mean(shown, mask), _DARK)
     seen, lit = photographed(noise, light[..., 0], random_camera(how))
     target = ratios(light)
-    weight = jnp.where(mask[..., None] & lit, jnp.minimum(light[..., 0], HIGHLIGHT) ** 2, 0.0)
+    weight = jnp.where(mask[..., None] & lit, jnp.minimum(light[..., 0], HIGHLIGHT), 0.0)
     return seen / jnp.maximum(_mean(seen, mask), _DARK), target, weight
 
 

@@ -2,6 +2,8 @@
 
 malus' skill is nearly 1 - Σ s0² |q - q̂|² / Σ s0² |q|² with q = (s1, s2)/s0: the mean over the
 five polariser angles weighs s1, s2 and their product a little differently. Validation does so, too.
+The training weighs by s0 in place of its square, of which one pixel of a hundred holds more than
+half where lamps are mirrored: so more pixels have a say, and skill grows in fewer steps.
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ def _likelihood(squared: JaxArray, deviations: JaxArray, weight: JaxArray) -> Ja
     """Negative logarithm of the Gaussian density of two components, a pixel; trains no ratios."""
     residual = jax.lax.stop_gradient(squared)
     density = 0.5 * residual / deviations**2 + 2 * jnp.log(deviations)
-    visible = weight > _VISIBLE
+    visible = weight**2 > _VISIBLE
     return (visible * density).sum() / jnp.maximum(visible.sum(), 1)
 
 

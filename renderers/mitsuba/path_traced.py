@@ -26,7 +26,7 @@ from malus.renderers.mitsuba.lighting import Sampler, sampler
 from malus.renderers.mitsuba.lobe_samples import HALVES, spread_of, unit
 from malus.renderers.mitsuba.padding import padding
 from malus.renderers.mitsuba.patterns import surface_shares
-from malus.renderers.mitsuba.placed import object_bsdfs_of, parts_of, pattern_on, placed_object
+from malus.renderers.mitsuba.placed import object_bsdf, parts_of, pattern_on, placed_object
 from malus.renderers.mitsuba.polarised_emitters import room_emitters
 from malus.renderers.mitsuba.pooled import pooled
 from malus.renderers.mitsuba.rays import Film, stream_number, streams, to_camera_frame
@@ -178,7 +178,7 @@ class Room:
 
         self.mi, self.described, self.sampling = mi, described, sampling
         scene = described
-        object_bsdfs = object_bsdfs_of(mi, scene.objects)
+        object_bsdfs = [object_bsdf(mi, placed) for placed in scene.objects]
         self.bsdfs = [bsdf for _, bsdfs in object_bsdfs for bsdf in bsdfs]
         self.shapes = [
             placed_object(mi, placed, bsdf)

@@ -7,7 +7,7 @@ our own, which gives the share of the next surface at a position in space.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -83,25 +83,6 @@ def object_bsdf(mi: ModuleType, placed: Placed) -> tuple[Any, list[SurfaceBSDF]]
         blend = {"type": "blendbsdf", "weight": weight, "first": whole, "second": next_surface.bsdf}
         whole = mi.load_dict(blend)
     return whole, bsdfs
-
-
-def object_bsdfs_of(
-    mi: ModuleType, objects: Sequence[Placed]
-) -> list[tuple[Any, list[SurfaceBSDF]]]:
-    """`object_bsdf` of all objects, made in the order of their kinds.
-
-    Dr.Jit numbers BSDFs in the order in which they are made, and the order of a kernel's
-    instructions follows these numbers: that of the objects would make many kernels of one.
-    """
-
-    def kind(number: int) -> str:
-        surface = objects[number].surface
-        pattern = surface.pattern.label if isinstance(surface, Patterned) else ""
-        parts = [f"{part.kind} {part.body} {part.distribution}" for part in parts_of(surface)]
-        return f"{len(parts)} {parts} {pattern}"
-
-    made = {n: object_bsdf(mi, objects[n]) for n in sorted(range(len(objects)), key=kind)}
-    return [made[number] for number in range(len(objects))]
 
 
 def pattern_on(mi: ModuleType, placed: Placed) -> SurfaceNumber:
