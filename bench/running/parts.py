@@ -10,18 +10,21 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from malus.bench.running.plan import FamilyPlan
+from malus.reconstruct.learned.net import is_network, weights_of
+from malus.reconstruct.learned.network import WEIGHTS
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError, printable
 from malus.scenes.core.files import open_regular, read_json, write_whole
 from malus.scenes.core.model import content_id
+from malus.scenes.core.named_file import digest_of
 from malus.scenes.core.result_files import PARTS
 from malus.scenes.suite import Suite
 
@@ -81,6 +84,33 @@ def part_id(family: FamilyPlan, suite: Suite, variant: str) -> str:
     return content_id([family.id, suite.renderer, *scored, variant, _malus(), SCHEMA])
 
 
+def stamped(method: str) -> str:
+    """The name of a method; of a network with the digest of its weights, which may change.
+
+    Examples
+    --------
+    >>> stamped("eq8"), stamped("net:missing.onnx")
+    ('eq8', 'net:missing.onnx@')
+    """
+    if not is_network(method):
+        return method
+    path = weights_of(method) or WEIGHTS
+    return f"{method}@{digest_of(path, 'network') if path.is_file() else ''}"
+
+
+def still_the_same(attributes: Mapping[str, Any]) -> set[str]:
+    """Methods that a part has for every scene, of its attributes; no network of other weights.
+
+    Examples
+    --------
+    >>> still_the_same({"methods": ["eq8", "net@0123456789abcdef"]})
+    {'eq8'}
+    """
+    stamps = attributes.get(METHODS, ())
+    names = {(s.rpartition("@")[0] if is_network(s) else s): s for s in stamps}
+    return {name for name, stamp in names.items() if stamped(name) == stamp}
+
+
 @functools.cache
 def _malus() -> str:
     """Version of malus; looking it up takes milliseconds, and every part has it in its name."""
@@ -137,7 +167,7 @@ class Parts:
     def write(self, name: str, table: pd.DataFrame, methods: Iterable[str]) -> None:
         """Keep the rows of a family; `methods` are those that it has for every scene."""
         # pandas stores attributes with the Parquet file: they come back when a run goes on.
-        table.attrs[METHODS] = sorted(methods)
+        table.attrs[METHODS] = sorted(map(stamped, methods))
         write_whole(self._path(name), lambda path: table.to_parquet(path, index=False))
 
     def methods(self, name: str) -> tuple[str, ...]:
@@ -146,7 +176,7 @@ class Parts:
 
         with suppress(Exception), open_regular(self._path(name)) as file:
             metadata = pq.read_schema(file).pandas_metadata or {}  # raises anything, too
-            return tuple(metadata.get("attributes", {}).get(METHODS, ()))
+            return tuple(sorted(still_the_same(metadata.get("attributes", {}))))
         return ()
 
     def failures(self, name: str) -> tuple[Failure, ...]:

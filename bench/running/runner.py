@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any
 from malus.bench.running.examples import example_ids
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.output_folder import prepare_folder
-from malus.bench.running.parts import METHODS, Failure, Parts, in_order, merged, part_id, write_plan
+from malus.bench.running.parts import (
+    Failure,
+    Parts,
+    in_order,
+    merged,
+    part_id,
+    still_the_same,
+    write_plan,
+)
 from malus.bench.running.plan import FamilyPlan, by_stage, plan, plan_record, stages
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results, origin, read_results, write_run, write_tables
@@ -225,7 +233,7 @@ def in_working_order(families: Sequence[FamilyPlan]) -> Sequence[FamilyPlan]:
 
 def _whole_methods(table: pd.DataFrame | None) -> set[str]:
     """Methods that the table of a part has for every scene of its family."""
-    return set() if table is None else set(table.attrs.get(METHODS, ()))
+    return set() if table is None else still_the_same(table.attrs)
 
 
 def _reason(failures: Iterable[Failure], lacking: set[str], family: FamilyPlan) -> Failure:

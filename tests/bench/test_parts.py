@@ -1,0 +1,24 @@
+"""Parts of a run know which methods they hold, and by which weights of a network."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from malus.bench.running.parts import Parts
+
+
+def test_a_network_of_other_weights_is_scored_anew(tmp_path: Path) -> None:
+    pytest.importorskip("onnx", reason="no onnx; pip install onnx")
+    from networks import edges
+
+    model = edges(tmp_path / "mine.onnx")
+    parts, names = Parts(tmp_path), ("eq8", f"net:{model}")
+    parts.write("a", pd.DataFrame({"method": names}), names)
+    assert parts.methods("a") == names
+    edges(model, slope=0.2)
+    assert parts.methods("a") == ("eq8",)
+    model.unlink()
+    assert parts.methods("a") == ("eq8",)
