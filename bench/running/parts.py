@@ -106,9 +106,13 @@ def still_the_same(attributes: Mapping[str, Any]) -> set[str]:
     >>> still_the_same({"methods": ["eq8", "net@0123456789abcdef"]})
     {'eq8'}
     """
-    stamps = attributes.get(METHODS, ())
-    names = {(s.rpartition("@")[0] if is_network(s) else s): s for s in stamps}
-    return {name for name, stamp in names.items() if stamped(name) == stamp}
+    found = set()
+    for stamp in attributes.get(METHODS, ()):
+        before = stamp.rpartition("@")[0]
+        name = before if is_network(before) else stamp
+        if stamped(name) == stamp:
+            found.add(name)
+    return found
 
 
 @functools.cache

@@ -22,3 +22,9 @@ def test_a_network_of_other_weights_is_scored_anew(tmp_path: Path) -> None:
     assert parts.methods("a") == ("eq8",)
     model.unlink()
     assert parts.methods("a") == ("eq8",)
+
+
+def test_the_network_that_malus_brings_is_kept(tmp_path: Path) -> None:
+    parts, names = Parts(tmp_path), ("eq8", "net", "net-around")
+    parts.write("a", pd.DataFrame({"method": names}), names)
+    assert parts.methods("a") == names
