@@ -93,6 +93,8 @@ def _read(samples: Any, index: int, queue: Any) -> None:
     queue.put(samples[index]["stokes"])
 
 
+# Where another test of this process imported JAX, it warns of every fork; ours uses no JAX.
+@pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 @pytest.mark.parametrize("form", FORMS)
 def test_workers_read_what_the_parent_reads(forms: dict[str, Path], form: str, method: str) -> None:
