@@ -81,7 +81,7 @@ def test_a_stop_is_one_line_and_leaves_nothing_half_written(
 ) -> None:
     if options:
         pytest.importorskip("distributed", reason="Dask is not installed")
-    process = start("run", "quick", "--samples", "128", "--out", str(tmp_path), *options)
+    process = start("run", "quick", "--samples", "8192", "--out", str(tmp_path), *options)
     wait_for(lambda: any(tmp_path.glob(f"{PARTS}/[0-9a-f]*.parquet")), process)
     # As a terminal does, to all processes of the command.
     os.killpg(process.pid, number)
