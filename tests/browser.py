@@ -38,6 +38,18 @@ def find_browser() -> tuple[str, str]:
     pytest.skip(message)
 
 
+def chromium(profile: Path) -> Any:
+    """Chromium's driver with an empty profile; it logs what pages say and ask for."""
+    browser, path = find_browser()
+    webdriver = pytest.importorskip("selenium.webdriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = browser
+    for flag in (*CHROMIUM_FLAGS, f"--user-data-dir={profile}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    return webdriver.Chrome(options, webdriver.ChromeService(path))
+
+
 class Browser:
     """A page in Chromium, driven through its driver."""
 

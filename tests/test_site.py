@@ -6,10 +6,8 @@ The last tests open it in Chromium from `file://`, as whoever built it without a
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,6 +17,7 @@ from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from browser import chromium
 
 import malus
 from malus.bench.cli import cli
@@ -163,22 +162,10 @@ def test_a_tutorial_becomes_prose_and_code() -> None:
     )
 
 
-CHROMIUM_FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run")
-
-
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Chromium's driver; without it these tests are skipped, but in CI they fail."""
-    browser, path = shutil.which("chromium"), shutil.which("chromedriver")
-    if not (browser and path):
-        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)("needs chromium-driver")
-    webdriver = pytest.importorskip("selenium.webdriver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = browser
-    for flag in (*CHROMIUM_FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options, webdriver.ChromeService(path))
+    driver = chromium(tmp_path_factory.mktemp("chromium"))
     yield driver
     driver.quit()
 

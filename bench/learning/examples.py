@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from malus.bench.learning.options import SMALLEST
 from malus.bench.running.progress import Progress
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.datasets.dataset import Dataset, open_dataset
@@ -22,9 +23,6 @@ MEMORY = 8e9
 
 ALONE = 150
 """Scenes that one process has read before others would have started."""
-
-SMALLEST = 16
-"""Fewest pixels a side of pictures to train on: the network's coarsest level has one."""
 
 _WORKERS = 8
 _LARGEST = 6e4

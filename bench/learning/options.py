@@ -18,6 +18,10 @@ SECONDS = 600.0
 """Time that a training takes by default."""
 
 
+SMALLEST = 16
+"""Fewest pixels a side of pictures to train on: the network's coarsest level has one."""
+
+
 @dataclass(frozen=True)
 class TrainingOptions:
     """Options of a training; every one is written into the recipe beside the weights.
@@ -82,7 +86,7 @@ class TrainingOptions:
         for name, least, most in (("batch", 1, 4096), ("width", 4, 64), ("seed", 0, 2**28)):
             _check_whole(name, getattr(self, name), least, most)
         if self.side is not None:
-            _check_whole("side", self.side, 16, 4096)
+            _check_whole("side", self.side, SMALLEST, 4096)
         if self.steps is not None:
             _check_whole("steps", self.steps, 1, 10**9)
 

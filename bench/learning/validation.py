@@ -38,7 +38,9 @@ def measured(weights: Weights, examples: Examples, prior: str, mirrored: bool = 
 
     Returns
     -------
-    Measured, NaN where no scene is polarised beyond its noise; skills are corrected for noise
+    Measured, NaN where no scene is polarised beyond its noise. Skills are corrected for the noise
+    of the truth, but not for how the estimate follows it, which is in the picture too: on the
+    suite `photos` they are 0.01 above those of `malus score`.
     """
     parts = [
         _sums(prior, mirrored, weights, *part) for part in _parts(examples.light, examples.mask)

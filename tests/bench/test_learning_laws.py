@@ -7,7 +7,13 @@ import pytest
 
 jax = pytest.importorskip("jax", reason="no jax; pip install jax optax onnx onnxruntime")
 
-from malus.bench.learning.augment import augmented, before_others, ratios, without_surroundings  # noqa: E402
+from malus.bench.learning.augment import (  # noqa: E402
+    HIGHLIGHT,
+    augmented,
+    before_others,
+    ratios,
+    without_surroundings,
+)
 from malus.bench.learning.camera import Camera, in_blocks, photographed, random_camera  # noqa: E402
 from malus.bench.learning.colours import blurred, mixed, random_blur, random_mixture  # noqa: E402
 from malus.bench.learning.warp import Motion, moved, random_motion, with_picture  # noqa: E402
@@ -200,6 +206,27 @@ def test_new_examples_are_physical_and_their_picture_has_a_mean_of_one() -> None
     assert np.linalg.norm(target, axis=-1).max() <= 0.8 + 1e-2  # that of the field, half precision
     assert weight.max() > 0
     assert (picture[weight > 0] >= 0).all()
+
+
+def test_pixels_weigh_by_their_light_up_to_a_highlight() -> None:
+    """Grey halves of 1 and 3, and a spot: weights are as the light, whatever the exposure."""
+    picture = np.ones((64, 64), np.float32)
+    picture[:, 32:] = 3
+    picture[28:36, 12:20] = 500
+    light = np.zeros((12, 64, 64, 3, 3), np.float16)
+    light[..., 0] = picture[..., None]
+    batch = jax.jit(augmented, static_argnums=(3, 4))(
+        jax.random.key(1), light, np.ones((12, 64, 64), bool), 0.0, 64
+    )
+    ratios_of_halves = []
+    for weight in np.asarray(batch.weight)[..., 0]:
+        assert weight.max() <= HIGHLIGHT
+        flat = weight[(weight > 0) & (weight < 0.9 * HIGHLIGHT)]
+        counts, edges = np.histogram(np.log(flat), bins=200)
+        first, second = np.sort(edges[np.argsort(counts)[-2:]])
+        ratios_of_halves.append(np.exp(second - first))
+    # Blurred and clipped ones among them differ; bins are some percent wide.
+    assert np.median(ratios_of_halves) == pytest.approx(3, rel=0.1)
 
 
 def test_cameras_are_different() -> None:
