@@ -5,10 +5,13 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.metadata
+import importlib.util
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -169,18 +172,59 @@ def _of_file(name: str) -> Method:
 def _loaded(where: str, reference: str) -> Method:
     """The Method that `package.module:object` refers to; InputError if there is none."""
     module, _, attribute = reference.partition(":")
-    # The module may lie in the working folder.
-    folder = os.getcwd()
-    sys.path.insert(0, folder)
     try:
-        loaded = getattr(importlib.import_module(module), attribute)
+        with _working_folder():
+            loaded = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         hint = "check that it can be imported"
         raise InputError(where, "package.module:object", str(error), hint) from None
-    finally:
-        # Not pop(0): the imported module may have put a folder of its own before this one.
-        sys.path.remove(folder)
     if not isinstance(loaded, Method):
         expected = "a malus.reconstruct.Method"
         raise InputError(where, expected, type(loaded).__name__, "see README, a method of your own")
     return loaded
+
+
+@contextmanager
+def _working_folder() -> Iterator[None]:
+    """Modules may lie in the working folder."""
+    folder = os.getcwd()
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        # Not pop(0): an imported module may have put a folder of its own before this one.
+        sys.path.remove(folder)
+
+
+def source_of(name: str) -> Path | None:
+    """The file that decides what a method says and that may change while malus stays the same.
+
+    Returns
+    -------
+    Path
+        The weights of a network, the module of a method of one's own; it need not exist. None for
+        other methods of malus: its version tells.
+
+    Examples
+    --------
+    >>> source_of("eq8"), source_of("net:mine.onnx").name
+    (None, 'mine.onnx')
+    >>> source_of("malus.reconstruct.methods:TRIVIAL").name
+    'methods.py'
+    """
+    from malus.reconstruct.learned.net import is_network, weights_of
+    from malus.reconstruct.learned.network import WEIGHTS
+
+    if is_network(name) and (":" not in name or name.endswith(".onnx")):
+        return weights_of(name) or WEIGHTS
+    installed = {entry.name: entry.value for entry in _installed()}
+    reference = name if ":" in name else installed.get(name)
+    return None if reference is None else _module_file(reference.partition(":")[0])
+
+
+def _module_file(module: str) -> Path:
+    """The file of a module, of which only the packages around it are imported."""
+    found = None
+    with suppress(Exception), _working_folder():  # a package raises anything
+        found = importlib.util.find_spec(module)
+    return Path(module if found is None or found.origin is None else found.origin)

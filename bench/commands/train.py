@@ -33,7 +33,7 @@ from malus.bench.commands.options import command, json_option
     type=click.Choice(["none", "lobes"]),
     help="lobes: further inputs that tell glare from the body's colour [none].",
 )
-@click.option("--width", type=int, help="Channels of the network's first level [16].")
+@click.option("--width", type=int, help="Channels of the network's first level [32].")
 @click.option(
     "--side",
     type=int,

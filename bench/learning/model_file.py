@@ -21,6 +21,7 @@ from onnx import TensorProto, helper, numpy_helper
 from malus.bench.learning.arrays import Weights
 from malus.bench.learning.network import (
     DIM,
+    FOLD,
     LEAST_DEVIATION,
     MOST,
     SLOPE,
@@ -144,7 +145,8 @@ class _Graph:
     def write(self, weights: Weights, architecture: Architecture, calibration: float) -> None:
         """Add the whole network, as `network.forward` has it."""
         self._weights = weights
-        values = self._conv("stem", self._features(architecture))
+        squares = self._call("SpaceToDepth", self._features(architecture), blocksize=FOLD)
+        values = self._conv("stem", squares)
         levels = [values]
         for layer in list(layers(architecture))[1:-1]:
             if layer.step == 2:
@@ -159,7 +161,9 @@ class _Graph:
                 inner = self._conv(layer.name, self._activated(inner))
                 values = self._call("Add", values, inner)
                 self._keep(levels, layer.name, values)
-        self._answers(self._conv("head", self._activated(values)), calibration)
+        head = self._conv("head", self._activated(values))
+        pixels = self._call("DepthToSpace", head, blocksize=FOLD, mode="DCR")
+        self._answers(pixels, calibration)
 
     @staticmethod
     def _keep(levels: list[str], name: str, values: str) -> None:

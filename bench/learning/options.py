@@ -39,7 +39,7 @@ class TrainingOptions:
     prior : str
         One of `PRIORS`.
     width : int
-        Channels of the network at full resolution; the others grow with it.
+        Channels of the network's first level, at half the resolution; the others grow with it.
     seed : int
     rate : float
         Largest learning rate; to go on from a trained model less is enough, such as 3e-4.
@@ -63,7 +63,7 @@ class TrainingOptions:
     batch: int = 32
     turn_deg: float = 20.0
     prior: str = "none"
-    width: int = 16
+    width: int = 32
     seed: int = 0
     rate: float = 1e-3
     side: int | None = None
@@ -83,7 +83,7 @@ class TrainingOptions:
             raise InputError("turn_deg", expected, f"{self.turn_deg:g}", "choose another angle")
         if not 0 <= self.rate <= 1:
             raise InputError("rate", "a number from 0 to 1", f"{self.rate:g}", "choose another")
-        for name, least, most in (("batch", 1, 4096), ("width", 4, 64), ("seed", 0, 2**28)):
+        for name, least, most in (("batch", 1, 4096), ("width", 4, 128), ("seed", 0, 2**28)):
             _check_whole(name, getattr(self, name), least, most)
         if self.side is not None:
             _check_whole("side", self.side, SMALLEST, 4096)

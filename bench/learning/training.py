@@ -34,6 +34,7 @@ VALIDATIONS = 20
 _WARM_UP = 0.04
 _LARGEST_SIDE = 128
 _TIMED_STEPS = 4
+_WEIGHT_DECAY = 0.05
 _TOGETHER = 10
 """Steps that are under way at once."""
 
@@ -144,7 +145,7 @@ def _optimiser() -> Any:
     return optax.chain(
         optax.clip_by_global_norm(1.0),
         optax.scale_by_adam(b2=0.99),
-        optax.add_decayed_weights(1e-3),
+        optax.add_decayed_weights(_WEIGHT_DECAY),
     )
 
 

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from malus.bench.running.plan import FamilyPlan
-from malus.reconstruct.learned.net import is_network, weights_of
-from malus.reconstruct.learned.network import WEIGHTS
+from malus.reconstruct.methods import source_of
 from malus.renderers.variant import Variant
 from malus.scenes.core.errors import InputError, printable
 from malus.scenes.core.files import open_regular, read_json, write_whole
@@ -85,34 +84,37 @@ def part_id(family: FamilyPlan, suite: Suite, variant: str) -> str:
 
 
 def stamped(method: str) -> str:
-    """The name of a method; of a network with the digest of its weights, which may change.
+    """The name of a method; with the digest of a network's weights or of a module of one's own.
 
     Examples
     --------
     >>> stamped("eq8"), stamped("net:missing.onnx")
     ('eq8', 'net:missing.onnx@')
     """
-    if not is_network(method):
+    source = source_of(method)
+    if source is None:
         return method
-    path = weights_of(method) or WEIGHTS
-    return f"{method}@{digest_of(path, 'network') if path.is_file() else ''}"
+    if not source.is_file():
+        return f"{method}@"
+    status = source.stat()
+    return f"{method}@{_digest(source, status.st_mtime_ns, status.st_size)}"
 
 
 def still_the_same(attributes: Mapping[str, Any]) -> set[str]:
-    """Methods that a part has for every scene, of its attributes; no network of other weights.
+    """Methods that a part has for every scene, of its attributes; none that changed since.
 
     Examples
     --------
     >>> still_the_same({"methods": ["eq8", "net@0123456789abcdef"]})
     {'eq8'}
     """
-    found = set()
-    for stamp in attributes.get(METHODS, ()):
-        before = stamp.rpartition("@")[0]
-        name = before if is_network(before) else stamp
-        if stamped(name) == stamp:
-            found.add(name)
-    return found
+    stamps = attributes.get(METHODS, ())
+    return {name for stamp in stamps if stamped(name := stamp.rpartition("@")[0] or stamp) == stamp}
+
+
+@functools.lru_cache(maxsize=64)
+def _digest(source: Path, _changed: int, _size: int) -> str:
+    return digest_of(source, "method")
 
 
 @functools.cache
