@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PLAN = "plan.json"
-SCHEMA = 5
+SCHEMA = 6
 """Number that is raised when a part's rows or attributes change: older parts are made again."""
 
 METHODS = "methods"
-"""Attribute of a part's table: the methods that it has for every scene of the family."""
+"""Attribute of a part's table: the methods that it has for every scene of the family, by name."""
 
 _MAX_BYTES = 1 << 28
 _LONGEST_REASON = 500
@@ -83,33 +83,42 @@ def part_id(family: FamilyPlan, suite: Suite, variant: str) -> str:
     return content_id([family.id, suite.renderer, *scored, variant, _malus(), SCHEMA])
 
 
-def stamped(method: str) -> str:
-    """The name of a method; with the digest of a network's weights or of a module of one's own.
+def stamped(reference: str) -> str:
+    """How a method is called; with the digest of a network's weights or of a module of one's own.
 
     Examples
     --------
     >>> stamped("eq8"), stamped("net:missing.onnx")
     ('eq8', 'net:missing.onnx@')
     """
-    source = source_of(method)
+    source = source_of(reference)
     if source is None:
-        return method
+        return reference
     if not source.is_file():
-        return f"{method}@"
+        return f"{reference}@"
     status = source.stat()
-    return f"{method}@{_digest(source, status.st_mtime_ns, status.st_size)}"
+    return f"{reference}@{_digest(source, status.st_mtime_ns, status.st_size)}"
 
 
-def still_the_same(attributes: Mapping[str, Any]) -> set[str]:
-    """Methods that a part has for every scene, of its attributes; none that changed since.
+def still_the_same(attributes: Mapping[str, Any]) -> dict[str, str]:
+    """Methods that a part has for every scene, of its attributes: how each name was called.
+
+    Those are left out whose weights or module have changed since.
 
     Examples
     --------
-    >>> still_the_same({"methods": ["eq8", "net@0123456789abcdef"]})
-    {'eq8'}
+    >>> still_the_same({"methods": {"eq8": "eq8", "net": "net@0123456789abcdef"}})
+    {'eq8': 'eq8'}
     """
-    stamps = attributes.get(METHODS, ())
-    return {name for stamp in stamps if stamped(name := stamp.rpartition("@")[0] or stamp) == stamp}
+    called = {
+        name: (stamp.rpartition("@")[0] or stamp, stamp)
+        for name, stamp in attributes.get(METHODS, {}).items()
+    }
+    return {
+        name: reference
+        for name, (reference, stamp) in called.items()
+        if stamped(reference) == stamp
+    }
 
 
 @functools.lru_cache(maxsize=64)
@@ -153,9 +162,9 @@ class Parts:
     >>> import tempfile
     >>> import pandas as pd
     >>> parts = Parts(Path(tempfile.mkdtemp()))
-    >>> parts.write("a", pd.DataFrame({"method": ["eq8"]}), ["eq8"])
+    >>> parts.write("a", pd.DataFrame({"method": ["eq8"]}), {"eq8": "eq8"})
     >>> parts.methods("a"), parts.methods("b")
-    (('eq8',), ())
+    ({'eq8': 'eq8'}, {})
     """
 
     folder: Path
@@ -170,20 +179,23 @@ class Parts:
             return pd.read_parquet(file)  # raises anything on a broken file
         return None
 
-    def write(self, name: str, table: pd.DataFrame, methods: Iterable[str]) -> None:
-        """Keep the rows of a family; `methods` are those that it has for every scene."""
+    def write(self, name: str, table: pd.DataFrame, methods: Mapping[str, str]) -> None:
+        """Keep the rows of a family; `methods` are those that it has for every scene.
+
+        Each has how it is called: `eq8`, `package.module:object`, `net:FILE.onnx`.
+        """
         # pandas stores attributes with the Parquet file: they come back when a run goes on.
-        table.attrs[METHODS] = sorted(map(stamped, methods))
+        table.attrs[METHODS] = {method: stamped(methods[method]) for method in sorted(methods)}
         write_whole(self._path(name), lambda path: table.to_parquet(path, index=False))
 
-    def methods(self, name: str) -> tuple[str, ...]:
-        """Methods that a part has for every scene of the family; only its footer is read."""
+    def methods(self, name: str) -> dict[str, str]:
+        """Methods that a part has for every scene and how they are called; reads its footer."""
         import pyarrow.parquet as pq
 
         with suppress(Exception), open_regular(self._path(name)) as file:
             metadata = pq.read_schema(file).pandas_metadata or {}  # raises anything, too
-            return tuple(sorted(still_the_same(metadata.get("attributes", {}))))
-        return ()
+            return still_the_same(metadata.get("attributes", {}))
+        return {}
 
     def failures(self, name: str) -> tuple[Failure, ...]:
         """What of a family could not be done; a damaged record counts as none."""

@@ -144,7 +144,7 @@ class SuiteRun:
 
     def _missing_methods(self, name: str) -> dict[str, str]:
         """Methods that a part lacks, without those whose failure is final."""
-        methods = _whole_methods(self.parts.table(name))
+        methods = self._whole_methods(self.parts.table(name))
         if methods >= set(self.methods):
             self.taken_over += 1
             return {}
@@ -158,6 +158,11 @@ class SuiteRun:
             if method not in methods | failed
         }
 
+    def _whole_methods(self, table: pd.DataFrame | None) -> set[str]:
+        """Methods that a table has for every scene, and none of the same name that is another."""
+        found = _methods_of(table).items()
+        return {name for name, reference in found if self.methods.get(name, reference) == reference}
+
     def keep(self, task: FamilyTask, result: FamilyResult) -> None:
         """Store the result of a task, the examples first: a part is never there without them."""
         for name, content in result.examples.items():
@@ -165,8 +170,9 @@ class SuiteRun:
         old = self.parts.table(task.id)
         table = merged(old, result.table, task.methods)
         if table is not None:
-            done = (_whole_methods(old) - set(task.methods)) | result.whole(task.methods)
-            self.parts.write(task.id, table, done)
+            before, now = _methods_of(old), result.whole(task.methods)
+            done = {name: before[name] for name in before if name not in task.methods}
+            self.parts.write(task.id, table, done | {name: task.methods[name] for name in now})
         failures_of_others = [
             failure
             for failure in self.parts.failures(task.id)
@@ -193,7 +199,7 @@ class SuiteRun:
                 ordered = in_order(table, family, self.methods)
                 totals.add(family, ordered)
                 yield ordered
-            lacking = set(self.methods) - _whole_methods(table)
+            lacking = set(self.methods) - self._whole_methods(table)
             if lacking:
                 totals.failures.append(_reason(self.parts.failures(name), lacking, family))
         if not totals.families:
@@ -231,9 +237,9 @@ def in_working_order(families: Sequence[FamilyPlan]) -> Sequence[FamilyPlan]:
     return by_stage(families) if several else families
 
 
-def _whole_methods(table: pd.DataFrame | None) -> set[str]:
-    """Methods that the table of a part has for every scene of its family."""
-    return set() if table is None else still_the_same(table.attrs)
+def _methods_of(table: pd.DataFrame | None) -> dict[str, str]:
+    """Methods that a part has for every scene of its family, and how each is called."""
+    return {} if table is None else still_the_same(table.attrs)
 
 
 def _reason(failures: Iterable[Failure], lacking: set[str], family: FamilyPlan) -> Failure:
