@@ -92,6 +92,18 @@ def test_one_index_needs_no_nodes_to_interpolate_between() -> None:
     assert nodes.weights(np.array([1.5])).tolist() == [[1.0]]
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 6, 8, 200])
+@pytest.mark.parametrize(("low", "high"), [(1.5, 1.5), (1.45, 1.55), (1.33, 1.7), (1.1, 2.5)])
+def test_no_more_is_rendered_and_copied_from_a_card_than_is_wanted(
+    low: float, high: float, count: int
+) -> None:
+    wanted = np.linspace(low, high, count)
+    nodes = Nodes.of(wanted)
+    assert len(nodes.rendered) <= len(np.unique(wanted))
+    # To the bit where nothing is interpolated; else their weights are those of a mean.
+    np.testing.assert_allclose(nodes.weights(wanted).sum(axis=1), 1.0, atol=1e-12)
+
+
 def test_measured_interpolation_error_sees_too_few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("malus.renderers.families.nodes.node_count", lambda *_: 2)
     assert family(Uniform(), 1.33, 1.69).interpolation_error["rms"] > 1e-4
