@@ -86,6 +86,22 @@ def test_interpolated_truth_equals_direct_renders(light: Light, surface: str) ->
     print(f"{light.label}, {surface}: worst pixel {worst:.1e} of the peak")  # noqa: T201
 
 
+@pytest.mark.parametrize(("low", "high"), [(1.1, 2.5), (1.5, 4.0)])
+def test_indices_far_apart_or_near_that_of_air_are_interpolated_as_well(
+    low: float, high: float
+) -> None:
+    """As above, where the error model of similar indices asks for no number of nodes at all."""
+    wanted = np.linspace(low, high, 40)
+    scenes = [scene_at(eta, Uniform()) for eta in wanted]
+    interpolated = render_family(scenes, FEW)
+    assert isinstance(interpolated, Family)
+    assert interpolated.interpolation_error["rms"] <= 1e-5
+    for scene in scenes[1::13]:
+        expected = render_family([scene], FEW).truth(scene).diffuse
+        difference = interpolated.truth(scene).diffuse.astype(float) - expected
+        assert np.sqrt(np.mean(difference**2)) <= 1e-5 * expected[..., 0].max()
+
+
 def test_one_index_needs_no_nodes_to_interpolate_between() -> None:
     nodes = Nodes.of(np.array([1.5, 1.5]), count=4)
     assert nodes.rendered == (1.5,)
