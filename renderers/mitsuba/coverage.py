@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from malus.renderers.mitsuba.rays import Film
-from malus.scenes.core.arrays import BoolArray, Int32Array
+from malus.scenes.core.arrays import BoolArray, Int32Array, IntArray
+from malus.scenes.core.errors import InputError
+from malus.scenes.shapes.shapes import Shape
 
 
 def inside(mi: ModuleType, scene: Any, resolution: int) -> BoolArray:
@@ -29,6 +31,19 @@ def inside(mi: ModuleType, scene: Any, resolution: int) -> BoolArray:
         hit = np.asarray(scene.ray_test(ray))
     hit = hit.reshape(resolution + 1, resolution + 1)
     return (hit[:-1, :-1] & hit[1:, :-1] & hit[:-1, 1:] & hit[1:, 1:]).ravel()
+
+
+def check_seen(touched: BoolArray | IntArray, shape: Shape) -> None:
+    """Refuse a shape that no ray meets, as where the camera looks through the hole of a ring.
+
+    Raises
+    ------
+    InputError
+        If no pixel is touched. Of no rays at all, Dr.Jit makes no kernel but ends the process.
+    """
+    if not touched.any():
+        hint = "use a camera that sees it, or more resolution"
+        raise InputError(shape.label, "an object that covers a pixel", "none", hint)
 
 
 def covering(mi: ModuleType, film: Film, scene: Any, shapes: Sequence[Any]) -> Int32Array:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from malus.renderers.family_key import FamilyKey
-from malus.renderers.mitsuba.coverage import inside
+from malus.renderers.mitsuba.coverage import check_seen, inside
 from malus.renderers.mitsuba.lobe_samples import Lobes, spread_of, unit
 from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
 from malus.renderers.mitsuba.translate import (
@@ -43,12 +43,13 @@ def render_lobes(
     mi = mitsuba(variant)
     batches = max(b for b in range(2, BATCHES + 1, 2) if sampling.samples % b == 0)
     base_scene = _base_scene(mi, variant, key.shape, key.camera)
+    normals, touched, covered = _geometry(mi, base_scene, sampling)
+    check_seen(touched, key.shape)
     specular_bsdfs = _specular_bsdfs(variant, key, nodes)
     diffuse_nodes = nodes if key.body == "polarised" else nodes[:1]
     diffuse_bsdfs = [diffuse_bsdf(node, key.facets, key.body) for node in diffuse_nodes]
     specular = _renders(mi, base_scene, key.light, specular_bsdfs, batches, sampling, stream=0)
     diffuse = _renders(mi, base_scene, key.light, diffuse_bsdfs, batches, sampling, stream=1)
-    normals, touched, covered = _geometry(mi, base_scene, sampling)
     pixels = np.flatnonzero(touched)
     specular, diffuse = specular[:, :, pixels], diffuse[:, :, pixels]
     return Lobes(

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from malus.renderers.mitsuba.coverage import inside
+from malus.renderers.mitsuba.coverage import check_seen, inside
 from malus.renderers.mitsuba.lighting import (
     Sampler,
     environment_emitter,
@@ -100,7 +100,7 @@ class Stage:
         import drjit as dr
 
         self.mi, self.dr = mi, dr
-        self.resolution = camera.resolution
+        self.shape, self.resolution = shape, camera.resolution
         plain = mi.load_dict({"type": "diffuse"})
         self.scene = mi.load_dict(
             {
@@ -175,9 +175,10 @@ class Stage:
             stream = self._streams(np.arange(total)[block])
             counts = np.asarray(self._count_hits(stream, sampling, kept), np.int64)
             hits[block] = counts.reshape(HALVES, -1).sum(axis=0)
+        check_seen(hits, self.shape)
         pixels = np.flatnonzero(hits)
         covered = self.inside & (hits == sampling.samples)
-        launches = range(0, max(len(pixels), 1), PIXELS_A_LAUNCH)
+        launches = range(0, len(pixels), PIXELS_A_LAUNCH)
         streams = [self._streams(pixels[i : i + PIXELS_A_LAUNCH]) for i in launches]
         self._touched = {sampling: TouchedPixels(pixels, covered[pixels], streams, kept)}
         return self._touched[sampling]

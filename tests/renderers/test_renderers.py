@@ -125,6 +125,18 @@ def test_measured_interpolation_error_sees_too_few_nodes(monkeypatch: pytest.Mon
     assert family(Uniform(), 1.33, 1.69).interpolation_error["rms"] > 1e-4
 
 
+@pytest.mark.parametrize("backend", ["auto", "scalar"])
+@pytest.mark.parametrize(
+    "light", [Uniform(), Distant(incidence_deg=20), Environment()], ids=lambda o: o.kind
+)
+def test_what_no_ray_meets_is_refused_and_ends_no_process(light: Light, backend: str) -> None:
+    """The camera looks through the hole of a ring."""
+    camera = Camera(resolution=8, projection="perspective", fov_deg=5, distance=10)
+    ring = scene_at(1.5, light, Torus(minor=0.09, tilt_deg=0)).model_copy(update={"camera": camera})
+    with pytest.raises(InputError, match="expected an object that covers a pixel, found none"):
+        render_family([ring], FEW, choose(backend))
+
+
 def test_a_family_refuses_strangers() -> None:
     rendered = family(Uniform(), 1.45, 1.55)
     with pytest.raises(ValueError, match="this family"):
