@@ -89,7 +89,7 @@ def band_weights(wavelengths_nm: tuple[float, ...]) -> Float64Array:
     Raises
     ------
     InputError
-        If no band is visible.
+        If no band is visible, or none of which Z is made: then white has no Z to compare with.
 
     Examples
     --------
@@ -98,10 +98,9 @@ def band_weights(wavelengths_nm: tuple[float, ...]) -> Float64Array:
     """
     weights = matching_functions(wavelengths_nm) * cell_widths(wavelengths_nm)[:, None]
     white = float(weights[:, 1].sum())
-    if not white > 0.0:
-        raise InputError(
-            "colour error", "bands within 360 to 830 nm", str(wavelengths_nm), "score without it"
-        )
+    if not (weights.sum(axis=0) > 0.0).all():
+        expected, found = "a band from 360 to 649 nm", f"{', '.join(map(str, wavelengths_nm))} nm"
+        raise InputError("colour error", expected, found, "score without it")
     return np.asarray(100.0 * weights / white)
 
 

@@ -147,6 +147,11 @@ def test_noise_is_what_a_perfect_method_scores() -> None:
     assert quiet["delta_e76"].value == pytest.approx(values["delta_e76"].value)
 
 
-def test_invisible_bands_are_refused() -> None:
-    with pytest.raises(InputError, match="360 to 830"):
-        band_weights((1000.0, 1100.0))
+@pytest.mark.parametrize("bands", [(1000.0, 1100.0), (200.0,), (660.0,), (650.0, 700.0, 800.0)])
+def test_bands_that_no_white_can_be_made_of_are_refused(bands: tuple[float, ...]) -> None:
+    """Beyond 649 nm the table of CIE 1931 has no Z: a ratio to that of white would be 0/0."""
+    with pytest.raises(InputError, match="from 360 to 649 nm"):
+        band_weights(bands)
+    assert np.isfinite(
+        lab(np.ones(len(bands) + 1), band_weights(tuple(sorted((649.0, *bands)))))
+    ).all()
