@@ -247,3 +247,12 @@ def mitsuba(variant: Variant) -> ModuleType:
         mi.set_variant(variant.name)
         mi.set_log_level(mi.LogLevel.Error)
     return mi
+
+
+def use_threads(variant: Variant, threads: int) -> None:
+    """Let Mitsuba use so many threads in this process, where others beside it render, too."""
+    mitsuba(variant)
+    import drjit as dr
+
+    if dr.thread_count() != threads:
+        dr.set_thread_count(threads)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import signal
 import subprocess
 import sys
@@ -66,7 +67,8 @@ def no_worker_process() -> Iterator[None]:
     def stream(_: WorkerProcess, function: Callable[..., Any], *arguments: Any) -> Iterator[Any]:
         return iter(function(*arguments))
 
-    with patch.object(WorkerProcess, "stream", stream):
+    alone = patch("malus.bench.running.work.ALONE_SECONDS", math.inf)
+    with patch.object(WorkerProcess, "stream", stream), alone:
         yield
 
 

@@ -108,9 +108,7 @@ def _run(name: str, out: Path | None, as_json: bool, options: dict[str, Any]) ->
         return _run_with(None, name, out, as_json, options)
     with WorkerProcess(options["timeout"]) as worker:
         # It imports what it needs while this process does, which has imported little so far.
-        worker.begin(
-            import_all, "malus.bench.running.scored_family", "malus.reconstruct.builtin_methods"
-        )
+        worker.begin(import_all, *NEEDED)
         return _run_with(worker, name, out, as_json, options)
 
 

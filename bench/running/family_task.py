@@ -36,7 +36,7 @@ class FamilyTask:
     ladder : bool
         Whether methods are scored on every rung of the ladder of knowledge.
     following : FamilyPlan, optional
-        The family that is probably next, whose kernels can run while this one is scored.
+        The family that is next, whose kernels can run while this one is scored.
     """
 
     id: str

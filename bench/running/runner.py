@@ -116,8 +116,7 @@ class SuiteRun:
     def tasks(self) -> Iterator[FamilyTask]:
         """Tasks that are left; each is looked up when it is its turn, as others may do it too."""
         examples = example_ids(self.families)
-        families = in_working_order(self.families)
-        for family, following in zip(families, [*families[1:], None], strict=True):
+        for family in in_working_order(self.families):
             name = part_id(family, self.suite, self.variant.name)
             missing = self._missing_methods(name)
             if not missing:
@@ -132,15 +131,7 @@ class SuiteRun:
                 self.suite.metrics,
                 examples & {scene.id for scene in family.scenes},
                 ladder=self.suite.knowledge == "ladder",
-                following=following if self._is_new(following) else None,
             )
-
-    def _is_new(self, family: FamilyPlan | None) -> bool:
-        """Whether nothing of a family is stored, nor that it failed."""
-        if family is None:
-            return False
-        name = part_id(family, self.suite, self.variant.name)
-        return not self.parts.methods(name) and not self.parts.failures(name)
 
     def _missing_methods(self, name: str) -> dict[str, str]:
         """Methods that a part lacks, without those whose failure is final."""

@@ -91,6 +91,7 @@ class WorkerProcess:
         self._connection: Connection | None = None
         self._told: IO[bytes] | None = None  # its errors, until it is ready
         self._begun = 0
+        self._given_up = False
 
     def __enter__(self) -> WorkerProcess:
         """Start nothing yet."""
@@ -99,6 +100,13 @@ class WorkerProcess:
     def __exit__(self, *_: object) -> None:
         """End the process, whatever it does."""
         self._stop()
+
+    def give_up(self) -> None:
+        """End the process for good, from any thread; who waits for it is told that it died."""
+        self._given_up = True
+        process = self._process
+        if process is not None:
+            process.kill()
 
     def stream(self, function: Callable[..., Iterable[Any]], *arguments: Any) -> Iterator[Any]:
         """Yield what `function(*arguments)` yields in the worker; both have to be picklable.
@@ -163,6 +171,8 @@ class WorkerProcess:
         Died
             Where it could not start; the message is the last line that it wrote.
         """
+        if self._given_up:
+            raise Died("it was given up")
         # A fork would copy locks that the threads of LLVM and BLAS hold.
         context = multiprocessing.get_context("spawn")
         self._connection, worker_end = context.Pipe()
@@ -173,6 +183,8 @@ class WorkerProcess:
             try:
                 process.start()
                 self._process = process
+                if self._given_up:
+                    process.kill()
             except OSError as error:  # gone before it was told what to do
                 raise self._not_started(f"it ended with {error}") from None
             finally:

@@ -25,7 +25,7 @@ from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
 from malus.bench.running.status import status
 from malus.bench.running.truths import truths
-from malus.bench.running.work import Engine, in_worker_process, work
+from malus.bench.running.work import Engine, in_worker_process, in_worker_processes, work
 from malus.bench.running.worker_process import Died, WorkerProcess, import_all, retried
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth
@@ -88,6 +88,11 @@ def loaded_workers(stack: ExitStack) -> Engine:
     return lambda tasks: spread(tasks, client, NOBODY, 5.0)
 
 
+def two_processes(stack: ExitStack) -> Engine:
+    workers = [stack.enter_context(WorkerProcess(60)) for _ in range(2)]
+    return in_worker_processes(NOBODY, workers)
+
+
 def own_process(stack: ExitStack) -> Engine:
     return stack.enter_context(engine(NOBODY, None, None, 60.0))
 
@@ -96,6 +101,7 @@ def own_process(stack: ExitStack) -> Engine:
     ("start", "method", "says"),
     [
         (own_process, "CRASHES", "died of SIGSEGV"),
+        (two_processes, "CRASHES", "died of SIGSEGV"),
         (loaded_process, "HANGS", "longer than the 5 seconds"),
         (loaded_workers, "HANGS", "workers died of it"),
     ],

@@ -1,0 +1,124 @@
+"""Families shared out among worker processes: each once, the same results, and no process left."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from runs import NOBODY, SUITE
+
+from malus.bench.running import work
+from malus.bench.running.family_task import FamilyResult, FamilyTask
+from malus.bench.running.plan import plan
+from malus.bench.running.runner import run
+from malus.bench.running.work import in_this_process, in_worker_process, in_worker_processes
+from malus.bench.running.worker_process import Died, WorkerProcess
+from malus.renderers.variant import Variant
+from malus.scenes.suite import Suite
+
+MANY = Suite.parse(
+    SUITE.model_dump(mode="json") | {"surfaces": [{"alpha": 0.1 + 0.05 * k} for k in range(7)]},
+    "tests",
+)
+"""Seven families of two scenes."""
+
+
+def tasks() -> list[FamilyTask]:
+    return [FamilyTask(family.id, family, "torrance-sparrow", {}) for family in plan(MANY)]
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_every_task_is_given_once_and_who_gets_it_was_told(workers: int) -> None:
+    queue, told, given = work._Queue(tasks()), {}, []
+    while True:
+        worker = len(given) % workers
+        task = queue.next_of(worker)
+        if task is None:
+            break
+        assert told.pop(worker, task.family) == task.family
+        if task.following is not None:
+            told[worker] = task.following
+        given.append(task.id)
+    assert sorted(given) == sorted(task.id for task in tasks())
+    assert not told
+    if workers == 1:
+        assert given == [task.id for task in tasks()]
+
+
+def test_what_a_slow_worker_would_get_next_is_left_to_others() -> None:
+    queue = work._Queue(tasks())
+    slow = queue.next_of("slow")
+    others = list(iter(lambda: queue.next_of("fast"), None))
+    assert slow is not None
+    assert {slow.id, *(task.id for task in others)} == {task.id for task in tasks()}
+    assert queue.next_of("slow") is None
+
+
+def test_several_processes_give_the_same_to_the_bit(tmp_path: Path) -> None:
+    alone = run(MANY, tmp_path / "alone", NOBODY, engine=in_this_process(NOBODY)).table
+    with WorkerProcess(60) as one, WorkerProcess(60) as two:
+        engine = in_worker_processes(NOBODY, [one, two])
+        shared = run(MANY, tmp_path / "shared", NOBODY, engine=engine)
+        assert len({pid for worker in (one, two) for pid in worker.stream(pid_of)}) == 2
+    pd.testing.assert_frame_equal(shared.table, alone, check_exact=True)
+
+
+def pid_of() -> Iterator[int]:
+    yield os.getpid()
+
+
+@pytest.mark.parametrize("cores", [1, 3])
+def test_a_run_that_takes_a_while_gets_a_process_a_core(
+    cores: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(work, "ALONE_SECONDS", 0.0)
+    monkeypatch.setattr(work, "usable_cores", lambda: cores)
+    started = []
+
+    class Counted(WorkerProcess):
+        def __init__(self, timeout: float) -> None:
+            super().__init__(timeout)
+            started.append(timeout)
+
+    monkeypatch.setattr(work, "WorkerProcess", Counted)
+    with WorkerProcess(60) as worker:
+        engine = in_worker_process(NOBODY, worker)
+        table = run(MANY, tmp_path / "run", NOBODY, engine=engine).table
+    assert started == [60] * (cores - 1)
+    assert set(table.alpha) == {surface.alpha for surface in MANY.surfaces}
+
+
+def test_one_process_renders_on_a_graphics_card(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(work, "usable_cores", lambda: 16)
+    assert work._processes(Variant("cuda_ad_mono_polarized", "a card")) == 1
+    assert work._processes(NOBODY) == work.MOST_PROCESSES
+
+
+def sleeps(*_: object) -> Iterator[FamilyResult]:
+    time.sleep(60)
+    yield FamilyResult()
+
+
+def test_a_stop_ends_what_the_processes_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by Ctrl-C: nobody waits for the families under way."""
+
+    def stopped(source: Iterable[FamilyTask]) -> Iterator[FamilyTask]:
+        for task, _ in pairwise(source):
+            yield task
+        raise KeyboardInterrupt
+
+    with WorkerProcess(120) as one, WorkerProcess(120) as two:
+        assert len(list(one.stream(pid_of)) + list(two.stream(pid_of))) == 2
+        monkeypatch.setattr(work, "_one_result", sleeps)
+        began = time.monotonic()
+        with pytest.raises(KeyboardInterrupt):
+            list(in_worker_processes(NOBODY, [one, two])(stopped(tasks()[:3])))
+        assert time.monotonic() - began < 30  # a half of what one of them would take
+        with pytest.raises(Died, match="given up"), suppress(KeyboardInterrupt):
+            list(one.stream(pid_of))
