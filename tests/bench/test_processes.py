@@ -35,18 +35,20 @@ def tasks() -> list[FamilyTask]:
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_every_task_is_given_once_and_who_gets_it_was_told(workers: int) -> None:
-    queue, told, given = work._Queue(tasks()), {}, []
+    queue, told, given, expected = work._Queue(tasks()), {}, [], 0
     while True:
         worker = len(given) % workers
         task = queue.next_of(worker)
         if task is None:
             break
+        expected += worker in told
         assert told.pop(worker, task.family) == task.family
         if task.following is not None:
             told[worker] = task.following
         given.append(task.id)
     assert sorted(given) == sorted(task.id for task in tasks())
     assert not told
+    assert expected == len(given) - workers  # all but the first of each
     if workers == 1:
         assert given == [task.id for task in tasks()]
 
