@@ -15,13 +15,13 @@ from itertools import chain, repeat
 
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.parts import Failure
+from malus.bench.running.task_queue import TaskQueue
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.renderers.variant import Variant
 from malus.scenes.core.cores import usable_cores
 
 Engine = Callable[[Iterable[FamilyTask]], Iterator[tuple[FamilyTask, FamilyResult]]]
-"""Does tasks in any order, and takes each from the iterable only when it is about to start it, or
-to start the one before."""
+"""Does tasks in any order, and takes them from the iterable a few ahead at most."""
 
 MOST_PROCESSES = 8
 """Worker processes of one run; each holds the renderer and the tables of its families."""
@@ -37,7 +37,7 @@ def in_this_process(variant: Variant) -> Engine:
     def results_of(
         tasks: Iterable[FamilyTask],
     ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-        queue = _Queue(tasks)
+        queue = TaskQueue(tasks)
         while (task := queue.next_of("this process")) is not None:
             yield task, work(task, variant, usable_cores(), ahead=True)
 
@@ -56,7 +56,7 @@ def in_worker_process(variant: Variant, worker: WorkerProcess) -> Engine:
     def results_of(
         tasks: Iterable[FamilyTask],
     ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
-        queue, began, processes = _Queue(tasks), None, _processes(variant)
+        queue, began, processes = TaskQueue(tasks), None, _processes(variant)
         while processes == 1 or began is None or time.monotonic() - began < ALONE_SECONDS:
             task = queue.next_of(worker)
             if task is None:
@@ -72,7 +72,7 @@ def in_worker_process(variant: Variant, worker: WorkerProcess) -> Engine:
 
 def in_worker_processes(variant: Variant, workers: Sequence[WorkerProcess]) -> Engine:
     """Engine that shares tasks out among worker processes from the start."""
-    return lambda tasks: _shared(_Queue(tasks), variant, workers)
+    return lambda tasks: _shared(TaskQueue(tasks), variant, workers)
 
 
 def _processes(variant: Variant) -> int:
@@ -80,29 +80,8 @@ def _processes(variant: Variant) -> int:
     return 1 if variant.name.startswith("cuda") else min(usable_cores(), MOST_PROCESSES)
 
 
-class _Queue:
-    """Tasks in their order. Who takes one is told which it will be given next."""
-
-    def __init__(self, tasks: Iterable[FamilyTask]) -> None:
-        self._source = iter(tasks)
-        self._kept: dict[object, FamilyTask] = {}
-
-    def next_of(self, worker: object) -> FamilyTask | None:
-        """The next task of a worker, with the family that follows; None where none is left."""
-        task = self._kept.pop(worker, None) or next(self._source, None)
-        if task is None and self._kept:  # what is left waits for others
-            task = self._kept.pop(next(iter(self._kept)))
-        if task is None:
-            return None
-        following = next(self._source, None)
-        if following is None:
-            return task
-        self._kept[worker] = following
-        return replace(task, following=following.family)
-
-
 def _shared(
-    queue: _Queue, variant: Variant, workers: Sequence[WorkerProcess]
+    queue: TaskQueue, variant: Variant, workers: Sequence[WorkerProcess]
 ) -> Iterator[tuple[FamilyTask, FamilyResult]]:
     """Do tasks in several worker processes, each with its share of the cores."""
     threads = max(1, usable_cores() // len(workers))

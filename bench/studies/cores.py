@@ -1,8 +1,8 @@
 """Benchmark of cores: a reduced fig5 on one core, two, … and all, and what bounds the speed-up.
 
-Every number of cores has a process of its own that may use these cores only, from its start: the
-threads of renderer, numba and BLAS follow. A run of other surfaces and few samples goes before, so
-that neither start nor compilation count; nor does the report.
+It takes the way of `malus run`, which shares families out among a process a core. They and this one
+may use these cores only. A run of other surfaces and few samples goes before in each,
+so that neither start nor compilation count; nor does the report.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import os
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from malus.bench.running.runner import run
-from malus.bench.running.work import in_this_process
+from malus.bench.running.work import MOST_PROCESSES, in_worker_processes
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.variant import Variant
 from malus.scenes.core.cores import usable_cores
@@ -38,6 +38,7 @@ class CoresSpeed:
     seconds, processor_seconds : float
         By the clock, and of all cores together.
     stages : dict of stage to seconds by the clock
+        Where several processes do a stage at once, the mean over these.
     """
 
     cores: int
@@ -92,11 +93,7 @@ def measure(suite: Suite, variant: Variant, cores: Sequence[int]) -> list[CoresS
     if max(cores) > usable_cores():
         found = f"{usable_cores()} that may be used"
         raise InputError("most", f"{max(cores)} cores", found, "ask for fewer")
-    speeds = []
-    for count in cores:
-        with _only(count), WorkerProcess() as worker:
-            speeds += list(worker.stream(_measured, suite, variant, count))
-    return speeds
+    return [_measured(suite, variant, count) for count in cores]
 
 
 @contextmanager
@@ -116,14 +113,29 @@ def _only(cores: int) -> Iterator[None]:
                 del os.environ[name]
 
 
-def _measured(suite: Suite, variant: Variant, cores: int) -> Iterator[CoresSpeed]:
-    """Time of one run, after one to warm up."""
-    _run(_warm_up(suite), variant)
-    clock, processor = time.perf_counter(), time.process_time()
-    stages = _run(suite, variant)
-    seconds = time.perf_counter() - clock
+def _measured(suite: Suite, variant: Variant, cores: int) -> CoresSpeed:
+    """Time of one run on so many cores, after one to warm up each process."""
+    with _only(cores), ExitStack() as stack:
+        count = min(cores, MOST_PROCESSES)
+        workers = [stack.enter_context(WorkerProcess()) for _ in range(count)]
+        for worker in workers:
+            _run(_warm_up(suite), variant, [worker])
+        clock, processor = time.perf_counter(), _processor_seconds(workers)
+        summed = _run(suite, variant, workers)
+        seconds = time.perf_counter() - clock
+        busy = _processor_seconds(workers) - processor
+    stages = {stage: value / count for stage, value in summed.items()}
     stages[OTHER] = seconds - sum(stages.values())
-    yield CoresSpeed(cores, seconds, time.process_time() - processor, stages)
+    return CoresSpeed(cores, seconds, busy, stages)
+
+
+def _processor_seconds(workers: Sequence[WorkerProcess]) -> float:
+    """Processor seconds of this process and of its workers, so far."""
+    return time.process_time() + sum(sum(worker.stream(_own_seconds)) for worker in workers)
+
+
+def _own_seconds() -> Iterator[float]:
+    yield time.process_time()
 
 
 def _warm_up(suite: Suite) -> Suite:
@@ -137,10 +149,10 @@ def _warm_up(suite: Suite) -> Suite:
     return Suite.parse(data, "malus bench cores")
 
 
-def _run(suite: Suite, variant: Variant) -> dict[str, float]:
-    """Seconds of each stage of a run in this process."""
+def _run(suite: Suite, variant: Variant, workers: Sequence[WorkerProcess]) -> dict[str, float]:
+    """Seconds of each stage of a run in worker processes, added up over these."""
     with tempfile.TemporaryDirectory() as folder:
-        results = run(suite, folder, variant, engine=in_this_process(variant))
+        results = run(suite, folder, variant, engine=in_worker_processes(variant, workers))
         seconds: dict[str, float] = dict(results.run["seconds"])
     return {stage: value for stage, value in seconds.items() if stage != "total"}
 

@@ -17,6 +17,7 @@ from malus.bench.running import work
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
+from malus.bench.running.task_queue import TaskQueue
 from malus.bench.running.work import in_this_process, in_worker_process, in_worker_processes
 from malus.bench.running.worker_process import Died, WorkerProcess
 from malus.renderers.variant import Variant
@@ -35,7 +36,7 @@ def tasks() -> list[FamilyTask]:
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_every_task_is_given_once_and_who_gets_it_was_told(workers: int) -> None:
-    queue, told, given, expected = work._Queue(tasks()), {}, [], 0
+    queue, told, given, expected = TaskQueue(tasks()), {}, [], 0
     while True:
         worker = len(given) % workers
         task = queue.next_of(worker)
@@ -54,12 +55,42 @@ def test_every_task_is_given_once_and_who_gets_it_was_told(workers: int) -> None
 
 
 def test_what_a_slow_worker_would_get_next_is_left_to_others() -> None:
-    queue = work._Queue(tasks())
+    queue = TaskQueue(tasks())
     slow = queue.next_of("slow")
     others = list(iter(lambda: queue.next_of("fast"), None))
     assert slow is not None
     assert {slow.id, *(task.id for task in others)} == {task.id for task in tasks()}
     assert queue.next_of("slow") is None
+
+
+def loaded(shapes: list[str], workers: int) -> list[tuple[int, str, float]]:
+    """Worker, shape and roughness of every task, where workers take turns."""
+    content = SUITE.model_dump(mode="json") | {
+        "shapes": [{"kind": kind} for kind in shapes],
+        "surfaces": [{"alpha": 0.1 * k} for k in range(1, 5)],
+        "lights": [{"kind": "distant", "incidence_deg": angle} for angle in (10, 30, 50)],
+    }
+    families = plan(Suite.parse(content, "tests"))
+    queue = TaskQueue(FamilyTask(one.id, one, "mitsuba", {}) for one in families)
+    done = []
+    while (task := queue.next_of(len(done) % workers)) is not None:
+        scene = task.family.scenes[0]
+        done.append((len(done) % workers, scene.shape.kind, scene.surface.alphas[0]))
+    assert len(done) == 12 * len(shapes)
+    return done
+
+
+def test_processes_share_out_the_tables_of_roughnesses() -> None:
+    tables = {(worker, alpha) for worker, _, alpha in loaded(["sphere"], 2)}
+    assert len(tables) == 4  # two each, and not eight
+    one = [alpha for _, _, alpha in loaded(["sphere"], 1)]
+    assert one == sorted(one)  # one process keeps the order of the plan
+
+
+def test_processes_share_out_the_trees_of_meshes() -> None:
+    shapes = ["torus", "superquadric", "lathe", "blob"]
+    trees = {(worker, shape) for worker, shape, _ in loaded(shapes, 2)}
+    assert len(trees) == 4
 
 
 def test_several_processes_give_the_same_to_the_bit(tmp_path: Path) -> None:
