@@ -67,7 +67,7 @@ def no_worker_process() -> Iterator[None]:
     def stream(_: WorkerProcess, function: Callable[..., Any], *arguments: Any) -> Iterator[Any]:
         return iter(function(*arguments))
 
-    alone = patch("malus.bench.running.work.ALONE_SECONDS", math.inf)
+    alone = patch("malus.bench.running.sharing.ALONE_SECONDS", math.inf)
     with patch.object(WorkerProcess, "stream", stream), alone:
         yield
 

@@ -22,6 +22,8 @@ from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan, by_stage
 from malus.bench.running.progress import Progress, silent
+from malus.bench.running.sharing import processes, shared_later
+from malus.bench.running.task_queue import TaskQueue
 from malus.bench.running.truths import truths
 from malus.bench.running.worker_process import (
     LONGEST_SECONDS,
@@ -35,7 +37,8 @@ from malus.renderers.datasets.dataset_record import FailedScene
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.listed_scenes import listed_of
 from malus.renderers.truth import Truth
-from malus.renderers.variant import Variant
+from malus.renderers.variant import Variant, use_threads
+from malus.scenes.core.cores import usable_cores
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import owned
 from malus.scenes.core.remote import as_path
@@ -193,12 +196,13 @@ def _render_families(
         WritingThread(writer, origins) as writing,
     ):
         taken_over = len(writer.done)
-        for task in _tasks(families, suite, variant, lambda s: _is_left(s, writer, retry_failed)):
+        tasks = _tasks(families, suite, variant, lambda s: _is_left(s, writer, retry_failed))
+        if tasks:
+            progress(len(writer.done), len(origins), tasks[0].family.label)
+        for task, outcome in _all_outcomes(tasks, worker):
+            writing.wait()
             progress(len(writer.done), len(origins), task.family.label)
-            for outcome in _outcomes(task, worker):
-                writing.wait()
-                progress(len(writer.done), len(origins), task.family.label)
-                writing.begin(outcome, task.family)
+            writing.begin(outcome, task.family)
         writing.wait()
         progress(len(writer.done), len(origins), "")
     if not writer.done and writer.failed:
@@ -259,8 +263,7 @@ def _tasks(
         if scenes:
             added = Additions.of(suite)
             tasks.append(RenderTask(family, scenes, suite.renderer, variant, additions=added))
-    following = [*(task.family for task in tasks[1:]), None]
-    return [replace(task, following=family) for task, family in zip(tasks, following, strict=False)]
+    return tasks
 
 
 def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
@@ -268,8 +271,23 @@ def _is_left(scene: Scene, writer: DatasetWriter, retry_failed: bool) -> bool:
     return scene.id not in writer.done and (failed is None or retry_failed or failed.mendable)
 
 
-def _rendered(task: RenderTask) -> Iterator[Truth | Failure]:
+def _all_outcomes(
+    tasks: Sequence[RenderTask], worker: WorkerProcess | None
+) -> Iterator[tuple[RenderTask, Truth | Failure]]:
+    """Truths and failures of all tasks, of this process or of worker processes."""
+    if worker is not None and tasks:
+        yield from shared_later(tasks, worker, processes(tasks[0].variant), _outcomes)
+        return
+    queue = TaskQueue(tasks)
+    while (task := queue.next_of("this process")) is not None:
+        for outcome in _rendered(task, usable_cores()):
+            yield task, outcome
+
+
+def _rendered(task: RenderTask, threads: int) -> Iterator[Truth | Failure]:
     """The truth of each scene, or why there is none."""
+    if task.renderer == "mitsuba":
+        use_threads(task.variant, threads)
     result = FamilyResult()
     with result.guard():
         rendered = truths(
@@ -290,21 +308,19 @@ def _rendered(task: RenderTask) -> Iterator[Truth | Failure]:
     yield from result.failures
 
 
-def _outcomes(task: RenderTask, worker: WorkerProcess | None) -> Iterator[Truth | Failure]:
-    """Truths and failures of a task, rendered by the worker process where there is one.
+def _outcomes(worker: WorkerProcess, task: RenderTask, threads: int) -> Iterator[Truth | Failure]:
+    """Truths and failures of a task, rendered by a worker process.
 
     A task that crashes the worker is tried again, without the scenes that are there already.
     """
-    if worker is None:
-        yield from _rendered(task)
-        return
     left = {scene.id: scene for scene in task.scenes}
     # What is rendered ahead may be what kills a worker: the second time this task is alone.
     following = chain([task.following], repeat(None))
 
     def attempt() -> Iterator[Truth | Failure]:
         scenes = tuple(left.values())
-        return worker.stream(_rendered, replace(task, scenes=scenes, following=next(following)))
+        again = replace(task, scenes=scenes, following=next(following))
+        return worker.stream(_rendered, again, threads)
 
     try:
         for outcome in retried(attempt):

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable
 from dataclasses import replace
 from itertools import islice
+from typing import Any, Generic, TypeVar
 
-from malus.bench.running.family_task import FamilyTask
+from malus.bench.running.plan import FamilyPlan
 from malus.renderers.family_key import FamilyKey
+
+Task = TypeVar("Task", bound=Any)
+"""A dataclass with the `family` that it is about, and the one that is `following`."""
 
 AHEAD = 16
 """Tasks among which the next is chosen, where there are several processes."""
@@ -17,7 +21,7 @@ _TREE, _TABLE = 2, 1
 smaller, and a sphere needs no tree."""
 
 
-class TaskQueue:
+class TaskQueue(Generic[Task]):
     """Tasks for one process in their order, or shared out among several.
 
     Who takes a task is told which family it will be given next. Several processes get tasks whose
@@ -29,13 +33,13 @@ class TaskQueue:
     True
     """
 
-    def __init__(self, tasks: Iterable[FamilyTask]) -> None:
+    def __init__(self, tasks: Iterable[Task]) -> None:
         self._source = iter(tasks)
-        self._waiting: list[FamilyTask] = []
-        self._kept: dict[Hashable, FamilyTask] = {}
+        self._waiting: list[Task] = []
+        self._kept: dict[Hashable, Task] = {}
         self._had: dict[Hashable, set[Hashable]] = {}
 
-    def next_of(self, worker: Hashable) -> FamilyTask | None:
+    def next_of(self, worker: Hashable) -> Task | None:
         """The next task of a process, with the family that follows; None where none is left."""
         task = self._kept.pop(worker, None) or self._cheapest(worker)
         if task is None and self._kept:  # what is left waits for others
@@ -48,7 +52,7 @@ class TaskQueue:
         self._kept[worker] = following
         return replace(task, following=following.family)
 
-    def _cheapest(self, worker: Hashable) -> FamilyTask | None:
+    def _cheapest(self, worker: Hashable) -> Task | None:
         """Take the task that costs a process the least, the first of equal ones."""
         had = self._had.setdefault(worker, set())
         ahead = AHEAD if len(self._had) > 1 else 1
@@ -58,18 +62,18 @@ class TaskQueue:
         others = [theirs for other, theirs in self._had.items() if other != worker]
 
         def cost(place: int) -> tuple[int, int]:
-            costs = _costs(self._waiting[place])
+            costs = _costs(self._waiting[place].family)
             new = {key: price for key, price in costs.items() if key not in had}
             return sum(new.values()), sum(key in theirs for theirs in others for key in new)
 
         task = self._waiting.pop(min(range(len(self._waiting)), key=cost))
-        had.update(_costs(task))
+        had.update(_costs(task.family))
         return task
 
 
-def _costs(task: FamilyTask) -> dict[Hashable, int]:
+def _costs(family: FamilyPlan) -> dict[Hashable, int]:
     """What the first family of a mesh, or of a roughness, costs a process."""
-    key = FamilyKey.of(task.family.scenes[0])
+    key = FamilyKey.of(family.scenes[0])
     costs: dict[Hashable, int] = {(key.facets, key.measured): _TABLE}
     if key.shape.kind != "sphere":
         costs[key.shape, key.camera] = _TREE

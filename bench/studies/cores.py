@@ -16,7 +16,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from malus.bench.running.runner import run
-from malus.bench.running.work import MOST_PROCESSES, in_worker_processes
+from malus.bench.running.sharing import MOST_PROCESSES
+from malus.bench.running.work import in_worker_processes
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.variant import Variant
 from malus.scenes.core.cores import usable_cores

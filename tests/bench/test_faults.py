@@ -20,6 +20,7 @@ from runs import NOBODY, SUITE
 import malus.bench.running.truths
 from malus.bench import run
 from malus.bench.datasets.render import RenderTask, render_dataset
+from malus.bench.running import sharing
 from malus.bench.running.cluster import engine, local_cluster, spread
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
@@ -312,9 +313,12 @@ def test_a_render_tries_a_wrong_input_again_and_needs_one_scene(
     assert render_dataset(SUITE, tmp_path, NOBODY)["rendered"] == 4
 
 
-def test_a_render_in_a_worker_is_the_same_and_survives_its_death(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("cores", [1, 2])
+def test_a_render_in_workers_is_the_same_and_survives_their_death(
+    cores: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(sharing, "ALONE_SECONDS", 0.0)
+    monkeypatch.setattr(sharing, "usable_cores", lambda: cores)
     render_dataset(SUITE, tmp_path / "here", NOBODY)
     with WorkerProcess() as worker:
         render_dataset(SUITE, tmp_path / "apart", NOBODY, worker=worker)
@@ -328,7 +332,7 @@ def test_a_render_in_a_worker_is_the_same_and_survives_its_death(
     assert (done["rendered"], done["failed"]) == (4, 0)
 
 
-def dies_after_one(order: RenderTask) -> Iterator[Truth]:
+def dies_after_one(order: RenderTask, _: int) -> Iterator[Truth]:
     result = FamilyResult()
     for _, truth in truths(order.family, order.scenes, order.renderer, order.variant, result):
         yield truth

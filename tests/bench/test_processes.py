@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from runs import NOBODY, SUITE
 
-from malus.bench.running import work
+from malus.bench.running import sharing, work
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
@@ -110,8 +110,8 @@ def pid_of() -> Iterator[int]:
 def test_a_run_that_takes_a_while_gets_a_process_a_core(
     cores: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(work, "ALONE_SECONDS", 0.0)
-    monkeypatch.setattr(work, "usable_cores", lambda: cores)
+    monkeypatch.setattr(sharing, "ALONE_SECONDS", 0.0)
+    monkeypatch.setattr(sharing, "usable_cores", lambda: cores)
     started = []
 
     class Counted(WorkerProcess):
@@ -119,7 +119,7 @@ def test_a_run_that_takes_a_while_gets_a_process_a_core(
             super().__init__(timeout)
             started.append(timeout)
 
-    monkeypatch.setattr(work, "WorkerProcess", Counted)
+    monkeypatch.setattr(sharing, "WorkerProcess", Counted)
     with WorkerProcess(60) as worker:
         engine = in_worker_process(NOBODY, worker)
         table = run(MANY, tmp_path / "run", NOBODY, engine=engine).table
@@ -128,9 +128,9 @@ def test_a_run_that_takes_a_while_gets_a_process_a_core(
 
 
 def test_one_process_renders_on_a_graphics_card(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(work, "usable_cores", lambda: 16)
-    assert work._processes(Variant("cuda_ad_mono_polarized", "a card")) == 1
-    assert work._processes(NOBODY) == work.MOST_PROCESSES
+    monkeypatch.setattr(sharing, "usable_cores", lambda: 16)
+    assert sharing.processes(Variant("cuda_ad_mono_polarized", "a card")) == 1
+    assert sharing.processes(NOBODY) == sharing.MOST_PROCESSES
 
 
 def sleeps(*_: object) -> Iterator[FamilyResult]:

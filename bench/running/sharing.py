@@ -1,0 +1,140 @@
+"""Tasks for a worker process, and for more of them where one would take a while."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from queue import Queue
+from typing import Generic, TypeVar
+
+from malus.bench.running.task_queue import Task, TaskQueue
+from malus.bench.running.worker_process import WorkerProcess
+from malus.renderers.variant import Variant
+from malus.scenes.core.cores import usable_cores
+
+MOST_PROCESSES = 8
+"""Worker processes at once; each holds the renderer and the tables of its families."""
+
+ALONE_SECONDS = 1.5
+"""Time after its first task in which one process works alone: what is done by then would have
+waited for others to start, which takes as long."""
+
+_Item = TypeVar("_Item")
+
+Work = Callable[[WorkerProcess, Task, int], Iterable[_Item]]
+"""Does a task in a worker process, with so many threads."""
+
+
+def processes(variant: Variant) -> int:
+    """Worker processes that may render at once: one a core, and one for a graphics card."""
+    return 1 if variant.name.startswith("cuda") else min(usable_cores(), MOST_PROCESSES)
+
+
+def shared_later(
+    tasks: Iterable[Task], worker: WorkerProcess, most: int, do: Work[Task, _Item]
+) -> Iterator[tuple[Task, _Item]]:
+    """Do tasks in one process, and after `ALONE_SECONDS` in `most` of them; yields as they come.
+
+    One process hardly profits from several cores: what is Python in it has one.
+    """
+    queue, began = TaskQueue(tasks), None
+    while most == 1 or began is None or time.monotonic() - began < ALONE_SECONDS:
+        task = queue.next_of(worker)
+        if task is None:
+            return
+        for item in do(worker, task, usable_cores()):
+            yield task, item
+        began = began or time.monotonic()
+    with ExitStack() as stack:
+        more = [stack.enter_context(WorkerProcess(worker.timeout)) for _ in range(most - 1)]
+        yield from shared(queue, [worker, *more], do)
+
+
+def shared(
+    queue: TaskQueue[Task], workers: Sequence[WorkerProcess], do: Work[Task, _Item]
+) -> Iterator[tuple[Task, _Item]]:
+    """Do tasks in several processes, each with its share of the cores; yields as they come.
+
+    Where it is left before its end, what the processes do is ended, too.
+    """
+    with ThreadPoolExecutor(len(workers)) as pool:  # each thread waits for one of them
+        sharing = _Sharing(queue, do, pool, len(workers))
+        try:
+            for worker in workers:
+                sharing.hand_over(worker)
+            while sharing.busy:
+                task, items = sharing.next_items()
+                for item in items:
+                    yield task, item
+        finally:
+            sharing.stop()
+
+
+class _Sharing(Generic[Task, _Item]):
+    """Who is busy, and what arrives of them."""
+
+    def __init__(
+        self,
+        queue: TaskQueue[Task],
+        do: Work[Task, _Item],
+        pool: ThreadPoolExecutor,
+        workers: int,
+    ) -> None:
+        self._queue, self._do, self._pool = queue, do, pool
+        self._threads = max(1, usable_cores() // workers)
+        # No more wait than are made at once: they may be large.
+        self._arrived: Queue[_Arrived[Task, _Item]] = Queue(workers)
+        self.busy: set[WorkerProcess] = set()
+
+    def hand_over(self, worker: WorkerProcess) -> None:
+        """Give a process its next task, where one is left."""
+        self.busy.discard(worker)
+        task = self._queue.next_of(worker)
+        if task is not None:
+            self.busy.add(worker)
+            self._pool.submit(self._work, worker, task)
+
+    def _work(self, worker: WorkerProcess, task: Task) -> None:
+        last: list[_Item] = []
+        raised = None
+        try:
+            for item in self._do(worker, task, self._threads):
+                if last:
+                    self._arrived.put(_Arrived(worker, task, last))
+                last = [item]
+        except BaseException as error:
+            raised = error
+        self._arrived.put(_Arrived(worker, task, last, ended=True, raised=raised))
+
+    def next_items(self) -> tuple[Task, list[_Item]]:
+        """What arrives next; its process has its next task then, where it has ended this one."""
+        arrived = self._arrived.get()
+        if arrived.raised is not None:
+            self.busy.discard(arrived.worker)
+            raise arrived.raised
+        if arrived.ended:
+            self.hand_over(arrived.worker)
+        return arrived.task, arrived.items
+
+    def stop(self) -> None:
+        """End what is under way, and take what its threads wait to hand in."""
+        for worker in self.busy:
+            worker.give_up()
+        while self.busy:
+            arrived = self._arrived.get()
+            if arrived.ended:
+                self.busy.discard(arrived.worker)
+
+
+@dataclass(frozen=True)
+class _Arrived(Generic[Task, _Item]):
+    """What came of a task, with its last item that it has ended, and what it raised."""
+
+    worker: WorkerProcess
+    task: Task
+    items: list[_Item]
+    ended: bool = False
+    raised: BaseException | None = None
