@@ -41,6 +41,11 @@ _LLVM_FOLDERS = (
 )
 
 
+FEWEST_THREADS = 2
+"""Threads of Dr.Jit, the calling one among them. Alone, that keeps numbers too small for full
+precision, which the others round to zero: standard errors of 0 would be 1e-21 on one core only."""
+
+
 @dataclass(frozen=True)
 class Variant:
     """A usable Mitsuba variant and why it was chosen."""
@@ -243,6 +248,9 @@ def mitsuba(variant: Variant) -> ModuleType:
         # Without LLVM, Mitsuba prints a warning, though LLVM was not asked for.
         with nullcontext() if library else quiet():
             import mitsuba as mi
+        import drjit as dr
+
+        dr.set_thread_count(max(dr.thread_count(), FEWEST_THREADS))
     if mi.variant() != variant.name:
         mi.set_variant(variant.name)
         mi.set_log_level(mi.LogLevel.Error)
@@ -254,5 +262,6 @@ def use_threads(variant: Variant, threads: int) -> None:
     mitsuba(variant)
     import drjit as dr
 
-    if dr.thread_count() != threads:
-        dr.set_thread_count(threads)
+    count = max(threads, FEWEST_THREADS)
+    if dr.thread_count() != count:
+        dr.set_thread_count(count)

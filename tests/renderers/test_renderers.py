@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import drjit
 import numpy as np
 import pytest
 from scipy import stats
@@ -19,7 +20,7 @@ from malus.renderers.mitsuba.translate import (
     specular_bsdf,
 )
 from malus.renderers.torrance_sparrow import sphere_normals
-from malus.renderers.variant import choose, mitsuba
+from malus.renderers.variant import choose, mitsuba, use_threads
 from malus.scenes import (
     Area,
     Blob,
@@ -100,6 +101,21 @@ def test_indices_far_apart_or_near_that_of_air_are_interpolated_as_well(
         expected = render_family([scene], FEW).truth(scene).diffuse
         difference = interpolated.truth(scene).diffuse.astype(float) - expected
         assert np.sqrt(np.mean(difference**2)) <= 1e-5 * expected[..., 0].max()
+
+
+def test_truths_are_the_same_to_the_bit_for_any_number_of_threads() -> None:
+    """Narrow lobes have products too small for full precision, which threads treat alike."""
+    variant, before = choose(), drjit.thread_count()
+    scene = scene_at(1.5, Area(incidence_deg=60, half_angle_deg=15), Blob(seed=7), alpha=0.4)
+    scene = scene.model_copy(update={"camera": Camera(resolution=64)})
+    found = []
+    for threads in (2, 1, 3):
+        use_threads(variant, threads)
+        found.append(render_family([scene], Sampling(samples=16, seed=1)).truth(scene))
+    drjit.set_thread_count(before)
+    for name in ("specular", "diffuse", "standard_error", "normals"):
+        one, *others = (getattr(truth, name) for truth in found)
+        assert all(np.array_equal(one, other) for other in others), name
 
 
 def test_one_index_needs_no_nodes_to_interpolate_between() -> None:
