@@ -38,7 +38,6 @@ from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.listed_scenes import listed_of
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, use_threads
-from malus.scenes.core.cores import usable_cores
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import owned
 from malus.scenes.core.remote import as_path
@@ -280,13 +279,13 @@ def _all_outcomes(
         return
     queue = TaskQueue(tasks)
     while (task := queue.next_of("this process")) is not None:
-        for outcome in _rendered(task, usable_cores()):
+        for outcome in _rendered(task):
             yield task, outcome
 
 
-def _rendered(task: RenderTask, threads: int) -> Iterator[Truth | Failure]:
-    """The truth of each scene, or why there is none."""
-    if task.renderer == "mitsuba":
+def _rendered(task: RenderTask, threads: int | None = None) -> Iterator[Truth | Failure]:
+    """The truth of each scene, or why there is none; in a process of the caller's own threads."""
+    if threads is not None and task.renderer == "mitsuba":
         use_threads(task.variant, threads)
     result = FamilyResult()
     with result.guard():

@@ -94,8 +94,8 @@ class _Sharing(Generic[Task, _Item]):
         self.busy.discard(worker)
         task = self._queue.next_of(worker)
         if task is not None:
-            self.busy.add(worker)
             self._pool.submit(self._work, worker, task)
+            self.busy.add(worker)  # only then: `stop` waits for what is busy
 
     def _work(self, worker: WorkerProcess, task: Task) -> None:
         last: list[_Item] = []

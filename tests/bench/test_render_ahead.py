@@ -104,8 +104,8 @@ def test_a_truth_is_written_while_the_next_is_made(
         assert second.wait(20)
         add(writer, truth, origin)
 
-    def watched(task: Any, threads: int) -> Any:
-        for outcome in render(task, threads):
+    def watched(task: Any) -> Any:
+        for outcome in render(task):
             made.append(outcome.scene.id)
             if len(made) == 2:
                 second.set()
