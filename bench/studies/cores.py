@@ -1,8 +1,8 @@
 """Benchmark of cores: a reduced fig5 on one core, two, … and all, and what bounds the speed-up.
 
 It takes the way of `malus run`, which shares families out among a process a core. They and this one
-may use these cores only. A run of other surfaces and few samples goes before in each,
-so that neither start nor compilation count; nor does the report.
+may use these cores only. A run of other surfaces and few samples goes before in each, so that
+neither start nor compilation count; nor does the report.
 """
 
 from __future__ import annotations
