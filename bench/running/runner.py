@@ -114,7 +114,7 @@ class SuiteRun:
         return Parts(self.folder)
 
     def tasks(self) -> Iterator[FamilyTask]:
-        """Tasks that are left; each is looked up shortly before its turn, as others may do it too."""
+        """Tasks that are left, each looked up shortly before its turn: others may do it, too."""
         examples = example_ids(self.families)
         for family in in_working_order(self.families):
             name = part_id(family, self.suite, self.variant.name)
