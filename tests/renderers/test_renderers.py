@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import drjit
 import numpy as np
 import pytest
 from scipy import stats
@@ -20,7 +19,7 @@ from malus.renderers.mitsuba.translate import (
     specular_bsdf,
 )
 from malus.renderers.torrance_sparrow import sphere_normals
-from malus.renderers.variant import choose, mitsuba, use_threads
+from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
     Area,
     Blob,
@@ -103,21 +102,6 @@ def test_indices_far_apart_or_near_that_of_air_are_interpolated_as_well(
         assert np.sqrt(np.mean(difference**2)) <= 1e-5 * expected[..., 0].max()
 
 
-def test_truths_are_the_same_to_the_bit_for_any_number_of_threads() -> None:
-    """Narrow lobes have products too small for full precision, which threads treat alike."""
-    variant, before = choose(), drjit.thread_count()
-    scene = scene_at(1.5, Area(incidence_deg=60, half_angle_deg=15), Blob(seed=7), alpha=0.4)
-    scene = scene.model_copy(update={"camera": Camera(resolution=64)})
-    found = []
-    for threads in (2, 1, 3):
-        use_threads(variant, threads)
-        found.append(render_family([scene], Sampling(samples=16, seed=1)).truth(scene))
-    drjit.set_thread_count(before)
-    for name in ("specular", "diffuse", "standard_error", "normals"):
-        one, *others = (getattr(truth, name) for truth in found)
-        assert all(np.array_equal(one, other) for other in others), name
-
-
 def test_one_index_needs_no_nodes_to_interpolate_between() -> None:
     nodes = Nodes.of(np.array([1.5, 1.5]), count=4)
     assert nodes.rendered == (1.5,)
@@ -139,18 +123,6 @@ def test_no_more_is_rendered_and_copied_from_a_card_than_is_wanted(
 def test_measured_interpolation_error_sees_too_few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("malus.renderers.families.nodes.node_count", lambda *_: 2)
     assert family(Uniform(), 1.33, 1.69).interpolation_error["rms"] > 1e-4
-
-
-@pytest.mark.parametrize("backend", ["auto", "scalar"])
-@pytest.mark.parametrize(
-    "light", [Uniform(), Distant(incidence_deg=20), Environment()], ids=lambda o: o.kind
-)
-def test_what_no_ray_meets_is_refused_and_ends_no_process(light: Light, backend: str) -> None:
-    """The camera looks through the hole of a ring."""
-    camera = Camera(resolution=8, projection="perspective", fov_deg=5, distance=10)
-    ring = scene_at(1.5, light, Torus(minor=0.09, tilt_deg=0)).model_copy(update={"camera": camera})
-    with pytest.raises(InputError, match="expected an object that covers a pixel, found none"):
-        render_family([ring], FEW, choose(backend))
 
 
 def test_a_family_refuses_strangers() -> None:
