@@ -13,10 +13,13 @@ from typing import Generic, TypeVar
 from malus.bench.running.task_queue import Task, TaskQueue
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.variant import Variant
-from malus.scenes.core.cores import usable_cores
+from malus.scenes.core.cores import free_memory, usable_cores
 
 MOST_PROCESSES = 8
 """Worker processes at once; each holds the renderer and the tables of its families."""
+
+MEMORY = 1e9
+"""Bytes that are free for each of them but the first; of rooms they take about as many."""
 
 ALONE_SECONDS = 1.5
 """Time after its first task in which one process works alone: what is done by then would have
@@ -29,8 +32,13 @@ Work = Callable[[WorkerProcess, Task, int], Iterable[_Item]]
 
 
 def processes(variant: Variant) -> int:
-    """Worker processes that may render at once: one a core, and one for a graphics card."""
-    return 1 if variant.name.startswith("cuda") else min(usable_cores(), MOST_PROCESSES)
+    """Worker processes that may render at once: one a core, and one for a graphics card.
+
+    Fewer where there is little memory.
+    """
+    if variant.name.startswith("cuda"):
+        return 1
+    return int(min(usable_cores(), MOST_PROCESSES, 1 + free_memory() // MEMORY))
 
 
 def shared_later(

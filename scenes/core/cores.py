@@ -1,8 +1,11 @@
-"""Cores of the processor that this process may use."""
+"""Cores and memory that this process and others beside it may use."""
 
 from __future__ import annotations
 
+import math
 import os
+from contextlib import suppress
+from pathlib import Path
 
 
 def usable_cores() -> int:
@@ -18,3 +21,24 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def free_memory(root: Path = Path("/")) -> float:
+    """Bytes that new processes may take: of the machine, or of a container that has fewer.
+
+    Infinite where the system does not tell, which is so but for Linux.
+
+    Examples
+    --------
+    >>> free_memory() > 0
+    True
+    """
+    free = math.inf
+    with suppress(OSError, ValueError, IndexError):
+        lines = (root / "proc/meminfo").read_text(encoding="ascii").splitlines()
+        free = min(1024.0 * int(line.split()[1]) for line in lines if "MemAvailable:" in line)
+    with suppress(OSError, ValueError):  # "max" where there is no limit
+        group = root / "sys/fs/cgroup"
+        limit, used = (int((group / f"memory.{name}").read_text()) for name in ("max", "current"))
+        free = min(free, max(0, limit - used))
+    return free

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import signal
 import subprocess
@@ -319,6 +320,7 @@ def test_a_render_in_workers_is_the_same_and_survives_their_death(
 ) -> None:
     monkeypatch.setattr(sharing, "ALONE_SECONDS", 0.0)
     monkeypatch.setattr(sharing, "usable_cores", lambda: cores)
+    monkeypatch.setattr(sharing, "free_memory", lambda: math.inf)
     render_dataset(SUITE, tmp_path / "here", NOBODY)
     with WorkerProcess() as worker:
         render_dataset(SUITE, tmp_path / "apart", NOBODY, worker=worker)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Iterable, Iterator
@@ -21,6 +22,7 @@ from malus.bench.running.task_queue import TaskQueue
 from malus.bench.running.work import in_this_process, in_worker_process, in_worker_processes
 from malus.bench.running.worker_process import Died, WorkerProcess
 from malus.renderers.variant import Variant
+from malus.scenes.core.cores import free_memory
 from malus.scenes.suite import Suite
 
 MANY = Suite.parse(
@@ -112,6 +114,7 @@ def test_a_run_that_takes_a_while_gets_a_process_a_core(
 ) -> None:
     monkeypatch.setattr(sharing, "ALONE_SECONDS", 0.0)
     monkeypatch.setattr(sharing, "usable_cores", lambda: cores)
+    monkeypatch.setattr(sharing, "free_memory", lambda: math.inf)
     started = []
 
     class Counted(WorkerProcess):
@@ -127,10 +130,30 @@ def test_a_run_that_takes_a_while_gets_a_process_a_core(
     assert set(table.alpha) == {surface.alpha for surface in MANY.surfaces}
 
 
-def test_one_process_renders_on_a_graphics_card(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_graphics_card_and_little_memory_have_few_processes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(sharing, "usable_cores", lambda: 16)
+    monkeypatch.setattr(sharing, "free_memory", lambda: math.inf)
     assert sharing.processes(Variant("cuda_ad_mono_polarized", "a card")) == 1
     assert sharing.processes(NOBODY) == sharing.MOST_PROCESSES
+    for free, count in ((0.0, 1), (2.5e9, 3), (1e12, sharing.MOST_PROCESSES)):
+        monkeypatch.setattr(sharing, "free_memory", lambda free=free: free)
+        assert sharing.processes(NOBODY) == count
+
+
+def test_free_memory_is_that_of_the_machine_or_of_its_container(tmp_path: Path) -> None:
+    assert free_memory(tmp_path) == math.inf
+    (tmp_path / "proc").mkdir()
+    lines = "MemTotal: 9 kB\nMemFree: 1 kB\nMemAvailable:    4000 kB\nBuffers: 7 kB\n"
+    (tmp_path / "proc" / "meminfo").write_text(lines, encoding="ascii")
+    assert free_memory(tmp_path) == 4000 * 1024
+    group = tmp_path / "sys" / "fs" / "cgroup"
+    group.mkdir(parents=True)
+    (group / "memory.current").write_text("600\n", encoding="ascii")
+    for limit, free in (("max", 4000 * 1024), ("1000", 400), ("500", 0), ("99999999", 4000 * 1024)):
+        (group / "memory.max").write_text(limit + "\n", encoding="ascii")
+        assert free_memory(tmp_path) == free
 
 
 def sleeps(*_: object) -> Iterator[FamilyResult]:
