@@ -248,12 +248,13 @@ def mitsuba(variant: Variant) -> ModuleType:
         # Without LLVM, Mitsuba prints a warning, though LLVM was not asked for.
         with nullcontext() if library else quiet():
             import mitsuba as mi
-        import drjit as dr
-
-        dr.set_thread_count(max(dr.thread_count(), FEWEST_THREADS))
     if mi.variant() != variant.name:
         mi.set_variant(variant.name)
         mi.set_log_level(mi.LogLevel.Error)
+    import drjit as dr
+
+    if dr.thread_count() < FEWEST_THREADS:
+        dr.set_thread_count(FEWEST_THREADS)
     return mi
 
 

@@ -20,6 +20,7 @@ import pytest
 from malus.bench import read_results
 from malus.bench.cli import main
 from malus.bench.datasets.render import render_dataset
+from malus.bench.running import sharing
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.variant import Variant
@@ -67,9 +68,16 @@ def no_worker_process() -> Iterator[None]:
     def stream(_: WorkerProcess, function: Callable[..., Any], *arguments: Any) -> Iterator[Any]:
         return iter(function(*arguments))
 
-    alone = patch("malus.bench.running.sharing.ALONE_SECONDS", math.inf)
+    alone = patch.object(sharing, "ALONE_SECONDS", math.inf)
     with patch.object(WorkerProcess, "stream", stream), alone:
         yield
+
+
+def share_at_once(monkeypatch: pytest.MonkeyPatch, cores: int) -> None:
+    """Let worker processes share tasks out after the first, as on a machine of so many cores."""
+    monkeypatch.setattr(sharing, "ALONE_SECONDS", 0.0)
+    monkeypatch.setattr(sharing, "usable_cores", lambda: cores)
+    monkeypatch.setattr(sharing, "free_memory", lambda: math.inf)
 
 
 def run_malus(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -103,17 +103,18 @@ def stamped(reference: str) -> str:
 def still_the_same(attributes: Mapping[str, Any]) -> dict[str, str]:
     """Methods that a part has for every scene, of its attributes: how each name was called.
 
-    Those are left out whose weights or module have changed since.
+    Those are left out whose weights or module have changed since. Parts of earlier versions list
+    the names alone.
 
     Examples
     --------
     >>> still_the_same({"methods": {"eq8": "eq8", "net": "net@0123456789abcdef"}})
     {'eq8': 'eq8'}
     """
-    called = {
-        name: (stamp.rpartition("@")[0] or stamp, stamp)
-        for name, stamp in attributes.get(METHODS, {}).items()
-    }
+    stamps = attributes.get(METHODS, {})
+    if not isinstance(stamps, dict):
+        stamps = {stamp.rpartition("@")[0] or stamp: stamp for stamp in stamps}
+    called = {name: (stamp.rpartition("@")[0] or stamp, stamp) for name, stamp in stamps.items()}
     return {
         name: reference
         for name, (reference, stamp) in called.items()

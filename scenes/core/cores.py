@@ -37,8 +37,10 @@ def free_memory(root: Path = Path("/")) -> float:
     with suppress(OSError, ValueError, IndexError):
         lines = (root / "proc/meminfo").read_text(encoding="ascii").splitlines()
         free = min(1024.0 * int(line.split()[1]) for line in lines if "MemAvailable:" in line)
-    with suppress(OSError, ValueError):  # "max" where there is no limit
+    with suppress(OSError, ValueError, KeyError):  # "max" where there is no limit
         group = root / "sys/fs/cgroup"
         limit, used = (int((group / f"memory.{name}").read_text()) for name in ("max", "current"))
-        free = min(free, max(0, limit - used))
+        details = (group / "memory.stat").read_text(encoding="ascii").splitlines()
+        files = int(dict(line.split(maxsplit=1) for line in details)["inactive_file"])
+        free = min(free, max(0, limit - used + files))  # files that were read give way
     return free

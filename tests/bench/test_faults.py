@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 import signal
 import subprocess
@@ -16,12 +15,11 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from runs import NOBODY, SUITE
+from runs import NOBODY, SUITE, share_at_once
 
 import malus.bench.running.truths
 from malus.bench import run
 from malus.bench.datasets.render import RenderTask, render_dataset
-from malus.bench.running import sharing
 from malus.bench.running.cluster import engine, local_cluster, spread
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
@@ -318,9 +316,7 @@ def test_a_render_tries_a_wrong_input_again_and_needs_one_scene(
 def test_a_render_in_workers_is_the_same_and_survives_their_death(
     cores: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sharing, "ALONE_SECONDS", 0.0)
-    monkeypatch.setattr(sharing, "usable_cores", lambda: cores)
-    monkeypatch.setattr(sharing, "free_memory", lambda: math.inf)
+    share_at_once(monkeypatch, cores)
     render_dataset(SUITE, tmp_path / "here", NOBODY)
     with WorkerProcess() as worker:
         render_dataset(SUITE, tmp_path / "apart", NOBODY, worker=worker)

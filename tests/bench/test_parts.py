@@ -11,6 +11,7 @@ from runs import NOBODY, SUITE
 
 from malus.bench.running.parts import Parts
 from malus.bench.running.runner import run
+from malus.scenes.core.result_files import PARTS
 
 
 def test_a_network_of_other_weights_is_scored_anew(tmp_path: Path) -> None:
@@ -31,6 +32,15 @@ def test_the_network_that_malus_brings_is_kept(tmp_path: Path) -> None:
     parts, called = Parts(tmp_path), {name: name for name in ("eq8", "net", "net-around")}
     parts.write("a", pd.DataFrame({"method": called}), called)
     assert parts.methods("a") == called
+
+
+def test_parts_of_earlier_versions_list_names_alone(tmp_path: Path) -> None:
+    """Else `malus status` said of a finished run that all is left."""
+    parts, table = Parts(tmp_path), pd.DataFrame({"method": ["eq8", "net"]})
+    parts.write("a", table, {"eq8": "eq8"})
+    table.attrs = {"methods": ["eq8", "net@0123456789abcdef"]}
+    table.to_parquet(tmp_path / PARTS / "a.parquet")
+    assert parts.methods("a") == {"eq8": "eq8"}
 
 
 METHOD = """

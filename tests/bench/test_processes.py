@@ -6,13 +6,12 @@ import math
 import os
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from runs import NOBODY, SUITE
+from runs import NOBODY, SUITE, share_at_once
 
 from malus.bench.running import sharing, work
 from malus.bench.running.family_task import FamilyResult, FamilyTask
@@ -112,9 +111,7 @@ def pid_of() -> Iterator[int]:
 def test_a_run_that_takes_a_while_gets_a_process_a_core(
     cores: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sharing, "ALONE_SECONDS", 0.0)
-    monkeypatch.setattr(sharing, "usable_cores", lambda: cores)
-    monkeypatch.setattr(sharing, "free_memory", lambda: math.inf)
+    share_at_once(monkeypatch, cores)
     started = []
 
     class Counted(WorkerProcess):
@@ -150,7 +147,9 @@ def test_free_memory_is_that_of_the_machine_or_of_its_container(tmp_path: Path) 
     assert free_memory(tmp_path) == 4000 * 1024
     group = tmp_path / "sys" / "fs" / "cgroup"
     group.mkdir(parents=True)
-    (group / "memory.current").write_text("600\n", encoding="ascii")
+    (group / "memory.current").write_text("900\n", encoding="ascii")
+    stat = "anon 500\nfile 400\ninactive_file 300\n"
+    (group / "memory.stat").write_text(stat, encoding="ascii")
     for limit, free in (("max", 4000 * 1024), ("1000", 400), ("500", 0), ("99999999", 4000 * 1024)):
         (group / "memory.max").write_text(limit + "\n", encoding="ascii")
         assert free_memory(tmp_path) == free
@@ -176,5 +175,5 @@ def test_a_stop_ends_what_the_processes_do(monkeypatch: pytest.MonkeyPatch) -> N
         with pytest.raises(KeyboardInterrupt):
             list(in_worker_processes(NOBODY, [one, two])(stopped(tasks()[:3])))
         assert time.monotonic() - began < 30  # a half of what one of them would take
-        with pytest.raises(Died, match="given up"), suppress(KeyboardInterrupt):
+        with pytest.raises(Died, match="given up"):
             list(one.stream(pid_of))

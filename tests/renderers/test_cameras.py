@@ -23,6 +23,7 @@ from malus.scenes import (
     Scene,
     Sky,
     Sphere,
+    Torus,
     Uniform,
 )
 from malus.scenes.lights.environment import directions
@@ -219,3 +220,20 @@ def test_scenes_from_before_there_were_projections_keep_their_id() -> None:
     assert set(Camera().model_dump()) == {"resolution", "half_width"}
     other = wide(roll_deg=10.0)
     assert Camera.parse(other.model_dump(mode="json"), "scene.json") == other
+
+
+@pytest.mark.parametrize("backend", ["auto", "scalar"])
+@pytest.mark.parametrize(
+    "light", [Uniform(), Distant(incidence_deg=20), Environment()], ids=lambda o: o.kind
+)
+def test_what_no_ray_meets_is_refused_and_ends_no_process(light: Light, backend: str) -> None:
+    """The camera looks through the hole of a ring."""
+    camera = Camera(resolution=8, projection="perspective", fov_deg=5, distance=10)
+    ring = Scene(
+        shape=Torus(minor=0.09, tilt_deg=0),
+        surface=Dielectric(eta=1.5, alpha=0.3),
+        light=light,
+        camera=camera,
+    )
+    with pytest.raises(InputError, match="expected an object that covers a pixel, found none"):
+        render_family([ring], Sampling(samples=4), choose(backend))
