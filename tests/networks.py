@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
+from skimage.transform import resize
 
 REACH = 5
 """How far a pixel's output depends on others."""
@@ -71,6 +72,24 @@ def blocks_by_hand(normalised: np.ndarray) -> np.ndarray:
     rows, columns = (side // BLOCK for side in normalised.shape[:2])
     mean = normalised.reshape(rows, BLOCK, columns, BLOCK, 3).mean(axis=(1, 3))
     return SLOPE * mean.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
+
+
+def half_as_large_again(maps: np.ndarray) -> np.ndarray:
+    """Maps (height, width, channels) of 1.5 times the sides, interpolated between pixel centres."""
+    height, width, channels = maps.shape
+    return resize(maps, (height * 3 // 2, width * 3 // 2, channels), order=1, mode="edge")
+
+
+def brought_back(maps: np.ndarray) -> np.ndarray:
+    """Such maps at the size they had before: the mean under a triangle three pixels wide."""
+    down, across = (_triangles(length) for length in maps.shape[:2])
+    return np.einsum("ri,ijc,kj->rkc", down, maps, across)
+
+
+def _triangles(length: int) -> np.ndarray:
+    centres = 1.5 * (np.arange(length * 2 // 3) + 0.5) - 0.5
+    weights = np.maximum(0, 1 - np.abs(np.arange(length) - centres[:, None]) / 1.5)
+    return weights / weights.sum(axis=1, keepdims=True)
 
 
 _SURE = {"b": np.float32(SURE[1]), "c": np.float32(SURE[0])}

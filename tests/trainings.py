@@ -6,13 +6,16 @@ Import it after `pytest.importorskip("jax")`.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import onnxruntime
+import pytest
 
-from malus.bench.learning import network
+from malus.bench.learning import network, training
+from malus.bench.learning.examples import Examples
 from malus.bench.learning.model_file import read_model, write_model
 from malus.bench.learning.network import Architecture
 from malus.bench.learning.options import TrainingOptions
@@ -45,6 +48,33 @@ def random_weights(architecture: Architecture, seed: int = 0) -> dict[str, Any]:
         name: (w + random.normal(0, 0.03, w.shape)).astype(np.float32)
         for name, w in weights.items()
     }
+
+
+def steps_on_two_devices() -> Iterator[tuple[list[tuple[str, int]], bytes]]:
+    """Who made how many pictures of a step, and the weights that follow: of two devices, and of one
+    that has both parts. To be called in a new process.
+    """
+    import jax
+
+    jax.config.update("jax_num_cpu_devices", 2)
+    random = np.random.default_rng(0)
+    light = random.uniform(0, 0.3, (5, 16, 16, 3, 3)).astype(np.float16) + np.float16([1, 0, 0])
+    train = Examples(light, np.ones((5, 16, 16), bool), np.zeros(5))
+    own, devices = training.augmented, training.sharing(QUICK.batch)
+    for those in (devices, devices[:1] * 2):
+        seen: list[tuple[str, int]] = []
+
+        def noted(key: Any, light: Any, *rest: Any, seen: list[tuple[str, int]] = seen) -> Any:
+            seen.append((str(light.device), len(light)))
+            return own(key, light, *rest)
+
+        with pytest.MonkeyPatch.context() as changed:
+            changed.setattr(training, "augmented", noted)
+            changed.setattr(training, "sharing", lambda _, those=those: those)
+            state = training.start(QUICK)
+            for number in range(2):
+                state, _ = training.take_step(train, QUICK, state, number, 1e-2, 0.9)
+        yield seen, b"".join(np.asarray(w).tobytes() for w in state.weights.values())
 
 
 def answers(model: Path) -> list[np.ndarray]:

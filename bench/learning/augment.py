@@ -1,11 +1,13 @@
 """Make a new example of a stored one: moved, recoloured, blurred, photographed.
 
 Each step is a small function with a law of its own, in `warp`, `colours` and `camera`; everything
-runs on the device, a batch at a time.
+runs on the device, a batch at a time. Each is compiled on its own: compiled as one, the values of a
+pixel were computed again for every neighbour that asks for them, which took twice the time.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -53,19 +55,36 @@ def augmented(key: JaxArray, light: JaxArray, mask: JaxArray, turn_deg: float, s
     side : int
         Pixels a side of the new pictures, a multiple of 16.
     """
-    movement, seen, others = jax.random.split(key, 3)
-    count = light.shape[0]
-    whole = mask.mean(axis=(1, 2)) > WHOLE
+    movement, company, others = jax.random.split(key, 3)
+    light, mask = _moved(movement, light, mask, turn_deg, side)
+    light, mask = _in_company(company, light, mask)
+    colour, softness, how, noise = jax.random.split(others, 4)
+    light = _blurred(softness, _mixed(colour, light))
+    return Batch(*_photographed(how, noise, light, mask))
+
+
+@partial(jax.jit, static_argnums=4)
+def _moved(
+    key: JaxArray, light: JaxArray, mask: JaxArray, turn_deg: float, side: int
+) -> tuple[JaxArray, JaxArray]:
     # Of a picture that fills the frame nobody knows what is around it: it is not made smaller.
-    least = jnp.where(whole, 1.0, 0.5)
-    motions = jax.vmap(random_motion, (0, None, None, 0))(
-        jax.random.split(movement, count), turn_deg, side, least
-    )
-    light, mask = jax.vmap(moved, (0, 0, 0, None))(light.astype(jnp.float32), mask, motions, side)
-    chance = jax.random.uniform(seen, (count,))
+    least = jnp.where(_whole(mask), 1.0, 0.5)
+    keys = jax.random.split(key, len(mask))
+    motions = jax.vmap(random_motion, (0, None, None, 0))(keys, turn_deg, side, least)
+    return jax.vmap(moved, (0, 0, 0, None))(light.astype(jnp.float32), mask, motions, side)
+
+
+@partial(jax.jit)
+def _in_company(key: JaxArray, light: JaxArray, mask: JaxArray) -> tuple[JaxArray, JaxArray]:
+    """Some objects alone, some before another picture, most as they were rendered."""
+    chance, whole = jax.random.uniform(key, (len(mask),)), _whole(mask)
     cut, collage = chance < jnp.where(whole, 0.25, 0.4), ~whole & (chance > 0.6)
-    light, mask = before_others(without_surroundings(light, mask, cut), mask, collage)
-    return Batch(*jax.vmap(_one)(jax.random.split(others, count), light, mask))
+    return before_others(without_surroundings(light, mask, cut), mask, collage)
+
+
+def _whole(mask: JaxArray) -> JaxArray:
+    """Which pictures fill their frame."""
+    return mask.mean(axis=(1, 2)) > WHOLE
 
 
 def without_surroundings(light: JaxArray, mask: JaxArray, whether: JaxArray) -> JaxArray:
@@ -84,16 +103,27 @@ def before_others(light: JaxArray, mask: JaxArray, whether: JaxArray) -> tuple[J
     return jnp.where(behind[..., None, None], other_light, light), mask | (behind & other_mask)
 
 
-def _one(key: JaxArray, light: JaxArray, mask: JaxArray) -> tuple[JaxArray, JaxArray, JaxArray]:
-    """Picture, target and weight of one example."""
-    colour, softness, how, noise = jax.random.split(key, 4)
-    light = blurred(mixed(light, random_mixture(colour)), random_blur(softness))
-    shown = light[..., 0]
-    light = light / jnp.maximum(_mean(shown, mask), _DARK)
-    seen, lit = photographed(noise, light[..., 0], random_camera(how))
-    target = ratios(light)
+@partial(jax.jit)
+def _mixed(key: JaxArray, light: JaxArray) -> JaxArray:
+    return jax.vmap(mixed)(light, jax.vmap(random_mixture)(jax.random.split(key, len(light))))
+
+
+@partial(jax.jit)
+def _blurred(key: JaxArray, light: JaxArray) -> JaxArray:
+    return jax.vmap(blurred)(light, jax.vmap(random_blur)(jax.random.split(key, len(light))))
+
+
+@partial(jax.jit)
+def _photographed(
+    how: JaxArray, noise: JaxArray, light: JaxArray, mask: JaxArray
+) -> tuple[JaxArray, JaxArray, JaxArray]:
+    """Pictures, targets and weights."""
+    light = light / jnp.maximum(_means(light[..., 0], mask), _DARK)[..., None]
+    cameras = jax.vmap(random_camera)(jax.random.split(how, len(mask)))
+    keys = jax.random.split(noise, len(mask))
+    seen, lit = jax.vmap(photographed)(keys, light[..., 0], cameras)
     weight = jnp.where(mask[..., None] & lit, jnp.minimum(light[..., 0], HIGHLIGHT), 0.0)
-    return seen / jnp.maximum(_mean(seen, mask), _DARK), target, weight
+    return seen / jnp.maximum(_means(seen, mask), _DARK), ratios(light), weight
 
 
 def ratios(light: JaxArray) -> JaxArray:
@@ -109,6 +139,7 @@ def ratios(light: JaxArray) -> JaxArray:
     return jnp.clip(q, -1.0, 1.0)
 
 
-def _mean(picture: JaxArray, mask: JaxArray) -> JaxArray:
-    """Mean of a picture (height, width, 3) over its valid pixels and channels."""
-    return (picture * mask[..., None]).sum() / jnp.maximum(3 * mask.sum(), 1)
+def _means(pictures: JaxArray, mask: JaxArray) -> JaxArray:
+    """Means (count, 1, 1, 1) of pictures (count, height, width, 3) over valid pixels, channels."""
+    counts = jnp.maximum(3 * mask.sum(axis=(1, 2)), 1)
+    return ((pictures * mask[..., None]).sum(axis=(1, 2, 3)) / counts)[:, None, None, None]

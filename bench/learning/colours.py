@@ -26,7 +26,8 @@ def mixed(light: JaxArray, weights: JaxArray) -> JaxArray:
     >>> mixed(light, jnp.diag(jnp.array([3.0, 1.0, 1.0])))[0].tolist()
     [6.0, 3.0, 0.0]
     """
-    return jnp.einsum("ck,...ks->...cs", weights, light)
+    # Spelled out: a product of so small matrices, one a pixel, took five times as long.
+    return sum(weights[:, k, None] * light[..., k, None, :] for k in range(3))
 
 
 def random_mixture(key: JaxArray) -> JaxArray:

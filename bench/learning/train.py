@@ -10,17 +10,17 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from malus.bench.learning.arrays import Weights
+from malus.bench.learning.devices import described, use_cores
 from malus.bench.learning.examples import Examples, read_examples, splits_of
 from malus.bench.learning.kept import KeptTraining
 from malus.bench.learning.model_file import Model, read_model, write_model
 from malus.bench.learning.network import STRIDE, Architecture, operations, radius, rounded
 from malus.bench.learning.options import TrainingOptions
 from malus.bench.learning.training import Progressed, fit, start
-from malus.bench.learning.validation import measured
+from malus.bench.learning.validation import MAGNIFICATIONS, measured
 from malus.bench.running.progress import Progress
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.reports.figures.learning import figure_learning
@@ -114,6 +114,7 @@ def train_model(
         cannot be written; options of another network than that to begin from.
     """
     _check_out(model)
+    use_cores()
     began = time.monotonic()
     parent = None if begin_from is None else read_model(begin_from)
     options = _agreed(options, parent)
@@ -176,14 +177,14 @@ def _identity(data: Data, options: TrainingOptions, parent: Model | None) -> dic
         "options": asdict(options),
         "from": parent and parent.sha256,
         "versions": versions("malus", "jax", "optax"),
-        "backend": jax.default_backend(),
+        "device": described(options.batch),
     }
 
 
 def _facts(data: Data, options: TrainingOptions, weights: Weights) -> dict[str, Any]:
     """What who runs the network must know: of the stored weights, as method `net` runs them."""
-    val = measured(weights, data.val, options.prior, mirrored=True)
-    test = None if data.test is None else measured(weights, data.test, options.prior, mirrored=True)
+    val = measured(weights, data.val, options.prior, as_run=True)
+    test = None if data.test is None else measured(weights, data.test, options.prior, as_run=True)
     usable = np.isfinite(val.calibration) and val.calibration > 0
     architecture = Architecture(options.width, options.prior)
     return {
@@ -194,6 +195,7 @@ def _facts(data: Data, options: TrainingOptions, weights: Weights) -> dict[str, 
         "calibration": float(np.sqrt(val.calibration)) if usable else 1.0,
         "stride": STRIDE,
         "receptive_radius": radius(architecture),
+        "magnifications": MAGNIFICATIONS,
         "resolution": max(data.train.mask.shape[1:]),
         "operations": round(operations(architecture)),
         "weights": sum(int(np.size(w)) for w in weights.values()),
@@ -206,7 +208,6 @@ def _recipe(
     """What somebody needs to train the same network again."""
     suite = data.dataset.record.suite or {}
     random = suite.get("random") or {}
-    device = jax.devices()[0]
     return {
         "dataset": {
             "sha256": data.dataset.sha256,
@@ -219,7 +220,7 @@ def _recipe(
         },
         "options": asdict(options),
         "steps": training.steps,
-        "device": f"{device.platform}: {device.device_kind}",
+        "device": described(options.batch),
         "versions": versions("malus", "jax", "optax", "onnx", "numpy"),
         "seconds": round(seconds, 1),
     }
@@ -233,15 +234,19 @@ ABLATION: dict[str, dict[str, Any]] = {
 }
 """Rows of the ablation: what differs from the options that are given."""
 
+AS_RUN = "as method net runs it"
+"""Row of the first network, which is measured twice."""
+
 
 def ablation(
     folder: Path, options: TrainingOptions, progress: Progress
 ) -> Iterator[dict[str, Any]]:
     """Train once for each row of `ABLATION` and yield its skill on val and test.
 
-    The first network is also measured with its estimates for a picture and for its mirror image
-    averaged.
+    The first network is also measured as method `net` runs it: with its estimates for a picture
+    and its mirror image averaged, at two sizes.
     """
+    use_cores()
     data = read_data(folder, options, progress)
     for row, change in ABLATION.items():
         own = replace(options, **change)
@@ -251,13 +256,13 @@ def ablation(
         weights = rounded(training.best)
         yield _compared(row, data, own.prior, weights, training.steps)
         if not change:
-            yield _compared("mean with its mirror image", data, own.prior, weights, training.steps)
+            yield _compared(AS_RUN, data, own.prior, weights, training.steps)
 
 
 def _compared(row: str, data: Data, prior: str, weights: Weights, steps: int) -> dict[str, Any]:
-    mirrored = row == "mean with its mirror image"
-    val = measured(weights, data.val, prior, mirrored)
-    test = None if data.test is None else measured(weights, data.test, prior, mirrored)
+    as_run = row == AS_RUN
+    val = measured(weights, data.val, prior, as_run)
+    test = None if data.test is None else measured(weights, data.test, prior, as_run)
     return {
         "row": row,
         "steps": steps,

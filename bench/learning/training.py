@@ -8,7 +8,6 @@ the number of the step alone: a training that was stopped goes on as if it had n
 
 from __future__ import annotations
 
-import functools
 import time
 from collections.abc import Callable
 from functools import partial
@@ -21,6 +20,7 @@ import optax
 
 from malus.bench.learning.arrays import JaxArray, Weights
 from malus.bench.learning.augment import Batch, augmented
+from malus.bench.learning.devices import mean_on_first, sharing
 from malus.bench.learning.examples import Examples
 from malus.bench.learning.network import STRIDE, Architecture, forward, initial_weights
 from malus.bench.learning.objective import loss
@@ -94,9 +94,7 @@ def fit(
         Weights to begin with, where nothing was kept, in place of random ones.
     """
     began = time.monotonic()
-    function = _step_function(options.batch, options.prior, side_of(train))
-    key = jax.random.key(options.seed)
-    one_step = partial(function, *jax.device_put((train.light, train.mask)), key, options.turn_deg)
+    one_step = partial(take_step, train, options)
     if kept is None:
         state = start(options, begin)
         steps = options.steps or _affordable(one_step, val, state, options, began)
@@ -154,36 +152,50 @@ def side_of(examples: Examples) -> int:
     return min(_LARGEST_SIDE, max(STRIDE, min(examples.mask.shape[1:]) // STRIDE * STRIDE))
 
 
-@functools.cache
-def _step_function(batch: int, prior: str, side: int) -> Any:
-    """One step as a compiled function: pictures, key, largest turn, state, number of the step."""
-    optimiser = _optimiser()
+def take_step(
+    train: Examples,
+    options: TrainingOptions,
+    state: State,
+    number: int,
+    rate: float,
+    decay: float,
+) -> tuple[State, JaxArray]:
+    """The state after one more step, and the error on its examples before it."""
+    # The pictures stay in the memory of the machine: of many devices each would need all of them.
+    random = np.random.default_rng((options.seed, number))
+    chosen = random.integers(len(train.mask), size=options.batch)
+    key = jax.random.fold_in(jax.random.key(options.seed), number)
+    devices = sharing(options.batch)
+    found = []
+    for own, indices, device in zip(
+        jax.random.split(key, len(devices)), np.split(chosen, len(devices)), devices, strict=True
+    ):
+        given = (own, train.light[indices], train.mask[indices], state.weights)
+        own, light, mask, weights = jax.device_put(given, device)
+        examples = augmented(own, light, mask, options.turn_deg, side_of(train))
+        found.append(_error_and_gradient(options.prior, weights, examples))
+    error, gradient = mean_on_first(found)
+    return _descended(state, gradient, rate, decay), error
+
+
+@partial(jax.jit, static_argnums=0)
+def _error_and_gradient(prior: str, weights: Weights, examples: Batch) -> tuple[JaxArray, Weights]:
     # Half the memory traffic, where the device has units for it.
     dtype = jnp.bfloat16 if jax.default_backend() == "gpu" else jnp.float32
 
-    def error(weights: Weights, examples: Batch) -> JaxArray:
+    def error(weights: Weights) -> JaxArray:
         return loss(*forward(weights, examples.picture, prior, dtype), examples)
 
-    def step(
-        light: JaxArray,
-        mask: JaxArray,
-        root: JaxArray,
-        turn_deg: float,
-        state: State,
-        number: int,
-        rate: float,
-        decay: float,
-    ) -> tuple[State, JaxArray]:
-        draw, change = jax.random.split(jax.random.fold_in(root, number))
-        chosen = jax.random.randint(draw, (batch,), 0, light.shape[0])
-        examples = augmented(change, light[chosen], mask[chosen], turn_deg, side)
-        value, gradient = jax.value_and_grad(error)(state.weights, examples)
-        change_by, memory = optimiser.update(gradient, state.optimiser, state.weights)
-        weights = jax.tree.map(lambda w, u: w - rate * u, state.weights, change_by)
-        average = jax.tree.map(lambda a, w: decay * a + (1 - decay) * w, state.average, weights)
-        return State(weights, average, memory), value
+    found: tuple[JaxArray, Weights] = jax.value_and_grad(error)(weights)
+    return found
 
-    return jax.jit(step)
+
+@partial(jax.jit)
+def _descended(state: State, gradient: Weights, rate: float, decay: float) -> State:
+    change_by, memory = _optimiser().update(gradient, state.optimiser, state.weights)
+    weights = jax.tree.map(lambda w, u: w - rate * u, state.weights, change_by)
+    average = jax.tree.map(lambda a, w: decay * a + (1 - decay) * w, state.average, weights)
+    return State(weights, average, memory)
 
 
 def _affordable(

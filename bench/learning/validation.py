@@ -15,6 +15,9 @@ from malus.bench.learning.network import STRIDE, forward
 from malus.bench.learning.objective import Sums, sums
 from malus.bench.scoring.metrics import skills
 
+MAGNIFICATIONS = (1.0, 1.5)
+"""Sizes at which a trained network sees a picture, over that of its training."""
+
 _TOGETHER = 32
 """Pictures that are estimated at once."""
 
@@ -27,14 +30,14 @@ class Measured(NamedTuple):
     calibration: float
 
 
-def measured(weights: Weights, examples: Examples, prior: str, mirrored: bool = False) -> Measured:
+def measured(weights: Weights, examples: Examples, prior: str, as_run: bool = False) -> Measured:
     """Skill and calibration of a network on examples, as they are.
 
     Parameters
     ----------
-    mirrored : bool
-        Of the estimates for each picture and its mirror image take the mean, and of deviations the
-        root of the mean square, as method `net` does.
+    as_run : bool
+        As method `net` runs a network: the mean of the estimates for each picture and its mirror
+        image, at each of `MAGNIFICATIONS`; of deviations the root of the mean square.
 
     Returns
     -------
@@ -42,8 +45,12 @@ def measured(weights: Weights, examples: Examples, prior: str, mirrored: bool = 
     of the truth, but not for how the estimate follows it, which is in the picture too: on the
     suite `photos` they are 0.01 above those of `malus score`.
     """
+    together = min(_TOGETHER, len(examples.mask))
+    devices = jax.devices()
+    copies = [jax.device_put(weights, device) for device in devices]
     parts = [
-        _sums(prior, mirrored, weights, *part) for part in _parts(examples.light, examples.mask)
+        _sums(prior, as_run, copies[number % len(devices)], *part)
+        for number, part in enumerate(_parts(together, examples.light, examples.mask))
     ]
     found = Sums(*(np.concatenate(one)[: len(examples.mask)] for one in zip(*parts, strict=True)))
     error, guess = found.error - examples.noise, found.guess - examples.noise
@@ -56,10 +63,9 @@ def measured(weights: Weights, examples: Examples, prior: str, mirrored: bool = 
     return Measured(float(np.median(each)), float(np.mean(each > 0)), float(np.mean(squares)))
 
 
-def _parts(*arrays: JaxArray) -> list[list[JaxArray]]:
+def _parts(together: int, *arrays: JaxArray) -> list[list[JaxArray]]:
     """Arrays in parts of one length, the last filled up: a function is compiled for each length."""
     count = len(arrays[0])
-    together = min(_TOGETHER, count)
     parts = []
     for first in range(0, count, together):
         chosen = np.minimum(np.arange(first, first + together), count - 1)
@@ -68,15 +74,15 @@ def _parts(*arrays: JaxArray) -> list[list[JaxArray]]:
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _sums(prior: str, mirrored: bool, weights: Weights, light: JaxArray, mask: JaxArray) -> Sums:
+def _sums(prior: str, as_run: bool, weights: Weights, light: JaxArray, mask: JaxArray) -> Sums:
     """Sums of several scenes at once."""
     light = light.astype(jnp.float32)
-    ratios, deviations = estimated(weights, light[..., 0], prior, mirrored)
+    ratios, deviations = estimated(weights, light[..., 0], prior, as_run)
     return Sums(*jax.vmap(sums)(light, mask, ratios, deviations))
 
 
 def estimated(
-    weights: Weights, pictures: JaxArray, prior: str, mirrored: bool = False
+    weights: Weights, pictures: JaxArray, prior: str, as_run: bool = False
 ) -> tuple[JaxArray, JaxArray]:
     """Ratios (count, height, width, 3, 2) and deviations (count, height, width, 3).
 
@@ -84,14 +90,29 @@ def estimated(
     ----------
     pictures : (count, height, width, 3) array
         Linear light over its mean, of any size.
+    as_run : bool
+        As method `net` runs a network: see `measured`.
     """
+    if not as_run:
+        return _answers(weights, pictures, prior)
+    count, height, width = pictures.shape[:3]
+    ratios, variances = [], []
+    for magnification in MAGNIFICATIONS:
+        large = (count, round(magnification * height), round(magnification * width), 3)
+        seen = jax.image.resize(pictures, large, "linear")
+        for step in (1, -1):
+            told, deviations = _answers(weights, seen[:, :, ::step], prior)
+            told = told[:, :, ::step] * jnp.array([1.0, step])
+            ratios.append(jax.image.resize(told, (count, height, width, 3, 2), "linear"))
+            deviations = deviations[:, :, ::step]
+            back = jax.image.resize(deviations, (count, height, width, 3), "linear")
+            variances.append(back**2)
+    return sum(ratios) / len(ratios), jnp.sqrt(sum(variances) / len(variances))
+
+
+def _answers(weights: Weights, pictures: JaxArray, prior: str) -> tuple[JaxArray, JaxArray]:
+    """What the network says of pictures, whose sides it needs as multiples of its stride."""
     height, width = pictures.shape[1:3]
     beyond = [(0, 0), (0, -height % STRIDE), (0, -width % STRIDE), (0, 0)]
-    padded = jnp.pad(pictures, beyond, mode="edge")
-    ratios, deviations = forward(weights, padded, prior)
-    ratios, deviations = ratios[:, :height, :width], deviations[:, :height, :width]
-    if mirrored:
-        others, other_deviations = estimated(weights, pictures[:, :, ::-1], prior)
-        ratios = (ratios + others[:, :, ::-1] * jnp.array([1.0, -1.0])) / 2
-        deviations = jnp.sqrt((deviations**2 + other_deviations[:, :, ::-1] ** 2) / 2)
-    return ratios, deviations
+    ratios, deviations = forward(weights, jnp.pad(pictures, beyond, mode="edge"), prior)
+    return ratios[:, :height, :width], deviations[:, :height, :width]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,12 +11,9 @@ import numpy as np
 
 from malus.reconstruct.learned.channels import at_bands, channel_weights
 from malus.reconstruct.learned.network import Network, Output, network
-from malus.reconstruct.learned.scale import larger, smaller, working_size
+from malus.reconstruct.learned.scale import Size, interpolated, resized
 from malus.reconstruct.observation import Components, Inapplicable, Observation
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray
-
-SIDES = 1
-"""Longer side that a picture is reduced to, over the side of the pictures of the training."""
 
 FEWEST = 16
 """Fewest pixels that are worth looking at."""
@@ -38,7 +35,7 @@ def net(
     weights : path of a file that `malus train` wrote; None is the one that malus brings
     side : int, optional
         Pixels of the longer side that larger pictures are reduced to for the network: by default
-        `SIDES` times that of its training.
+        those of its training. At its other sizes it sees them as much larger or smaller.
     around : bool
         Show the network the picture around the mask too, which is dark otherwise.
 
@@ -59,19 +56,18 @@ def net(
     Notes
     -----
     The picture is divided by its mean over channels and valid pixels, so that exposure means
-    nothing. The network sees it and its mirror image, whose polarisation is the mirrored one, and
-    both answers are averaged. It works on a reduced picture; its ratios are brought back by
-    interpolation and multiplied by the light of every pixel.
+    nothing. It is brought to the sizes that the file of weights names (`Description.sizes`); at
+    each the network sees it and its mirror image, whose polarisation is the mirrored one. All
+    answers are averaged; their ratios are brought back by interpolation and multiplied by the light
+    of every pixel.
     """
     model = network(weights)
     image, mask = observation.image, observation.mask
     to_channels = channel_weights(image.shape[2], observation.wavelengths_nm)
     valid = np.asarray(np.isfinite(image).all(axis=-1))
     seen = valid if around else valid & mask
-    size = working_size((image.shape[0], image.shape[1]), side or SIDES * model.about.resolution)
-    light, kept = _reduced(image, seen, size)
-    shown = _normalised(light @ to_channels.T.astype(np.float32), kept)
-    output = _physical(_seen_both_ways(model, shown))
+    sizes = model.about.sizes((image.shape[0], image.shape[1]), side)
+    output, kept = _seen_at(sizes, model, image, seen, to_channels)
     inside = valid & mask
     s1, s2, deviation = (_at_full_size(values, kept, inside, to_channels) for values in output)
     lit = np.where(inside[..., None], np.maximum(image, 0), 0)
@@ -87,13 +83,31 @@ def net(
     )
 
 
-def _reduced(
-    image: FloatArray, seen: BoolArray, size: tuple[int, int]
-) -> tuple[Float32Array, BoolArray]:
-    """The picture at its working size, 0 where it is not seen; and what is seen there."""
-    if size == seen.shape:
-        return np.where(seen[..., None], np.maximum(image, 0), 0).astype(np.float32), seen
-    return smaller(np.maximum(image, 0), seen, size)
+def _seen_at(
+    sizes: Sequence[Size],
+    model: Network,
+    image: FloatArray,
+    seen: BoolArray,
+    to_channels: Float64Array,
+) -> tuple[Output, BoolArray]:
+    """Mean of what the network says of a picture at several sizes, and where it saw anything.
+
+    The mean is taken at the size of the picture, or at the largest of `sizes` where that is less.
+    """
+    common = min((image.shape[0], image.shape[1]), max(sizes))
+    told = []
+    where = seen
+    for size in sizes:
+        light, kept = resized(np.maximum(image, 0), seen, size)
+        shown = _normalised(light @ to_channels.T.astype(np.float32), kept)
+        output = _physical(_seen_both_ways(model, shown))
+        if size == common:
+            where = kept
+        else:
+            output = Output(*(interpolated(values, kept, common) for values in output))
+        told.append(output)
+    s1, s2, deviation = (np.stack(each) for each in zip(*told, strict=True))
+    return Output(s1.mean(0), s2.mean(0), np.sqrt(np.square(deviation).mean(0))), where
 
 
 def _normalised(light: Float32Array, seen: BoolArray) -> Float32Array:
@@ -134,7 +148,7 @@ def _at_full_size(
     """Values (height, width, 3) of the network for all bands, at the size of the picture."""
     bands = at_bands(values, to_channels)
     if kept.shape != inside.shape:
-        bands = larger(bands, kept, (inside.shape[0], inside.shape[1]))
+        bands = interpolated(bands, kept, (inside.shape[0], inside.shape[1]))
     bands[~inside] = 0
     return bands
 

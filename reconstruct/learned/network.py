@@ -11,11 +11,12 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field
 
+from malus.reconstruct.learned.scale import Size, working_size
 from malus.reconstruct.observation import Inapplicable
 from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.cores import usable_cores
@@ -35,6 +36,9 @@ OUTPUTS = ("stokes", "deviation")
 CHANNELS = 3
 
 
+Magnification = Annotated[float, Field(ge=0.25, le=4)]
+
+
 class Description(Model):
     """What a file of weights says of itself, of what is used here; `malus train` writes more.
 
@@ -47,6 +51,8 @@ class Description(Model):
         No output depends on a pixel that is farther away, in rows or columns.
     resolution : int
         Side of the pictures that it was trained on, in pixels.
+    magnifications : tuple of float
+        Sizes at which it sees a picture, over the working size; the mean of its answers counts.
     validation_skill : float or None
         Median over the validation split.
 
@@ -60,6 +66,7 @@ class Description(Model):
     stride: int = Field(ge=1, le=256)
     receptive_radius: int = Field(ge=0, le=4096)
     resolution: int = Field(ge=16, le=16384)
+    magnifications: tuple[Magnification, ...] = Field(default=(1.0,), min_length=1, max_length=8)
     validation_skill: float | None = None
 
     @classmethod
@@ -75,6 +82,20 @@ class Description(Model):
     def margin(self) -> int:
         """Pixels around a tile that reach it: the radius in whole strides."""
         return -(-self.receptive_radius // self.stride) * self.stride
+
+    def sizes(self, shape: Size, side: int | None = None) -> list[Size]:
+        """Heights and widths at which the network sees a picture, `side` in place of `resolution`.
+
+        Examples
+        --------
+        >>> about = Description(
+        ...     stride=16, receptive_radius=40, resolution=128, magnifications=(1, 1.5)
+        ... )
+        >>> about.sizes((3000, 4000)), about.sizes((30, 40)), about.sizes((300, 400), side=64)
+        ([(96, 128), (144, 192)], [(30, 40), (45, 60)], [(48, 64), (72, 96)])
+        """
+        height, width = working_size(shape, side or self.resolution)
+        return [(max(1, round(m * height)), max(1, round(m * width))) for m in self.magnifications]
 
 
 class Output(NamedTuple):

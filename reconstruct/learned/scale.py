@@ -1,4 +1,4 @@
-"""Pictures made smaller for a network, and its maps made larger again.
+"""Pictures made smaller or larger for a network, and its maps brought back.
 
 Light is averaged over area, of the valid pixels alone; maps are interpolated bilinearly between
 valid pixels, so that nothing from off the mask comes in.
@@ -29,6 +29,26 @@ def working_size(shape: Size, side: int) -> Size:
     return height, width
 
 
+def resized(image: FloatArray, valid: BoolArray, size: Size) -> tuple[Float32Array, BoolArray]:
+    """Light (height, width, channels) of the valid pixels at another size, 0 where nothing is seen.
+
+    The second value tells what is seen there: in a larger picture what the mask has half of.
+
+    Examples
+    --------
+    >>> light, kept = resized(np.array([[[2.0], [6.0]]]), np.array([[True, False]]), (1, 4))
+    >>> light[..., 0].tolist(), kept.tolist()
+    ([[2.0, 2.0, 0.0, 0.0]], [[True, True, False, False]])
+    """
+    if size == valid.shape:
+        return np.where(valid[..., None], image, 0).astype(np.float32), valid
+    if size[0] * size[1] < valid.size:
+        return smaller(image, valid, size)
+    light, kept = interpolated(image, valid, size), _resized(valid, size, "BILINEAR") >= 0.5
+    light[~kept] = 0
+    return light, kept
+
+
 def smaller(image: FloatArray, valid: BoolArray, size: Size) -> tuple[Float32Array, BoolArray]:
     """Mean light (height, width, channels) of the valid pixels in each pixel of a smaller picture.
 
@@ -54,13 +74,13 @@ def smaller(image: FloatArray, valid: BoolArray, size: Size) -> tuple[Float32Arr
     return light, kept
 
 
-def larger(maps: FloatArray, valid: BoolArray, size: Size) -> Float32Array:
-    """Maps (height, width, channels) interpolated to a larger size, from their valid pixels alone.
+def interpolated(maps: FloatArray, valid: BoolArray, size: Size) -> Float32Array:
+    """Maps (height, width, channels) brought to another size, from their valid pixels alone.
 
     Examples
     --------
     >>> maps, valid = np.array([[[1.0], [7.0]]]), np.array([[True, False]])
-    >>> larger(maps, valid, (1, 4))[0, :3, 0].tolist()
+    >>> interpolated(maps, valid, (1, 4))[0, :3, 0].tolist()
     [1.0, 1.0, 1.0]
     """
     share = None if valid.all() else np.maximum(_resized(valid, size, "BILINEAR"), _NOTHING)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import functools
 
-from malus.reconstruct.learned.net import SIDES, is_network, weights_of
+from malus.reconstruct.learned.net import is_network, weights_of
 from malus.reconstruct.learned.network import INSTALL, network, require_runtime
-from malus.reconstruct.learned.scale import working_size
 from malus.reconstruct.methods import get_method
 from malus.reconstruct.observation import Components, Inapplicable, Observation
 from malus.scenes.core.errors import InputError
@@ -57,11 +56,12 @@ def by_network(
         raise InputError("method net", "the package onnxruntime", "nothing", hint) from None
     method = get_method(name)
     components = functools.partial(method.reconstruct, side=side)(observation)  # type: ignore[call-arg]
-    side = side or SIDES * network(weights_of(name)).about.resolution
-    height, width = working_size((observation.mask.shape[0], observation.mask.shape[1]), side)
+    shape = (observation.mask.shape[0], observation.mask.shape[1])
+    seen = network(weights_of(name)).about.sizes(shape, side)
+    sizes = " and ".join(f"{width} x {height}" for height, width in seen)
     statements = (
         f"method {method.name}: {method.summary}",
-        f"the network saw {width} x {height} pixels; its ratios are interpolated between them",
+        f"the network saw {sizes} pixels; its ratios are interpolated between them",
         CANNOT_KNOW,
     )
     warnings = (f"the network does not use {', '.join(unused)}",) if unused else ()

@@ -195,8 +195,7 @@ def test_new_examples_are_physical_and_their_picture_has_a_mean_of_one() -> None
     x, y = places()
     light = np.repeat(field(x, y, x + y)[None], 6, axis=0).astype(np.float16)
     mask = np.repeat((np.hypot(x, y) < 0.8)[None], 6, axis=0)
-    compiled = jax.jit(augmented, static_argnums=(3, 4))
-    batch = compiled(jax.random.key(0), light, mask, 180.0, 32)
+    batch = augmented(jax.random.key(0), light, mask, 180.0, 32)
     picture, target, weight = map(np.asarray, batch)
     assert picture.shape == (6, 32, 32, 3)
     assert target.shape == (6, 32, 32, 3, 2)
@@ -215,9 +214,7 @@ def test_pixels_weigh_by_their_light_up_to_a_highlight() -> None:
     picture[28:36, 12:20] = 500
     light = np.zeros((12, 64, 64, 3, 3), np.float16)
     light[..., 0] = picture[..., None]
-    batch = jax.jit(augmented, static_argnums=(3, 4))(
-        jax.random.key(1), light, np.ones((12, 64, 64), bool), 0.0, 64
-    )
+    batch = augmented(jax.random.key(1), light, np.ones((12, 64, 64), bool), 0.0, 64)
     ratios_of_halves = []
     for weight in np.asarray(batch.weight)[..., 0]:
         assert weight.max() <= HIGHLIGHT

@@ -19,7 +19,8 @@ jax = pytest.importorskip("jax", reason="no jax; pip install jax optax onnx onnx
 
 import onnx  # noqa: E402
 import onnxruntime  # noqa: E402
-from trainings import QUICK, answers, rewritten  # noqa: E402
+from networks import brought_back, half_as_large_again  # noqa: E402
+from trainings import QUICK, answers, rewritten, steps_on_two_devices  # noqa: E402
 
 import malus  # noqa: E402
 from malus.bench.learning import options, train, training  # noqa: E402
@@ -32,6 +33,7 @@ from malus.bench.learning.objective import sums  # noqa: E402
 from malus.bench.learning.options import TrainingOptions  # noqa: E402
 from malus.bench.learning.validation import measured  # noqa: E402
 from malus.bench.running.progress import silent  # noqa: E402
+from malus.bench.running.worker_process import WorkerProcess  # noqa: E402
 from malus.scenes import InputError  # noqa: E402
 
 
@@ -49,19 +51,23 @@ def test_training_beats_the_guess(trained: Path, spheres: Path) -> None:
     assert not trained.with_name("net.onnx.training").exists()
 
 
-def both_ways(
+def as_run(
     session: onnxruntime.InferenceSession, picture: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ratios and deviations of a picture (height, width, 3), averaged with its mirror image's."""
-    shown = np.stack([picture, picture[:, ::-1]]).transpose(0, 3, 1, 2)
-    answers = [session.run(None, {"image": one[None]}) for one in shown]
-    stokes, deviation = (
-        np.concatenate(a).transpose(0, 2, 3, 1) for a in zip(*answers, strict=True)
-    )
-    ratios = np.stack([stokes[..., :3], stokes[..., 3:]], axis=-1)
-    ratios[1] = ratios[1, :, ::-1] * np.float32([1, -1])
-    deviation[1] = deviation[1, :, ::-1].copy()
-    return ratios.mean(axis=0), np.sqrt(np.square(deviation).mean(axis=0))
+    """Ratios and deviations of a picture (height, width, 3): the mean over it and its mirror image,
+    as they are and half as large again.
+    """
+    ratios, variances = [], []
+    for larger in (False, True):
+        seen = half_as_large_again(picture) if larger else picture
+        for step in (1, -1):
+            shown = np.ascontiguousarray(seen[:, ::step].transpose(2, 0, 1)[None])
+            found = np.concatenate(session.run(None, {"image": shown}), axis=1)[0]
+            maps = found[:, :, ::step].transpose(1, 2, 0)
+            maps = brought_back(maps) if larger else maps
+            ratios.append(np.stack([maps[..., :3], step * maps[..., 3:6]], axis=-1))
+            variances.append(np.square(maps[..., 6:]))
+    return np.mean(ratios, axis=0), np.sqrt(np.mean(variances, axis=0))
 
 
 def test_the_file_tells_its_recipe_and_does_what_it_says(trained: Path, spheres: Path) -> None:
@@ -71,13 +77,14 @@ def test_the_file_tells_its_recipe_and_does_what_it_says(trained: Path, spheres:
     recipe = facts["recipe"]
     assert facts["format"] == 1
     assert facts["resolution"] == 32
+    assert facts["magnifications"] == [1.0, 1.5]
     assert facts["stride"] == 16
     assert recipe["dataset"]["splits"] == {"train": 29, "val": 8, "test": 3}
     assert recipe["options"]["steps"] == 150
     val = read_examples(malus.open_dataset(spheres), "val", 0, silent)
     found = []
     for light, mask in zip(val.light.astype(np.float32), val.mask, strict=True):
-        answer = both_ways(session, light[..., 0])
+        answer = as_run(session, light[..., 0])
         found.append([float(one) for one in sums(light, mask, *answer)])
     error, guess, residual, visible = np.array(found).T
     # The file has four digits of the skill, and these truths, of formulas, no noise.
@@ -167,13 +174,21 @@ def test_going_on_needs_the_same_model_and_versions(
 
 def test_every_step_sees_other_examples(spheres: Path) -> None:
     train = read_examples(malus.open_dataset(spheres), "train", 0, silent)
-    step = training._step_function(QUICK.batch, QUICK.prior, 32)
     state = training.start(QUICK)
     errors = {
-        float(step(train.light, train.mask, jax.random.key(seed), 20.0, state, number, 0.0, 0.0)[1])
+        float(training.take_step(train, replace(QUICK, seed=seed), state, number, 0.0, 0.0)[1])
         for seed, number in ((0, 0), (0, 1), (1, 0))
     }
     assert len(errors) == 3
+
+
+def test_devices_share_a_step_and_their_gradients_count_alike() -> None:
+    with WorkerProcess() as worker:
+        two, one = worker.stream(steps_on_two_devices)
+    assert [count for _, count in two[0]] == [QUICK.batch // 2] * 4
+    assert len({device for device, _ in two[0]}) == 2
+    assert len({device for device, _ in one[0]}) == 1
+    assert two[1] == one[1]
 
 
 def test_the_rate_warms_up_and_ends_at_nothing() -> None:
@@ -244,5 +259,5 @@ def test_the_ablation_has_five_rows(spheres: Path, monkeypatch: pytest.MonkeyPat
         "train", str(spheres), "--ablate", "--steps", "2", "--batch", "8", "--width", "4", "--json"
     )
     rows = json.loads(done.stdout)
-    assert [row["row"] for row in rows] == ["as it is", "mean with its mirror image"]
+    assert [row["row"] for row in rows] == ["as it is", train.AS_RUN]
     assert all(np.isfinite([row["val"], row["test"]]).all() for row in rows)

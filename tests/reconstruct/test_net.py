@@ -11,13 +11,23 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from networks import REACH, SLOPE, SURE, blocks, blocks_by_hand, edges, edges_by_hand
+from networks import (
+    REACH,
+    SLOPE,
+    SURE,
+    blocks,
+    blocks_by_hand,
+    brought_back,
+    edges,
+    edges_by_hand,
+    half_as_large_again,
+)
 
 from malus.reconstruct import Inapplicable, Observation, get_method
 from malus.reconstruct.learned import network as network_module
 from malus.reconstruct.learned.net import net
 from malus.reconstruct.learned.network import network
-from malus.reconstruct.learned.scale import larger, smaller
+from malus.reconstruct.learned.scale import interpolated, smaller
 from malus.scenes import InputError
 
 ROUNDING = 2e-6
@@ -47,6 +57,39 @@ def test_components_are_the_networks_ratios_times_the_light(weights: Path) -> No
     np.testing.assert_allclose(result.s2, s2 * image, atol=ROUNDING)
     np.testing.assert_allclose(result.deviation, deviation, atol=ROUNDING)
     np.testing.assert_array_equal(result.image, image)
+
+
+@pytest.mark.parametrize("shape", [(32, 32), (32, 64)])
+def test_a_network_of_two_sizes_tells_the_mean(tmp_path: Path, shape: tuple[int, int]) -> None:
+    both = edges(tmp_path / "both.onnx", magnifications=(1.0, 1.5))
+    image = picture(*shape)
+    result = net(whole(image), both, side=64)
+    large = half_as_large_again(image)
+    plain, enlarged = edges_by_hand(image / image.mean()), edges_by_hand(large / large.mean())
+    s1, s2, deviation = zip(plain, map(brought_back, enlarged), strict=True)
+    assert np.abs(s1[0] - s1[1]).max() > 0.05  # the sizes do not agree by themselves
+    np.testing.assert_allclose(result.s1, np.mean(s1, axis=0) * image, atol=ROUNDING)
+    np.testing.assert_allclose(result.s2, np.mean(s2, axis=0) * image, atol=ROUNDING)
+    rms = np.sqrt(np.mean(np.square(deviation), axis=0))
+    np.testing.assert_allclose(result.deviation, rms, atol=ROUNDING)
+
+
+def test_a_large_picture_is_seen_at_both_sizes_and_nothing_off_the_mask(tmp_path: Path) -> None:
+    """Of 192 pixels a side it sees 32 and 48, as two networks would that see one size each."""
+    both = edges(tmp_path / "both.onnx", magnifications=(1.0, 1.5))
+    fine = picture(192, 192)
+    mask = np.zeros((192, 192), bool)
+    mask[24:150, 30:180] = True
+    hidden = np.where(mask[..., None], fine, 1e3).astype(np.float32)
+    first, second = (net(Observation(one, mask), both) for one in (fine, hidden))
+    np.testing.assert_array_equal(first.s1[mask], second.s1[mask])
+    assert not first.s1[~mask].any()
+    assert not first.deviation[~mask].any()
+    alone = [net(Observation(fine, mask), edges(tmp_path / "a.onnx"), side=s) for s in (32, 48)]
+    # What was seen at 32 pixels is brought to 48 first, and both to 192: interpolation of
+    # interpolated values is off by a part of the difference between neighbours.
+    mean = (alone[0].s1 + alone[1].s1) / 2
+    assert np.abs(first.s1 - mean)[mask].mean() < 0.1 * np.abs(mean)[mask].mean()
 
 
 def test_a_picture_in_a_mirror_has_the_mirrored_polarisation(tmp_path: Path) -> None:
@@ -200,7 +243,7 @@ def test_a_large_picture_is_averaged_over_area_and_its_ratios_interpolated(weigh
 
 def test_interpolation_is_linear_in_place() -> None:
     ramp = np.linspace(0, 1, 9)[None, :, None] * np.ones((5, 1, 1))
-    fine = larger(ramp, np.ones((5, 9), bool), (40, 72))[..., 0]
+    fine = interpolated(ramp, np.ones((5, 9), bool), (40, 72))[..., 0]
     at = (np.arange(72) + 0.5) / 8 - 0.5  # pixel centres on the axis of the coarse pixels
     inner = slice(4, -4)
     np.testing.assert_allclose(fine[:, inner], (at[inner] / 8) * np.ones((40, 1)), atol=ROUNDING)
