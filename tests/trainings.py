@@ -50,9 +50,9 @@ def random_weights(architecture: Architecture, seed: int = 0) -> dict[str, Any]:
     }
 
 
-def steps_on_two_devices() -> Iterator[tuple[list[tuple[str, int]], bytes]]:
-    """Who made how many pictures of a step, and the weights that follow: of two devices, and of one
-    that has both parts. To be called in a new process.
+def steps_on_two_devices() -> Iterator[tuple[list[tuple[str, int, str]], bytes]]:
+    """Who made how many pictures of a step with which key, and the weights that follow: of two
+    devices, and of one that has both parts. To be called in a new process.
     """
     import jax
 
@@ -62,10 +62,10 @@ def steps_on_two_devices() -> Iterator[tuple[list[tuple[str, int]], bytes]]:
     train = Examples(light, np.ones((5, 16, 16), bool), np.zeros(5))
     own, devices = training.augmented, training.sharing(QUICK.batch)
     for those in (devices, devices[:1] * 2):
-        seen: list[tuple[str, int]] = []
+        seen: list[tuple[str, int, str]] = []
 
-        def noted(key: Any, light: Any, *rest: Any, seen: list[tuple[str, int]] = seen) -> Any:
-            seen.append((str(light.device), len(light)))
+        def noted(key: Any, light: Any, *rest: Any, seen: list[tuple[str, int, str]] = seen) -> Any:
+            seen.append((str(light.device), len(light), str(jax.random.key_data(key))))
             return own(key, light, *rest)
 
         with pytest.MonkeyPatch.context() as changed:

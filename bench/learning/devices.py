@@ -1,9 +1,9 @@
 """The devices that share the pictures of a step: the cores of a processor, or graphics cards.
 
-One core works at most convolutions of small pictures. So every core is a device of its own, which
-makes new examples and their gradients for its part of the pictures, while the others do theirs.
-Nothing waits for another device inside a compiled function: such functions of jax stood still on
-processors, once several were under way.
+A convolution of small pictures keeps one core busy, not several. So cores are devices of their own,
+and each makes new examples and their gradients for its part of the pictures. Nothing waits for
+another device inside a compiled function: such functions of jax stood still on processors, once
+several were under way.
 """
 
 from __future__ import annotations
@@ -16,11 +16,14 @@ import jax
 
 from malus.scenes.core.cores import usable_cores
 
+MOST_CORES = 8
+"""Cores that are devices at most: each needs the weights at every step, which takes 3 ms."""
+
 
 def use_cores() -> None:
-    """Make every core a device; without effect where this process has computed with jax before."""
+    """Make cores devices; without effect where this process has computed with jax before."""
     with suppress(RuntimeError):
-        jax.config.update("jax_num_cpu_devices", usable_cores())
+        jax.config.update("jax_num_cpu_devices", min(usable_cores(), MOST_CORES))
 
 
 def sharing(pictures: int) -> list[Any]:

@@ -185,9 +185,11 @@ def test_every_step_sees_other_examples(spheres: Path) -> None:
 def test_devices_share_a_step_and_their_gradients_count_alike() -> None:
     with WorkerProcess() as worker:
         two, one = worker.stream(steps_on_two_devices)
-    assert [count for _, count in two[0]] == [QUICK.batch // 2] * 4
-    assert len({device for device, _ in two[0]}) == 2
-    assert len({device for device, _ in one[0]}) == 1
+    devices, counts, keys = zip(*two[0], strict=True)
+    assert counts == (QUICK.batch // 2,) * 4
+    assert devices[0] != devices[1]
+    assert len(set(keys)) == 4
+    assert len({device for device, _, _ in one[0]}) == 1
     assert two[1] == one[1]
 
 
