@@ -74,21 +74,22 @@ def blocks_by_hand(normalised: np.ndarray) -> np.ndarray:
     return SLOPE * mean.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
 
 
-def half_as_large_again(maps: np.ndarray) -> np.ndarray:
-    """Maps (height, width, channels) of 1.5 times the sides, interpolated between pixel centres."""
-    height, width, channels = maps.shape
-    return resize(maps, (height * 3 // 2, width * 3 // 2, channels), order=1, mode="edge")
+def magnified(maps: np.ndarray, magnification: float) -> np.ndarray:
+    """Maps (height, width, channels) at a larger size, interpolated between pixel centres."""
+    height, width = (round(magnification * length) for length in maps.shape[:2])
+    return resize(maps, (height, width, maps.shape[2]), order=1, mode="edge")
 
 
-def brought_back(maps: np.ndarray) -> np.ndarray:
-    """Such maps at the size they had before: the mean under a triangle three pixels wide."""
-    down, across = (_triangles(length) for length in maps.shape[:2])
+def brought_back(maps: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Such maps at the size they had before: means under a triangle two of its pixels wide."""
+    down, across = (_triangles(*each) for each in zip(maps.shape[:2], size, strict=True))
     return np.einsum("ri,ijc,kj->rkc", down, maps, across)
 
 
-def _triangles(length: int) -> np.ndarray:
-    centres = 1.5 * (np.arange(length * 2 // 3) + 0.5) - 0.5
-    weights = np.maximum(0, 1 - np.abs(np.arange(length) - centres[:, None]) / 1.5)
+def _triangles(length: int, wanted: int) -> np.ndarray:
+    step = length / wanted
+    centres = step * (np.arange(wanted) + 0.5) - 0.5
+    weights = np.maximum(0, 1 - np.abs(np.arange(length) - centres[:, None]) / step)
     return weights / weights.sum(axis=1, keepdims=True)
 
 

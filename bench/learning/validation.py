@@ -15,7 +15,7 @@ from malus.bench.learning.network import STRIDE, forward
 from malus.bench.learning.objective import Sums, sums
 from malus.bench.scoring.metrics import skills
 
-MAGNIFICATIONS = (1.0, 1.5)
+MAGNIFICATIONS = (1.0, 4 / 3, 2.0)
 """Sizes at which a trained network sees a picture, over that of its training."""
 
 _TOGETHER = 32

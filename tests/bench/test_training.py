@@ -19,7 +19,7 @@ jax = pytest.importorskip("jax", reason="no jax; pip install jax optax onnx onnx
 
 import onnx  # noqa: E402
 import onnxruntime  # noqa: E402
-from networks import brought_back, half_as_large_again  # noqa: E402
+from networks import brought_back, magnified  # noqa: E402
 from trainings import QUICK, answers, rewritten, steps_on_two_devices  # noqa: E402
 
 import malus  # noqa: E402
@@ -51,20 +51,26 @@ def test_training_beats_the_guess(trained: Path, spheres: Path) -> None:
     assert not trained.with_name("net.onnx.training").exists()
 
 
+MAGNIFICATIONS = (1.0, 4 / 3, 2.0)
+
+
 def as_run(
     session: onnxruntime.InferenceSession, picture: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ratios and deviations of a picture (height, width, 3): the mean over it and its mirror image,
-    as they are and half as large again.
+    at three sizes.
     """
     ratios, variances = [], []
-    for larger in (False, True):
-        seen = half_as_large_again(picture) if larger else picture
+    for magnification in MAGNIFICATIONS:
+        seen = magnified(picture, magnification)
+        beyond = [(0, -length % 16) for length in seen.shape[:2]]
         for step in (1, -1):
-            shown = np.ascontiguousarray(seen[:, ::step].transpose(2, 0, 1)[None])
-            found = np.concatenate(session.run(None, {"image": shown}), axis=1)[0]
-            maps = found[:, :, ::step].transpose(1, 2, 0)
-            maps = brought_back(maps) if larger else maps
+            shown = np.pad(seen[:, ::step], (*beyond, (0, 0)), mode="edge")
+            found = np.concatenate(
+                session.run(None, {"image": shown.transpose(2, 0, 1)[None]}), axis=1
+            )[0]
+            maps = found[:, : seen.shape[0], : seen.shape[1]][:, :, ::step].transpose(1, 2, 0)
+            maps = brought_back(maps, picture.shape[:2])
             ratios.append(np.stack([maps[..., :3], step * maps[..., 3:6]], axis=-1))
             variances.append(np.square(maps[..., 6:]))
     return np.mean(ratios, axis=0), np.sqrt(np.mean(variances, axis=0))
@@ -77,7 +83,7 @@ def test_the_file_tells_its_recipe_and_does_what_it_says(trained: Path, spheres:
     recipe = facts["recipe"]
     assert facts["format"] == 1
     assert facts["resolution"] == 32
-    assert facts["magnifications"] == [1.0, 1.5]
+    assert facts["magnifications"] == list(MAGNIFICATIONS)
     assert facts["stride"] == 16
     assert recipe["dataset"]["splits"] == {"train": 29, "val": 8, "test": 3}
     assert recipe["options"]["steps"] == 150

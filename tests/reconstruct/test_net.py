@@ -20,7 +20,7 @@ from networks import (
     brought_back,
     edges,
     edges_by_hand,
-    half_as_large_again,
+    magnified,
 )
 
 from malus.reconstruct import Inapplicable, Observation, get_method
@@ -64,9 +64,10 @@ def test_a_network_of_two_sizes_tells_the_mean(tmp_path: Path, shape: tuple[int,
     both = edges(tmp_path / "both.onnx", magnifications=(1.0, 1.5))
     image = picture(*shape)
     result = net(whole(image), both, side=64)
-    large = half_as_large_again(image)
+    large = magnified(image, 1.5)
     plain, enlarged = edges_by_hand(image / image.mean()), edges_by_hand(large / large.mean())
-    s1, s2, deviation = zip(plain, map(brought_back, enlarged), strict=True)
+    back = (brought_back(maps, shape) for maps in enlarged)
+    s1, s2, deviation = zip(plain, back, strict=True)
     assert np.abs(s1[0] - s1[1]).max() > 0.05  # the sizes do not agree by themselves
     np.testing.assert_allclose(result.s1, np.mean(s1, axis=0) * image, atol=ROUNDING)
     np.testing.assert_allclose(result.s2, np.mean(s2, axis=0) * image, atol=ROUNDING)
