@@ -173,6 +173,6 @@ def test_the_mean_with_the_mirror_image_is_a_mirror_image(spheres: Path) -> None
         light=val.light[:, :, ::-1] * np.float16([1, 1, -1]), mask=val.mask[:, :, ::-1]
     )
     weights = random_weights(Architecture(4, "none"))
-    one, two = (measured(weights, part, "none", mirrored=True) for part in (val, other))
+    one, two = (measured(weights, part, "none", as_run=True) for part in (val, other))
     assert one.skill == pytest.approx(two.skill, rel=1e-3)
     assert measured(weights, val, "none").skill != pytest.approx(one.skill, rel=1e-2)
