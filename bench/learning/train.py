@@ -244,7 +244,7 @@ def ablation(
     """Train once for each row of `ABLATION` and yield its skill on val and test.
 
     The first network is also measured as method `net` runs it: with its estimates for a picture
-    and its mirror image averaged, at two sizes.
+    and its mirror image averaged, at each of `MAGNIFICATIONS`.
     """
     use_cores()
     data = read_data(folder, options, progress)

@@ -35,7 +35,7 @@ def net(
     weights : path of a file that `malus train` wrote; None is the one that malus brings
     side : int, optional
         Pixels of the longer side that larger pictures are reduced to for the network: by default
-        those of its training. At its other sizes it sees them as much larger or smaller.
+        those of its training. The sizes at which it sees them are this times its magnifications.
     around : bool
         Show the network the picture around the mask too, which is dark otherwise.
 

@@ -58,7 +58,7 @@ def by_network(
     components = functools.partial(method.reconstruct, side=side)(observation)  # type: ignore[call-arg]
     shape = (observation.mask.shape[0], observation.mask.shape[1])
     seen = network(weights_of(name)).about.sizes(shape, side)
-    sizes = " and ".join(f"{width} x {height}" for height, width in seen)
+    sizes = ", ".join(f"{width} x {height}" for height, width in seen)
     statements = (
         f"method {method.name}: {method.summary}",
         f"the network saw {sizes} pixels; its ratios are interpolated between them",
