@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import PIL.Image
+import tifffile
 import trimesh
 
+from malus.reconstruct.fresnel import smooth_dolp
 from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.tone_curves import srgb_transfer
 from malus.reconstruct.photos.write_picture import write_picture
-from malus.scenes import MeshFile
+from malus.scenes import MeshFile, polarisation
 
 SMOOTH = np.linspace(20, 230, 16 * 24).reshape(16, 24)[..., None].repeat(3, -1).astype(np.uint8)
 CODES_16 = np.random.default_rng(0).integers(0, 65536, (16, 24, 4), dtype=np.uint16)
@@ -28,6 +30,28 @@ def dome(side: int = 64) -> tuple[np.ndarray, np.ndarray]:
     body = 0.5 * np.clip(normals @ light, 0, 1)[..., None] * [1.0, 0.6, 0.3]
     glare = 0.3 * np.clip(normals @ half, 0, 1)[..., None] ** 60
     return (body + glare).astype(np.float32), normals.astype(np.float32)
+
+
+def dome_stokes(side: int = 48) -> tuple[np.ndarray, np.ndarray]:
+    """Stokes image (side, side, 3, 3) of a mirror-like dome of η = 1.5, and its normals."""
+    y, x = np.mgrid[1.05 : -1.05 : side * 1j, -1.05 : 1.05 : side * 1j]
+    square = x**2 + y**2
+    inside = square < 0.97
+    cosine = np.sqrt(np.where(inside, 1 - square, 1.0))
+    normals = np.where(inside[..., None], np.stack([x, y, cosine], axis=-1), 0)
+    light = np.where(inside, 0.3 + 0.2 * x, 0.2)[..., None] * [1.0, 0.9, 0.8]
+    rho = np.where(inside, smooth_dolp(cosine, 1.5), 0)[..., None]
+    half = 0.5 * light
+    azimuth = np.arctan2(y, x)[..., None]
+    stokes = polarisation.stokes_from_extremes(half * (1 + rho), half * (1 - rho), azimuth)
+    return stokes, normals.astype(np.float32)
+
+
+def write_capture(folder: Path, stokes: np.ndarray, angles: dict[str, float]) -> None:
+    """Float TIFFs of a Stokes image through polarisers at angles from the vertical."""
+    for name, angle in angles.items():
+        picture = polarisation.polarised(stokes, angle).astype(np.float32)
+        tifffile.imwrite(folder / name, picture, photometric="rgb")
 
 
 def saved_dome(folder: Path, name: str = "dome.png") -> tuple[Path, Path]:

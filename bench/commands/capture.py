@@ -249,7 +249,7 @@ def _print_captures(results: Results) -> None:
     from rich.console import Console
 
     from malus.bench.commands.printing import plain_table
-    from malus.reports.tables.captures import by_capture, notes
+    from malus.reports.tables.captures import by_capture, conventions, notes
 
     errors = by_capture(results.table)
     shown = [errors.heads.index(head) for head in _SHOWN]
@@ -260,6 +260,9 @@ def _print_captures(results: Results) -> None:
     console.print(table)
     for note in notes(results.table):
         console.print(note, highlight=False, markup=False)
+    for doubt in conventions(results.run):
+        text = in_words_of_options(f"warning: {doubt}")
+        console.print(text, highlight=False, markup=False)
 
 
 def _report(results: dict[str, Any]) -> str:

@@ -34,6 +34,7 @@ from malus.bench.scoring.capture_metrics import CapturedPixels
 from malus.bench.scoring.metric_value import MetricValue
 from malus.reconstruct import Inapplicable, Method, Observation, get_method
 from malus.reconstruct.methods import TRIVIAL
+from malus.reconstruct.photos.angle_convention import check_outlines
 from malus.reconstruct.photos.capture import Capture
 from malus.reconstruct.photos.capture_fit import CaptureFit, capture_summary, fit_capture
 from malus.reports.tables.rows import CAPTURED
@@ -263,6 +264,7 @@ class Photographed:
             "scene": scene_id(entry, capture),
             "objects": [int((mask & scored).sum()) for mask in objects],
             "fit": capture_summary(capture, fit),
+            "convention": check_outlines(fit, objects, ~capture.clipped).doubt,
         }
         pixels = CapturedPixels.of(capture, fit, scored)
         step = _step(scored, image.shape[2] * images)

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from malus.bench.scoring.metrics import Error, Residuals, skill
+from malus.reconstruct.photos.angle_convention import check_convention, check_outlines
 from malus.reconstruct.photos.capture import Capture, read_capture
-from malus.reconstruct.photos.capture_fit import CaptureFit, check_convention, fit_capture
+from malus.reconstruct.photos.capture_fit import CaptureFit, fit_capture
 from malus.reconstruct.photos.estimate import estimate
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.reconstruct.photos.picture import Picture
@@ -93,6 +94,8 @@ def score_capture(
     doubt = None
     if knowledge.normals is not None:
         doubt = check_convention(fit, knowledge.normals, mask).doubt
+    elif knowledge.mask is not None:
+        doubt = check_outlines(fit, [knowledge.mask], mask).doubt
     return {
         "convention": doubt,
         "pixels": int(mask.sum()),

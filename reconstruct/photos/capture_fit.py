@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,14 +18,12 @@ from malus.reconstruct.photos.movement import (
     measure_shifts,
 )
 from malus.scenes import polarisation
-from malus.scenes.core.arrays import BoolArray, Float32Array
+from malus.scenes.core.arrays import Float32Array
 
 CLIPPED = 0.002
 """Share of clipped pixels that is worth a warning."""
 UNSTEADY = 0.02
 """Residual of the fit over the mean from which the light, or the polariser, was not steady."""
-_STEEP = 0.6
-"""Sine of the zenith angle from which specular light is polarised enough to show its plane."""
 
 
 @dataclass(frozen=True)
@@ -132,52 +130,6 @@ def _warnings(
     if over > 0.01:
         warnings.append(f"{over:.1%} of the values are more than completely polarised")
     return tuple(warnings)
-
-
-class AngleConvention(NamedTuple):
-    """Rotation from measured angles of polarisation to those of specular light on known normals.
-
-    `coherence` is 1 where they differ by one and the same rotation at every pixel, for angles
-    that count as assumed and for angles that count the other way; `rotation_deg` is that rotation.
-    """
-
-    coherence: float
-    rotation_deg: float
-    coherence_reversed: float
-    rotation_reversed_deg: float
-
-    @property
-    def doubt(self) -> str | None:
-        """A warning that angles seem to be counted otherwise, or None where they fit."""
-        reverse = self.coherence_reversed > max(self.coherence + 0.1, 0.6)
-        best = self.rotation_reversed_deg if reverse else self.rotation_deg
-        sure = max(self.coherence, self.coherence_reversed) > 0.6
-        if not sure or (not reverse and abs(best) < 15.0):
-            return None
-        sense = "the other way" if reverse else "as given"
-        return (
-            f"mirrored light on these normals fits better if the angles count {sense} and the "
-            f"pictures' polarisation is turned by {-best:.0f}°: check `zero`, `sense` and `offset`"
-        )
-
-
-def check_convention(fit: CaptureFit, normals: Float32Array, mask: BoolArray) -> AngleConvention:
-    """Compare measured angles with those of specular light, which is crosswise to the normal.
-
-    On steep parts of metals and of glossy dielectrics specular light rules, and its plane is known
-    from the normal alone, which checks the angles of the polariser. Diffuse light is turned by 90°.
-    """
-    x, y = normals[..., 0].astype(np.float64), normals[..., 1].astype(np.float64)
-    steep = mask & (np.hypot(x, y) > _STEEP)
-    field = fit.stokes[..., 1:].sum(axis=2)[steep].astype(np.float64)
-    measured = field[:, 0] + 1j * field[:, 1]
-    specular = -np.square(x[steep] + 1j * y[steep])
-    total = float(np.abs(measured * specular).sum())
-    if total == 0.0:
-        return AngleConvention(0.0, 0.0, 0.0, 0.0)
-    sums = [(m * specular.conj()).sum() for m in (measured, measured.conj())]
-    values = [(abs(s) / total, float(np.degrees(np.angle(s))) / 2.0) for s in sums]
-    return AngleConvention(*values[0], *values[1])
 
 
 def capture_summary(capture: Capture, fit: CaptureFit) -> dict[str, Any]:

@@ -172,8 +172,16 @@ def fits(run: dict[str, Any]) -> TextTable:
     return TextTable(heads, lines)
 
 
+def conventions(run: dict[str, Any]) -> Iterator[str]:
+    """Captures whose angles seem to be counted otherwise, in a sentence each."""
+    for capture in run["captures"]:
+        if doubt := capture.get("convention"):  # runs of earlier versions lack it
+            yield f"{capture['name']}: {doubt}."
+
+
 def doubts(run: dict[str, Any]) -> Iterator[str]:
     """Hints and warnings of the fits, and captures that failed, in a sentence each."""
+    yield from conventions(run)
     for capture in run["captures"]:
         for doubt in (*capture["fit"]["warnings"], *capture["fit"]["hints"]):
             yield f"{capture['name']}: {doubt}."

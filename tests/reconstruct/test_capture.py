@@ -11,38 +11,16 @@ import PIL.Image
 import pytest
 import tifffile
 from click.testing import CliRunner
+from pictures import dome_stokes, write_capture
 
 from malus.bench.commands.capture import capture_command
 from malus.bench.scoring.capture_score import colour_differences, score_capture
-from malus.reconstruct.fresnel import smooth_dolp
 from malus.reconstruct.photos import capture
+from malus.reconstruct.photos.angle_convention import check_convention
 from malus.reconstruct.photos.capture import conventional, read_capture
-from malus.reconstruct.photos.capture_fit import check_convention, fit_capture
+from malus.reconstruct.photos.capture_fit import fit_capture
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.scenes import InputError, polarisation
-
-
-def dome_stokes(side: int = 48) -> tuple[np.ndarray, np.ndarray]:
-    """Stokes image (side, side, 3, 3) of a mirror-like dome of η = 1.5, and its normals."""
-    y, x = np.mgrid[1.05 : -1.05 : side * 1j, -1.05 : 1.05 : side * 1j]
-    square = x**2 + y**2
-    inside = square < 0.97
-    cosine = np.sqrt(np.where(inside, 1 - square, 1.0))
-    normals = np.where(inside[..., None], np.stack([x, y, cosine], axis=-1), 0)
-    light = np.where(inside, 0.3 + 0.2 * x, 0.2)[..., None] * [1.0, 0.9, 0.8]
-    rho = np.where(inside, smooth_dolp(cosine, 1.5), 0)[..., None]
-    half = 0.5 * light
-    azimuth = np.arctan2(y, x)[..., None]
-    stokes = polarisation.stokes_from_extremes(half * (1 + rho), half * (1 - rho), azimuth)
-    return stokes, normals.astype(np.float32)
-
-
-def write_capture(folder: Path, stokes: np.ndarray, angles: dict[str, float]) -> None:
-    """Float TIFFs of a Stokes image through polarisers at angles from the vertical."""
-    for name, angle in angles.items():
-        picture = polarisation.polarised(stokes, angle).astype(np.float32)
-        tifffile.imwrite(folder / name, picture, photometric="rgb")
-
 
 NAMED = {f"pol_{a:03d}.tif": float(a) for a in (0, 30, 60, 90, 120, 150)}
 
@@ -67,19 +45,6 @@ def test_every_convention_comes_to_the_same_sinusoid(tmp_path: Path, zero: str, 
     fit = fit_capture(read_capture(tmp_path, zero, sense, offset_deg=7.0))
     np.testing.assert_allclose(fit.stokes, stokes, atol=1e-6)
     assert check_convention(fit, normals, normals[..., 2] > 0).doubt is None
-
-
-def test_a_wrong_convention_is_doubted_and_measured(tmp_path: Path) -> None:
-    stokes, normals = dome_stokes()
-    mask = normals[..., 2] > 0
-    write_capture(tmp_path, stokes, {f"a{m}.tif": -m - 20.0 for m in (0, 45, 90, 135)})
-    checked = check_convention(fit_capture(read_capture(tmp_path)), normals, mask)
-    assert checked.coherence_reversed > 0.999
-    assert checked.coherence < 0.5
-    assert checked.rotation_reversed_deg == pytest.approx(20.0, abs=0.1)
-    assert "the other way" in checked.doubt
-    right = read_capture(tmp_path, "vertical", "clockwise", offset_deg=-20.0)
-    assert check_convention(fit_capture(right), normals, mask).doubt is None
 
 
 def test_angles_from_a_file(tmp_path: Path) -> None:
@@ -225,31 +190,6 @@ def test_more_pictures_than_memory_holds_are_refused(
     monkeypatch.setattr(capture, "MAX_CAPTURE_PIXELS", len(NAMED) * 16**2 - 1)
     with pytest.raises(InputError, match=f"{len(NAMED)} pictures of 16 x 16"):
         read_capture(tmp_path)
-
-
-def test_a_real_capture(shared: Path) -> None:
-    capture = read_capture(shared / "captures" / "kettle", "vertical", "clockwise", True, -20.0)
-    fit = fit_capture(capture)
-    # Stated by those who took it: I0 + I90 and I45 + I135 agree within 0.6 %.
-    assert fit.relative_residual < 0.006
-    assert max(fit.shifts) < 0.25
-    height, width = capture.clipped.shape
-    y, x = np.mgrid[:height, :width]
-    # The dome of the lid's knob, read off the picture: an ellipse about (524, 370) pixels.
-    u, v = (x - 524) / 60, -(y - 370) / 61
-    dome = (u**2 + v**2 < 0.95) & (y < 383)
-    normals = np.where(
-        dome[..., None], np.dstack([u, v, np.sqrt(np.clip(1 - u**2 - v**2, 0, 1))]), 0
-    )
-    checked = check_convention(fit, normals.astype(np.float32), dome)
-    # The knob decides the capture's unconfirmed convention: clockwise, 0 at 20° from the vertical.
-    assert checked.coherence > 0.9
-    assert abs(checked.rotation_deg) < 5
-    score = score_capture(
-        capture, fit, Knowledge(normals.astype(np.float32), dome, None, 1.5, 0.2), "k"
-    )
-    # 0.42 with the same normals; the wood is not one colour, and the light is a tent.
-    assert score["skill"] > 0.3
 
 
 @pytest.mark.parametrize("offset", [np.nan, np.inf])
