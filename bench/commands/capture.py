@@ -151,7 +151,7 @@ def _fit_one(
     """Fit one capture, score the reconstruction that the options describe, and print it."""
     import json
 
-    from malus.bench.scoring.capture_score import score_capture, write_fit
+    from malus.bench.scoring.capture_score import convention_doubt, score_capture, write_fit
     from malus.reconstruct.photos.capture import read_capture
     from malus.reconstruct.photos.capture_fit import capture_summary, fit_capture
 
@@ -159,7 +159,10 @@ def _fit_one(
     capture = read_capture(folder, offset_deg=offset, **reading)
     knowledge = knowledge_of(capture.clipped.shape, given)
     fit = fit_capture(capture)
-    results: dict[str, Any] = {"fit": capture_summary(capture, fit)}
+    doubt = convention_doubt(fit, knowledge, ~capture.clipped)
+    if doubt:  # at once: no method may be able to work on what was read wrongly
+        click.echo(in_words_of_options(f"warning: {doubt}"), err=True)
+    results: dict[str, Any] = {"fit": capture_summary(capture, fit), "convention": doubt}
     if not fit_only:
         results["score"] = score_capture(capture, fit, knowledge, str(folder))
     if out is not None:
@@ -278,8 +281,6 @@ def _report(results: dict[str, Any]) -> str:
     ]
     if "score" in results:
         score = results["score"]
-        if score["convention"]:
-            lines.append(f"warning: {score['convention']}")
         lines += [f"warning: {warning}" for warning in score["warnings"]]
         lines += [f"- {statement}" for statement in score["statements"]]
         lines.append(

@@ -28,7 +28,7 @@ from malus.scenes.colour import (
     differences_from,
     weighted_colours,
 )
-from malus.scenes.core.arrays import FloatArray
+from malus.scenes.core.arrays import BoolArray, FloatArray
 from malus.scenes.core.files import add_to_folder
 
 
@@ -91,13 +91,8 @@ def score_capture(
     peak = max(float(image[mask].max(initial=0.0)), 1e-30)
     errors = [Residuals.of(guess - true, peak) for guess in (estimated, trivial)]
     nmse, guess = (error.nmse() for error in errors)
-    doubt = None
-    if knowledge.normals is not None:
-        doubt = check_convention(fit, knowledge.normals, mask).doubt
-    elif knowledge.mask is not None:
-        doubt = check_outlines(fit, [knowledge.mask], mask).doubt
     return {
-        "convention": doubt,
+        "convention": convention_doubt(fit, knowledge, ~capture.clipped),
         "pixels": int(mask.sum()),
         "nmse": nmse,
         "nmse_trivial": guess,
@@ -108,6 +103,18 @@ def score_capture(
         "statements": list(result.statements),
         "warnings": list(result.warnings),
     }
+
+
+def convention_doubt(fit: CaptureFit, knowledge: Knowledge, known: BoolArray) -> str | None:
+    """What speaks against how the angles are counted, by normals or else by a mask; or None.
+
+    `known` (height, width) is False where pictures are clipped.
+    """
+    mask, normals = knowledge.mask, knowledge.normals
+    if normals is not None:
+        facing = known & (normals[..., 2] > 0)
+        return check_convention(fit, normals, facing if mask is None else facing & mask).doubt
+    return None if mask is None else check_outlines(fit, [mask], known).doubt
 
 
 def _best_gain(estimated: FloatArray, true: FloatArray) -> float:
