@@ -8,6 +8,7 @@ both sides of an object or behind it, right angles may look reversed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -112,7 +113,7 @@ class OutlineTurn(NamedTuple):
         turn = -(self.rotation_reversed_deg if reverse else self.rotation_deg)
         if not reverse and abs(turn) < _TURNED_DEG:
             return None
-        turns = f"{turn:.0f}° or {turn - np.copysign(90, turn):.0f}°"
+        turns = f"{round(turn)}° or {round(turn - math.copysign(90, turn))}°"  # not -0°
         if reverse:
             how = "turns against the outlines"
             fitting = f"angles that count the other way, at an `offset` of {turns} less the given"
