@@ -176,6 +176,11 @@ class Suite(Model):
             self.sensor.check_fits(self.wavelengths_nm, self.camera.resolution)
         return self
 
+    @property
+    def scene_count(self) -> int:
+        """How many scenes there are; those of a random suite are not drawn for it."""
+        return self.random.count if self.random else sum(1 for _ in self.scenes())
+
     def scenes(self) -> Iterator[Scene]:
         """All distinct scenes, those of one family of renders one after another."""
         if self.random is not None and self.draws is not None:

@@ -72,7 +72,7 @@ def _suites() -> Table:
 
     table = _new("suites", "name", "scenes", "what for")
     for name, suite in list_suites().items():
-        table.add_row(name, str(sum(1 for _ in suite.scenes())), suite.description)
+        table.add_row(name, str(suite.scene_count), suite.description)
     for study in list_studies().values():
         table.add_row(study.name, "", study.description)
     return table

@@ -170,14 +170,10 @@ def _lists() -> Iterator[str]:
     yield "## Suites\n"
     yield table(
         ["suite", "what it is", "scenes"],
-        [[f"`{name}`", s.description, str(_count(s))] for name, s in list_suites().items()],
+        [[f"`{name}`", s.description, str(s.scene_count)] for name, s in list_suites().items()],
     )
     yield "`malus list` also has materials, metals, surfaces, swatches, patterns, shapes, lights,"
     yield "maps and sensors.\n"
-
-
-def _count(suite: Suite) -> int:
-    return suite.random.count if suite.random else sum(1 for _ in suite.scenes())
 
 
 _API = {

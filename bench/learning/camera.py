@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from malus.bench.learning.arrays import JaxArray
+from malus.bench.learning.arrays import PRECISION, JaxArray
 
 _GAMMA = 2.2
 _CODES = 255.0
@@ -79,10 +79,15 @@ def in_blocks(codes: JaxArray, coarseness: JaxArray) -> JaxArray:
     """
     height, width, channels = codes.shape
     blocks = codes.reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK, channels)
-    waves = jnp.einsum("ui,vj,aibjc->aubvc", _COSINES, _COSINES, blocks)
+    waves = _transformed("ui,vj,aibjc->aubvc", blocks)
     steps = coarseness * _STEPS[None, :, None, :, None]
     rounded = jnp.round(waves / steps) * steps
-    return jnp.einsum("ui,vj,aubvc->aibjc", _COSINES, _COSINES, rounded).reshape(codes.shape)
+    return _transformed("ui,vj,aubvc->aibjc", rounded).reshape(codes.shape)
+
+
+def _transformed(axes: str, blocks: JaxArray) -> JaxArray:
+    """The cosine transform of rows and columns of blocks, along the axes that are named."""
+    return jnp.einsum(axes, _COSINES, _COSINES, blocks, precision=PRECISION)
 
 
 def random_camera(key: JaxArray) -> Camera:

@@ -43,8 +43,8 @@ def described(pictures: int) -> str:
 
     Examples
     --------
-    >>> described(1)
-    'cpu: cpu × 1'
+    >>> described(1)  # 'cpu: cpu × 1', or a graphics card's name
+    '...: ... × 1'
     """
     devices = sharing(pictures)
     return f"{devices[0].platform}: {devices[0].device_kind} × {len(devices)}"

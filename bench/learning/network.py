@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from malus.bench.learning.arrays import JaxArray, Weights
+from malus.bench.learning.arrays import PRECISION, JaxArray, Weights
 
 STRIDE = 16
 """Sides of pictures are multiples of this."""
@@ -243,6 +243,7 @@ class _Convolutions:
             window_strides=(step, step),
             padding=[(edge, edge)] * 2,
             dimension_numbers=("NHWC", "HWIO", "NHWC"),
+            precision=PRECISION,
         )
         return result + self.weights[f"{name}.bias"]
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from malus.bench.learning.arrays import JaxArray
+from malus.bench.learning.arrays import PRECISION, JaxArray
 from malus.bench.learning.augment import Batch
 from malus.scenes.polarisation import angle_weights
 
@@ -89,7 +89,7 @@ def sums(light: JaxArray, mask: JaxArray, ratios: JaxArray, deviations: JaxArray
     matrix = jnp.asarray(angle_weights()[1:, 1:], jnp.float32)  # that of s0 is known
 
     def power(stokes: JaxArray) -> JaxArray:
-        squares = jnp.einsum("...i,ij,...j->...", stokes, matrix, stokes)
+        squares = jnp.einsum("...i,ij,...j->...", stokes, matrix, stokes, precision=PRECISION)
         return (squares.sum(axis=-1) * mask).sum()
 
     visible = mask[..., None] & (s0[..., 0] ** 2 > _VISIBLE)

@@ -1,8 +1,9 @@
 """Benchmark of cores: a reduced fig5 on one core, two, … and all, and what bounds the speed-up.
 
-It takes the way of `malus run`, which shares families out among a process a core. They and this one
-may use these cores only. A run of other surfaces and few samples goes before in each, so that
-neither start nor compilation count; nor does the report.
+It takes the way of `malus run`, which shares families out among a process a core, or has one
+where a graphics card renders. They and this one may use these cores only. A run of other surfaces
+and few samples goes before in each, so that neither start nor compilation count; nor does the
+report.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from malus.bench.running.runner import run
-from malus.bench.running.sharing import MOST_PROCESSES
+from malus.bench.running.sharing import processes
 from malus.bench.running.work import in_worker_processes
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.variant import Variant
@@ -117,7 +118,7 @@ def _only(cores: int) -> Iterator[None]:
 def _measured(suite: Suite, variant: Variant, cores: int) -> CoresSpeed:
     """Time of one run on so many cores, after one to warm up each process."""
     with _only(cores), ExitStack() as stack:
-        count = min(cores, MOST_PROCESSES)
+        count = min(cores, processes(variant))
         workers = [stack.enter_context(WorkerProcess()) for _ in range(count)]
         for worker in workers:
             _run(_warm_up(suite), variant, [worker])

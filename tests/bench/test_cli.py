@@ -20,6 +20,7 @@ from malus.renderers.self_check import Check
 from malus.renderers.variant import choose
 from malus.scenes import InputError
 from malus.scenes.core.result_files import HEADLINES, PARTS, RUN, TABLE
+from malus.scenes.random_suite.random_scenes import SceneDraws
 
 TINY = ["--resolution", "12", "--samples", "4"]
 
@@ -184,7 +185,9 @@ def test_too_little_memory_is_one_line(
 
 
 def test_lists_name_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without drawing the scenes of a random suite, which takes half a minute for `photos`."""
     monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.delattr(SceneDraws, "scene")
     done = run_malus("list")
     assert done.returncode == 0
     for name in ("fig5", "half_vector", "polystyrene", "obsidian", "torus", "incidence_deg"):

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 
 import pytest
 
+from malus.bench.running import sharing
 from malus.bench.running.worker_process import WorkerProcess
 from malus.bench.studies import cores
-from malus.renderers.variant import choose
+from malus.renderers.variant import Variant, choose
 from malus.scenes import InputError
 from malus.scenes.core.cores import usable_cores
+from malus.scenes.suite import Suite
 
 
 def test_figures_of_a_tiny_run() -> None:
@@ -47,6 +49,24 @@ def test_a_process_keeps_to_its_cores_and_this_one_does_not() -> None:
     with cores._only(1), WorkerProcess() as worker:
         assert list(worker.stream(what_it_may_use)) == [(1, "1")]
     assert (os.sched_getaffinity(0), dict(os.environ)) == before
+
+
+def test_where_a_card_renders_one_process_has_all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a run: no more processes are timed than one would start."""
+    begun = []
+
+    def count(suite: Suite, variant: Variant, workers: list[WorkerProcess]) -> dict[str, float]:
+        begun.append(len(workers))
+        return {}
+
+    monkeypatch.setattr(cores, "_run", count)
+    monkeypatch.setattr(cores, "_processor_seconds", lambda workers: 0.0)
+    monkeypatch.setattr(cores, "usable_cores", lambda: 4)
+    monkeypatch.setattr(sharing, "usable_cores", lambda: 4)
+    suite = cores.reduced_fig5(resolution=4, samples=2, every=24)
+    for name, expected in (("cuda_ad_mono_polarized", 1), ("llvm_ad_mono_polarized", 4)):
+        cores.measure(suite, Variant(name, "made up", None), [4])
+        assert begun[-1] == expected
 
 
 def test_more_cores_than_there_are_is_refused() -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,11 +21,44 @@ from trainings import QUICK, random_weights, rewritten  # noqa: E402
 
 import malus  # noqa: E402
 from malus.bench.learning import network  # noqa: E402
+from malus.bench.learning.camera import in_blocks  # noqa: E402
 from malus.bench.learning.model_file import read_model, write_model  # noqa: E402
 from malus.bench.learning.network import Architecture  # noqa: E402
+from malus.bench.learning.objective import sums  # noqa: E402
 from malus.scenes import InputError  # noqa: E402
 
 TINY = Architecture(width=4, prior="lobes")
+CODES, STEP = np.zeros((8, 8, 3), np.float32), np.float32(1)
+LIGHT, MASK = np.ones((1, 16, 16, 3, 3), np.float32), np.ones((1, 16, 16), bool)
+RATIOS, DEVIATIONS = LIGHT[..., 1:], LIGHT[..., 0]
+
+
+def products(jaxpr: Any) -> Iterator[Any]:
+    """The products of matrices and the convolutions of a function, and of those it calls."""
+    for step in jaxpr.eqns:
+        if step.primitive.name in ("dot_general", "conv_general_dilated"):
+            yield step
+        for part in step.params.values():
+            if hasattr(part, "jaxpr") or hasattr(part, "eqns"):
+                yield from products(getattr(part, "jaxpr", part))
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "least"),
+    [
+        (in_blocks, (CODES, STEP), 4),
+        (sums, (LIGHT, MASK, RATIOS, DEVIATIONS), 4),
+        (partial(network.forward, prior="lobes"), (random_weights(TINY), LIGHT[..., 0]), 20),
+    ],
+    ids=["in_blocks", "sums", "forward"],
+)
+def test_products_have_all_digits_on_a_graphics_card_too(
+    function: Callable[..., Any], arguments: tuple[Any, ...], least: int
+) -> None:
+    """A card takes ten bits of their factors, unless each product asks for more."""
+    found = list(products(jax.make_jaxpr(function)(*arguments).jaxpr))
+    assert len(found) >= least
+    assert {step.params["precision"] for step in found} == {(jax.lax.Precision.HIGHEST,) * 2}
 
 
 @pytest.mark.parametrize("prior", ["none", "lobes"])
