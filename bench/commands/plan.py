@@ -12,7 +12,7 @@ from malus.bench.studies.registry import STUDIES
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from malus.scenes.suite import Suite
+    from malus.bench.public.suites import Plan
 
 
 @command("plan")
@@ -51,7 +51,7 @@ def plan_command(suite: str, backend: str) -> None:
         table.add_row(saving.what, str(saving.done), str(saving.instead_of), saving.why)
     console.print(table)
     if planned.suite.random is not None:
-        _tell_distributions(planned.suite, console)
+        _tell_distributions(planned, console)
     console.print(
         f"{planned.renders} renders instead of {planned.renders_without_plan}; about "
         f"{planned.seconds:.0f} s here instead of {planned.seconds_without_plan:.0f} s. A stored "
@@ -61,7 +61,7 @@ def plan_command(suite: str, backend: str) -> None:
     )
 
 
-def _tell_distributions(suite: Suite, console: Console) -> None:
+def _tell_distributions(planned: Plan, console: Console) -> None:
     """Print how the values of random scenes are distributed, and how many a split has."""
     from collections import Counter
 
@@ -73,7 +73,9 @@ def _tell_distributions(suite: Suite, console: Console) -> None:
     table.add_column("from", justify="right")
     table.add_column("to", justify="right")
     table.add_column("how often")
-    for row in value_distributions(suite.scenes()):
+    suite = planned.suite
+    scenes = (scene for family in planned.families for scene in family.scenes)
+    for row in value_distributions(scenes):
         ends = ["" if end is None else f"{end:.4g}" for end in (row.low, row.high)]
         table.add_row(row.key, str(row.count), *ends, row.shown)
     console.print(table)
