@@ -65,11 +65,18 @@ class AngleConvention(NamedTuple):
         sure = max(self.coherence, self.coherence_reversed) > 0.6
         if not sure or (not reverse and abs(best) < 15.0):
             return None
-        sense = "the other way" if reverse else "as given"
+        fitting = _fitting(reverse, f"{round(-best)}°")
         return (
-            f"mirrored light on these normals fits better if the angles count {sense} and the "
-            f"pictures' polarisation is turned by {-best:.0f}°: check `zero`, `sense` and `offset`"
+            "the polarisation stands askew to that of mirrored light on these normals;"
+            f" {fitting}, would fit: check `sense`, `zero` and `offset`"
         )
+
+
+def _fitting(reverse: bool, turns: str) -> str:
+    """How angles would have to be read, beside the offset that is given."""
+    if reverse:
+        return f"angles that count the other way, at an `offset` of {turns} less the given"
+    return f"an `offset` of {turns} more than the given"
 
 
 def check_convention(fit: CaptureFit, normals: Float32Array, mask: BoolArray) -> AngleConvention:
@@ -114,15 +121,11 @@ class OutlineTurn(NamedTuple):
         if not reverse and abs(turn) < _TURNED_DEG:
             return None
         turns = f"{round(turn)}° or {round(turn - math.copysign(90, turn))}°"  # not -0°
-        if reverse:
-            how = "turns against the outlines"
-            fitting = f"angles that count the other way, at an `offset` of {turns} less the given"
-        else:
-            how = "stands askew to the outlines"
-            fitting = f"an `offset` of {turns} more than the given"
+        how = "turns against" if reverse else "stands askew to"
         return (
-            f"the polarisation {how} of the mask, as that of mirrored or diffuse light seldom does;"
-            f" {fitting}, would fit: check `sense`, `zero` and `offset`"
+            f"the polarisation {how} the outlines of the mask, as that of mirrored or diffuse"
+            f" light seldom does; {_fitting(reverse, turns)}, would fit: check `sense`, `zero` and"
+            " `offset`"
         )
 
 
