@@ -13,4 +13,4 @@ Weights: TypeAlias = dict[str, Any]
 """Weights of a network: arrays by name."""
 
 PRECISION = jax.lax.Precision.HIGHEST
-"""Of products and convolutions: a graphics card would else round their factors to ten bits."""
+"""Of products in single precision: a graphics card would else round their factors to ten bits."""

@@ -206,6 +206,20 @@ def test_the_rate_warms_up_and_ends_at_nothing() -> None:
     assert [training._rates(step, 100, 1e-3)[1] for step in (0, 10**6)] == [0.1, 0.999]
 
 
+def test_the_best_weights_are_the_running_mean_of_the_best_row(spheres: Path) -> None:
+    data = [
+        read_examples(malus.open_dataset(spheres), name, 0, silent) for name in ("train", "val")
+    ]
+    rows: list[training.Progressed] = []
+    done = training.fit(*data, replace(QUICK, steps=20), silent, rows.append)
+    skills = [row["skill"] for row in done.history]
+    assert max(skills) > skills[0]
+    best = rows[skills.index(max(skills)) - 1].state  # no step, no row that is kept
+    for name, kept in done.best.items():
+        np.testing.assert_array_equal(kept, best.average[name])
+    assert any((best.average[name] != best.weights[name]).any() for name in done.best)
+
+
 def test_time_buys_steps(spheres: Path) -> None:
     data = [
         read_examples(malus.open_dataset(spheres), name, 0, silent) for name in ("train", "val")
