@@ -138,25 +138,47 @@ def predicted_seconds(
 
     Of `random` scenes, which differ in all that costs time, several are rendered.
     """
-    if random:
-        samples = families[:: -(-len(families) // SAMPLES_OF_RANDOM)]
-        seconds = [predicted_seconds([family], variant, renderer) for family in samples]
-        return len(families) * sum(seconds) / len(seconds)
+    if random and renderer == "mitsuba":
+        several = families[:: -(-len(families) // SAMPLES_OF_RANDOM)]
+        each = [_seconds_of_random(family, variant) for family in several]
+        return len(families) * sum(each) / len(each)
     sample = max(families, key=lambda family: family.specular_images)
     if renderer == "torrance-sparrow":
         started = time.perf_counter()
         for scene in sample.scenes:
             render_torrance_sparrow(scene)
         return len(families) * (time.perf_counter() - started)
-    few = Sampling(samples=max(2, sample.sampling.samples // 16 // 2 * 2), seed=1)
-    seconds = []
-    for _ in range(2):  # the first one compiles kernels
-        started = time.perf_counter()
-        rendered = render_family(sample.scenes, few, variant, errors=False)
-        seconds.append(time.perf_counter() - started)
+    few = _few_samples(sample)
+    _timed(sample, few, variant)  # compiles kernels
+    seconds, rendered = _timed(sample, few, variant)
     ratio = _expected_samples(sample, rendered, few) / few.samples
     # Half of the miniature's time is work that does not grow with the samples (measured).
-    return len(families) * seconds[-1] * 0.5 * (1.0 + ratio)
+    return len(families) * seconds * 0.5 * (1.0 + ratio)
+
+
+def _seconds_of_random(family: FamilyPlan, variant: Variant) -> float:
+    """Seconds of a random scene, from few samples and more: most work does not grow with these.
+
+    Its kernels are compiled before: those of many scenes are alike.
+    """
+    few = _few_samples(family)
+    more = few.model_copy(update={"samples": 4 * few.samples})
+    rendered = _timed(family, few, variant)[1]
+    least, longer = (_timed(family, sampling, variant)[0] for sampling in (few, more))
+    a_sample = max(0.0, longer - least) / (more.samples - few.samples)
+    expected = _expected_samples(family, rendered, few)
+    return least + a_sample * max(0.0, expected - few.samples)
+
+
+def _few_samples(family: FamilyPlan) -> Sampling:
+    return Sampling(samples=max(2, family.sampling.samples // 16 // 2 * 2), seed=1)
+
+
+def _timed(family: FamilyPlan, sampling: Sampling, variant: Variant) -> tuple[float, Renders]:
+    """Seconds of rendering a family, and its renders."""
+    started = time.perf_counter()
+    rendered = render_family(family.scenes, sampling, variant, errors=False)
+    return time.perf_counter() - started, rendered
 
 
 def _expected_samples(family: FamilyPlan, miniature: Renders, few: Sampling) -> float:

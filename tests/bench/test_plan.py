@@ -7,6 +7,7 @@ import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from malus.renderers import Truth
 from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba import wavefront
 from malus.renderers.variant import choose
-from malus.scenes import Scene, Sphere, Suite, Torus, Uniform, load_suite
+from malus.scenes import Sampling, Scene, Sphere, Suite, Torus, Uniform, load_suite
 from malus.scenes.core.result_files import RUN
 from malus.scenes.suite_surfaces import Roughness
 
@@ -104,6 +105,31 @@ def test_the_formulas_cost_is_that_of_the_formulas(monkeypatch: pytest.MonkeyPat
     assert families[0].scenes[0].light.kind == "distant"
     first = suites.predicted_seconds(families, choose(), "torrance-sparrow")
     assert 0 < first < 10  # four scenes of 12² pixels take milliseconds
+
+
+def test_samples_of_random_scenes_count_as_they_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each takes 2 s and 0.1 s a sample, once its kernels are there, which many have in common."""
+    clock, compiled = [0.0], set[str]()
+
+    def render(scenes: list[Scene], sampling: Sampling, *args: Any, **more: Any) -> None:
+        (scene,) = scenes
+        clock[0] += 2.0 + 0.1 * sampling.samples + (scene.id not in compiled) * 3.0
+        compiled.add(scene.id)
+
+    monkeypatch.setattr(suites, "render_family", render)
+    monkeypatch.setattr(suites.time, "perf_counter", lambda: clock[0])
+    suite = load_suite("random")
+    assert suite.random is not None
+    few = suite.model_copy(
+        update={
+            "random": suite.random.model_copy(update={"count": 24}),
+            "sampling": Sampling(samples=64),
+        }
+    )
+    found = suites.predicted_seconds(plan(few), choose(), random=True)
+    assert found == pytest.approx(24 * (2.0 + 0.1 * 64))
 
 
 def test_a_run_records_what_it_left_out(tmp_path: Path) -> None:
