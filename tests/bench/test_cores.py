@@ -63,6 +63,7 @@ def test_where_a_card_renders_one_process_has_all_cores(monkeypatch: pytest.Monk
     monkeypatch.setattr(cores, "_processor_seconds", lambda workers: 0.0)
     monkeypatch.setattr(cores, "usable_cores", lambda: 4)
     monkeypatch.setattr(sharing, "usable_cores", lambda: 4)
+    monkeypatch.setattr(sharing, "free_memory", lambda: 1e12)
     suite = cores.reduced_fig5(resolution=4, samples=2, every=24)
     for name, expected in (("cuda_ad_mono_polarized", 1), ("llvm_ad_mono_polarized", 4)):
         cores.measure(suite, Variant(name, "made up", None), [4])

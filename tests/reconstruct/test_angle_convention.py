@@ -85,7 +85,7 @@ def test_what_the_doubt_says_mends_the_capture(
     fit = fit_capture(read_capture(tmp_path, offset_deg=given))
     known = Knowledge(normals=normals, mask=mask) if normals_known else Knowledge(mask=mask)
     doubt = convention_doubt(fit, known, mask)
-    # Outlines cannot tell mirrored light from diffuse, a right angle from it, and doubt at 35°.
+    # Mirrored light stands at a right angle to diffuse light, and outlines do not tell which it is.
     turn, doubted = (180, 15) if normals_known else (90, 35)
     askew = abs((offset - given + turn / 2) % turn - turn / 2) > doubted
     assert (doubt is not None) == (sign < 0 or askew)
@@ -118,6 +118,16 @@ def test_the_frame_of_the_picture_is_no_outline() -> None:
     assert "count the other way" in reverse.doubt
     full = np.ones_like(mask)
     assert check_outlines(fitted(stokes), [full], full) == OutlineTurn(0.0, 0.0, 0.0, 0.0)
+
+
+def test_outlines_of_one_direction_say_nothing() -> None:
+    """In a narrow sector of an outline, what turns with it can hardly be told from the rest."""
+    stokes, normals = dome_stokes(96)
+    mask = normals[..., 2] > 0
+    azimuth = np.degrees(np.arctan2(normals[..., 1], normals[..., 0]))
+    seen = mask & (abs(azimuth) < 15)
+    assert check_outlines(fitted(stokes), [mask], seen) == OutlineTurn(0.0, 0.0, 0.0, 0.0)
+    assert check_outlines(fitted(stokes), [mask], mask & (abs(azimuth) < 90)).with_outlines > 0.1
 
 
 def test_a_large_object_is_thinned_out_and_clipped_pixels_are_left_out() -> None:
