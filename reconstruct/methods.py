@@ -12,11 +12,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
 from malus.reconstruct.observation import Components, Observation
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.named_file import digest_of
 from malus.scenes.core.validation import near
 
 ENTRY_POINTS = "malus.methods"
@@ -39,8 +41,8 @@ class Method:
         several threads may call the function at once. It may then be given the pixels of the mask
         alone, in rows that are no picture.
     per_band : bool
-        The components of a band follow from that band, its index and what all bands share. The
-        bands of several scenes may then be given side by side.
+        The components of a band follow from that band, its index and what all bands share. Where
+        `per_pixel` holds too, the bands of several scenes may be given side by side.
     optional : frozenset of str
         Attributes of `Observation` that it estimates itself, and uses where they are given.
 
@@ -173,14 +175,34 @@ def _loaded(where: str, reference: str) -> Method:
     """The Method that `package.module:object` refers to; InputError if there is none."""
     module, _, attribute = reference.partition(":")
     try:
-        with _working_folder():
-            loaded = getattr(importlib.import_module(module), attribute)
+        loaded = getattr(_imported(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         hint = "check that it can be imported"
         raise InputError(where, "package.module:object", str(error), hint) from None
     if not isinstance(loaded, Method):
-        expected = "a malus.reconstruct.Method"
-        raise InputError(where, expected, type(loaded).__name__, "see README, a method of your own")
+        expected, hint = "a malus.reconstruct.Method", "guides/methods.md shows one"
+        raise InputError(where, expected, type(loaded).__name__, hint)
+    return loaded
+
+
+_contents: dict[str, str] = {}
+"""Digest of the file of each module when malus loaded it."""
+
+
+def _imported(module: str) -> ModuleType:
+    """A module; loaded anew where its file has changed since malus loaded it."""
+    source = _module_file(module)
+    content = digest_of(source, "method") if source.is_file() else ""
+    changed = _contents.get(module, content) != content
+    with _working_folder():
+        if changed and module in sys.modules:
+            # Python takes compiled code of an equal size and second for that of the same file.
+            with suppress(OSError, NotImplementedError):
+                Path(importlib.util.cache_from_source(str(source))).unlink(missing_ok=True)
+            loaded = importlib.reload(sys.modules[module])
+        else:
+            loaded = importlib.import_module(module)
+    _contents[module] = content
     return loaded
 
 

@@ -101,11 +101,25 @@ def _cache_file() -> Path:
     return Path(root) / "malus" / "variants.json"
 
 
+@functools.cache
+def made_by(renderer: str) -> str:
+    """Versions of what renders: of malus, and of Mitsuba and Dr.Jit where these do.
+
+    Looking them up takes milliseconds, and every part of a run has them in its name.
+
+    Examples
+    --------
+    >>> made_by("torrance-sparrow").split()[0]
+    'malus'
+    """
+    packages = ("malus", "mitsuba", "drjit") if renderer == "mitsuba" else ("malus",)
+    return "|".join(f"{package} {version(package)}" for package in packages)
+
+
 def _probe(variant: str, llvm: Path | None) -> bool:
     """Whether small renders come out right in a subprocess; the answer is cached on disk."""
     stamp = f"{llvm}:{llvm.stat().st_mtime_ns}" if llvm else _driver()
-    made_by = f"mitsuba {version('mitsuba')}|malus {version('malus')}"
-    key = f"{variant}|{stamp}|{made_by}|{sys.executable}"
+    key = f"{variant}|{stamp}|{made_by('mitsuba')}|{sys.executable}"
     answers = _read_cache()
     if key not in answers:
         passed = _self_check_in_subprocess(variant, str(llvm) if llvm else "")

@@ -51,12 +51,19 @@ CITE = (
 LIMITS = """\
 - The images are rendered, not measured. Surfaces are random facets with Fresnel's equations; what
   real objects have besides (coats, dirt, birefringence, fluorescence) is missing.
-- Each image has the noise of its samples. `error.exr` tells how much; the noise of two scenes, and
-  of the two halves of one, is independent.
+- Each image has the noise of its samples. `error.exr` tells how much; that of the two halves of a
+  scene is independent, and that of two scenes {NOISE}.
 - Bands are narrow: radiances are those at one wavelength each. R, G, B are a preview.
 - Distributions are those above, and not those of the world: a method that does well here has been
   shown nothing else.
 """
+
+
+NOISE_OF_TWO = {
+    True: "is so too",
+    False: "is not: all have the same random numbers, and scenes that are alike have like noise",
+}
+"""How the noise of two scenes is related, by whether the suite is random."""
 
 
 def write_documents(folder: Path, suite: Suite) -> None:
@@ -151,7 +158,7 @@ def card(record: DatasetRecord, suite: Suite, scenes: list[Scene]) -> str:
         _splits(record, suite),
         _distributions(scenes),
         _conventions(record),
-        f"## Limits\n\n{LIMITS}",
+        f"## Limits\n\n{LIMITS.replace('{NOISE}', NOISE_OF_TWO[suite.random is not None])}",
         _licence(record, suite),
     ]
     return "\n".join(part for part in parts if part)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import version
 from itertools import accumulate
 
 from malus.bench.datasets.maps_and_frames import Additions
 from malus.bench.running.plan import FamilyPlan, drawn_families, plan
 from malus.renderers.datasets.part_list import Part, PlannedScene
 from malus.renderers.mitsuba.surface_maps import check_variant
-from malus.renderers.variant import Variant
+from malus.renderers.variant import Variant, made_by
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import content_id
 from malus.scenes.materials.measured import Measured
@@ -87,7 +85,7 @@ def _of_axes(
 def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
     """Hash of what decides a truth besides its scene: the family's renders and who made them."""
     added = Additions.of(suite).identity()
-    parts = [family.id, suite.renderer, variant.name, _version()]
+    parts = [family.id, suite.renderer, variant.name, made_by(suite.renderer)]
     return content_id([*parts, added] if added else parts)
 
 
@@ -96,13 +94,7 @@ def _renders(suite: Suite, variant: Variant) -> str:
     content = suite.model_dump(mode="json")
     if suite.random is not None:
         del content["random"]["count"]
-    return content_id([content, variant.name, _version()])
-
-
-@cache
-def _version() -> str:
-    """The version of malus, which is slow to find out."""
-    return version("malus")
+    return content_id([content, variant.name, made_by(suite.renderer)])
 
 
 def _numbers(part: str | None) -> tuple[int, int]:

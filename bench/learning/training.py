@@ -27,6 +27,7 @@ from malus.bench.learning.objective import loss
 from malus.bench.learning.options import TrainingOptions
 from malus.bench.learning.validation import Measured, measured
 from malus.bench.running.progress import Progress
+from malus.scenes.core.errors import InputError
 
 VALIDATIONS = 20
 """Times that the weights are validated and kept."""
@@ -99,6 +100,9 @@ def fit(
         state = start(options, begin)
         steps = options.steps or _affordable(one_step, val, state, options, began)
         first_row = _row(0, [], measured(state.average, val, options.prior))
+        if not np.isfinite(first_row["skill"]):
+            expected, hint = "scenes polarised beyond their noise", "render them with more samples"
+            raise InputError("split val", expected, "none", hint)
         kept = Progressed(state, state.average, 0, steps, [first_row])
     state, best, first, steps, history = kept
     every = max(1, steps // VALIDATIONS)

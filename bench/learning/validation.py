@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -63,14 +64,12 @@ def measured(weights: Weights, examples: Examples, prior: str, as_run: bool = Fa
     return Measured(float(np.median(each)), float(np.mean(each > 0)), float(np.mean(squares)))
 
 
-def _parts(together: int, *arrays: JaxArray) -> list[list[JaxArray]]:
+def _parts(together: int, *arrays: JaxArray) -> Iterator[list[JaxArray]]:
     """Arrays in parts of one length, the last filled up: a function is compiled for each length."""
     count = len(arrays[0])
-    parts = []
     for first in range(0, count, together):
         chosen = np.minimum(np.arange(first, first + together), count - 1)
-        parts.append([array[chosen] for array in arrays])
-    return parts
+        yield [array[chosen] for array in arrays]
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -192,7 +192,7 @@ def load_captures(path: Path | str) -> CaptureSuite:
     (['indoor', 'outdoor'], True)
     """
     path = Path(path)
-    where, hint = str(path), "see `malus capture` in the README"
+    where, hint = str(path), "guides/captures.md shows one"
     with reading(where, "a readable TOML file of captures", hint):
         if path.is_file() and path.stat().st_size > MAX_BYTES:
             raise InputError(where, f"at most {MAX_BYTES} bytes", "more", hint)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
-from collections.abc import Sequence
+import zipfile
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,8 @@ from malus.scenes.core.files import write_whole
 from malus.scenes.core.result_files import EXAMPLES
 from malus.scenes.scene import Scene
 
+_OF = "method."
+"""Before the name of a method: the name of its image in the file."""
 MOST_EXAMPLES = 24
 """Largest number of example scenes; each is from another family, spread evenly over the suite."""
 
@@ -47,8 +51,6 @@ def write_example(folder: Path, truth: Truth, methods: Sequence[Method]) -> None
     from malus.bench.scoring.unmixed_pixels import mixed_pixels  # with what scores: numba
 
     path = folder / EXAMPLES / f"{truth.scene.id}.npz"
-    if path.exists():
-        return
     images: dict[str, Any] = {
         "truth": truth.stokes.astype(np.float32),
         "mask": truth.mask,
@@ -62,8 +64,29 @@ def write_example(folder: Path, truth: Truth, methods: Sequence[Method]) -> None
             estimate = method.reconstruct(observe(truth, method.needs))
         except Inapplicable:
             continue
-        images[f"method.{method.name}"] = estimate.stokes.astype(np.float32)
+        images[f"{_OF}{method.name}"] = estimate.stokes.astype(np.float32)
     write_whole(path, lambda temporary: np.savez_compressed(temporary, **images))
+
+
+def with_images_of(methods: Iterable[str], path: Path, content: bytes) -> bytes:
+    """An example with the images that the file at `path` has of these methods too.
+
+    A file of another truth, and one that is damaged, is left out.
+    """
+    if not path.exists():
+        return content
+    images = dict(np.load(io.BytesIO(content)))
+    try:
+        with np.load(path) as file:
+            kept = {f"{_OF}{name}" for name in methods} & set(file.files) - images.keys()
+            if not kept or not np.array_equal(file["truth"], images["truth"]):
+                return content
+            images |= {name: file[name] for name in kept}
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return content
+    merged = io.BytesIO()
+    np.savez_compressed(merged, **images)
+    return merged.getvalue()
 
 
 def _meta(scene: Scene) -> dict[str, Any]:

@@ -13,13 +13,12 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from malus.bench.running.plan import FamilyPlan
 from malus.reconstruct.methods import source_of
-from malus.renderers.variant import Variant
+from malus.renderers.variant import Variant, made_by
 from malus.scenes.core.errors import InputError, printable
 from malus.scenes.core.files import open_regular, read_json, write_whole
 from malus.scenes.core.model import content_id
@@ -80,7 +79,8 @@ class Failure:
 def part_id(family: FamilyPlan, suite: Suite, variant: str) -> str:
     """Hash of all that decides the rows of a family but the methods: the name of its part."""
     scored = [suite.metrics, suite.knowledge]
-    return content_id([family.id, suite.renderer, *scored, variant, _malus(), SCHEMA])
+    decisive = [family.id, suite.renderer, *scored, variant, made_by(suite.renderer), SCHEMA]
+    return content_id(decisive)
 
 
 def stamped(reference: str) -> str:
@@ -127,20 +127,14 @@ def _digest(source: Path, _changed: int, _size: int) -> str:
     return digest_of(source, "method")
 
 
-@functools.cache
-def _malus() -> str:
-    """Version of malus; looking it up takes milliseconds, and every part has it in its name."""
-    return version("malus")
-
-
 def write_plan(
     folder: Path,
     suite: Suite,
     families: Sequence[FamilyPlan],
-    methods: Iterable[str],
+    methods: Mapping[str, str],
     variant: Variant,
 ) -> None:
-    """Write the list of families and methods of a run, for `malus status`."""
+    """Write the list of families, and of methods and their calls, of a run for `malus status`."""
     listed = [
         {
             "id": part_id(family, suite, variant.name),
@@ -149,7 +143,7 @@ def write_plan(
         }
         for family in families
     ]
-    header = {"suite": suite.name, "suite_id": suite.id, "methods": list(methods)}
+    header = {"suite": suite.name, "suite_id": suite.id, "methods": dict(methods)}
     text = json.dumps(header | {"families": listed}, indent=1)
     write_whole(folder / PLAN, lambda path: path.write_text(text + "\n", encoding="utf-8"))
 

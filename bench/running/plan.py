@@ -261,12 +261,12 @@ def _indices(families: Sequence[FamilyPlan], images: int) -> list[OmittedWork]:
     fixed = sum(_has_fixed_body(family) for family in families)
     return [
         OmittedWork(
-            "interface images", specular, images,
+            "specular images", specular, images,
             "a render is a smooth function of the index: Chebyshev nodes, error measured",
             images - specular,
         ),
         OmittedWork(
-            "body images", diffuse, images,
+            "diffuse images", diffuse, images,
             f"the same; {fixed} families have a body that does not depend on the index",
             images - diffuse,
         ),

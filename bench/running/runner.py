@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from malus.bench.running.examples import example_ids
+from malus.bench.running.examples import example_ids, with_images_of
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import (
@@ -18,6 +18,7 @@ from malus.bench.running.parts import (
     in_order,
     merged,
     part_id,
+    stamped,
     still_the_same,
     write_plan,
 )
@@ -107,6 +108,8 @@ class SuiteRun:
     seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     taken_over: int = 0
     finished: int = 0
+    stamps: dict[str, dict[str, str]] = field(default_factory=dict)
+    """Of each task's methods, when the task was given out."""
 
     @property
     def parts(self) -> Parts:
@@ -123,6 +126,7 @@ class SuiteRun:
                 self.finished += 1
                 continue
             self.progress(self.finished, len(self.families), family.label)
+            self.stamps[name] = {key: stamped(reference) for key, reference in missing.items()}
             yield FamilyTask(
                 name,
                 family,
@@ -156,13 +160,15 @@ class SuiteRun:
 
     def keep(self, task: FamilyTask, result: FamilyResult) -> None:
         """Store the result of a task, the examples first: a part is never there without them."""
-        for name, content in result.examples.items():
-            _write_bytes(self.folder / EXAMPLES / name, content)
         old = self.parts.table(task.id)
+        before = _methods_of(old)
+        done = {name: before[name] for name in before if name not in task.methods}
+        for name, content in result.examples.items():
+            path = self.folder / EXAMPLES / name
+            _write_bytes(path, with_images_of(done, path, content))
         table = merged(old, result.table, task.methods)
         if table is not None:
-            before, now = _methods_of(old), result.whole(task.methods)
-            done = {name: before[name] for name in before if name not in task.methods}
+            now = result.whole(self._unchanged(task))
             self.parts.write(task.id, table, done | {name: task.methods[name] for name in now})
         failures_of_others = [
             failure
@@ -174,6 +180,11 @@ class SuiteRun:
         for stage, seconds in result.seconds.items():
             self.seconds[stage] += seconds
         self.finished += 1
+
+    def _unchanged(self, task: FamilyTask) -> list[str]:
+        """Methods of a task whose weights or module nobody changed while it was done."""
+        stamps = self.stamps.pop(task.id)
+        return [name for name, called in task.methods.items() if stamped(called) == stamps[name]]
 
     def tables(self, totals: RunTotals) -> Iterator[pd.DataFrame]:
         """Tables of all families, one at a time; each is counted in `totals`.

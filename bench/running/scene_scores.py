@@ -109,8 +109,8 @@ def score_together(
     examples: frozenset[str],
 ) -> bool:
     """Score the scenes of `results` in one pass, or return False where each needs its own."""
-    per_band = all(method.per_band for method in plan.methods)
-    if renders.family is None or plan.metrics or plan.ladder or not per_band:
+    apart = all(method.per_pixel and method.per_band for method in plan.methods)
+    if renders.family is None or plan.metrics or plan.ladder or not apart:
         return False
     scenes = tuple(result.scene for result in results)
     outcome = results[0].outcome  # that of the first scene has the seconds of all

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -134,7 +134,7 @@ def _of_run(folder: Path) -> Status:
     planned = read_json(folder / PLAN, MAX_PLAN_BYTES)[0]
     try:
         families = list(_families(planned))
-        methods = {str(name) for name in planned["methods"]}
+        methods = _called(planned["methods"])
         progress = Status(f"run of {planned['suite']}", "families", total=len(families))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
@@ -142,7 +142,12 @@ def _of_run(folder: Path) -> Status:
         ) from None
     parts = Parts(folder)
     for name, label in families:
-        lacking = methods - set(parts.methods(name))
+        there = parts.methods(name)
+        lacking = {
+            method
+            for method, reference in methods.items()
+            if method not in there or reference not in (None, there[method])
+        }
         failures = [
             failure
             for failure in parts.failures(name)
@@ -157,6 +162,13 @@ def _of_run(folder: Path) -> Status:
     expected = {"suite_id": planned.get("suite_id"), "families_failed": progress.failed_families}
     progress.finished = not progress.left and _is_written(folder, expected)
     return progress
+
+
+def _called(methods: Mapping[str, str] | Sequence[str]) -> dict[str, str | None]:
+    """How each method is called; None where the plan of an earlier version lists names alone."""
+    if isinstance(methods, Mapping):
+        return {str(name): str(reference) for name, reference in methods.items()}
+    return dict.fromkeys(map(str, methods))
 
 
 def _families(planned: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

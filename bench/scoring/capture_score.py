@@ -29,6 +29,7 @@ from malus.scenes.colour import (
     weighted_colours,
 )
 from malus.scenes.core.arrays import BoolArray, FloatArray
+from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import add_to_folder
 
 
@@ -59,7 +60,7 @@ def score_capture(
     Raises
     ------
     InputError
-        Where no method works on this picture.
+        Where no method works on this picture, or no pixel is left to score.
 
     Examples
     --------
@@ -85,6 +86,9 @@ def score_capture(
     mask = ~capture.clipped if knowledge.mask is None else knowledge.mask & ~capture.clipped
     if knowledge.normals is not None:
         mask = mask & (knowledge.normals[..., 2] > 0)
+    if not mask.any():
+        expected, hint = "pixels to score", "clipped ones count not: give another mask"
+        raise InputError(where, expected, "none", hint)
     estimated = np.stack([image[mask], components.s1[mask], components.s2[mask]], axis=-1)
     true = fit.stokes[mask]
     trivial = true * np.array([1, 0, 0], dtype=true.dtype)

@@ -114,14 +114,15 @@ class FamilyPixels:
         return cls(scenes, first, observation, true, draw)
 
     def estimate(self, method: Method) -> Components:
-        """Estimate of a method that works band by band, for all scenes.
+        """Estimate of a method that works pixel by pixel and band by band, for all scenes.
 
         Raises
         ------
         Inapplicable
             Where the method cannot work under the light that all scenes share.
         NotTogether
-            Where the method fails on any of the scenes, or calls a pixel invalid.
+            Where the method fails on any of the scenes, calls a pixel invalid, or says how sure
+            it is or whether it converged, which is scored scene by scene.
         """
         withheld: dict[str, Any] = dict.fromkeys(INPUTS - method.needs)
         try:
@@ -130,7 +131,8 @@ class FamilyPixels:
             raise
         except (ValueError, ArithmeticError) as error:
             raise NotTogether from error
-        if estimate.valid is not None and not estimate.valid.all():
+        invalid = estimate.valid is not None and not estimate.valid.all()
+        if invalid or estimate.deviation is not None or estimate.converged is not None:
             raise NotTogether
         return estimate
 

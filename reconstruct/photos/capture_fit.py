@@ -19,6 +19,7 @@ from malus.reconstruct.photos.movement import (
 )
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import Float32Array
+from malus.scenes.core.errors import InputError
 
 CLIPPED = 0.002
 """Share of clipped pixels that is worth a warning."""
@@ -75,7 +76,7 @@ def fit_capture(capture: Capture | Path | str) -> CaptureFit:
     Raises
     ------
     InputError
-        From `read_capture`.
+        From `read_capture`, and of a capture that is clipped everywhere or has no light.
 
     Examples
     --------
@@ -85,8 +86,10 @@ def fit_capture(capture: Capture | Path | str) -> CaptureFit:
     >>> fit_capture(capture).stokes.round(6).tolist()
     [[[[1.0, -0.5, 0.0]]]]
     """
+    where = "capture" if isinstance(capture, Capture) else str(capture)
     if not isinstance(capture, Capture):
         capture = read_capture(capture)
+    mean = _mean_light(capture, where)
     matrix = analyser(capture.angles_deg)
     inverse = np.linalg.pinv(matrix).astype(np.float32)
     stokes = np.tensordot(capture.pictures, inverse, axes=(0, 1))
@@ -95,13 +98,24 @@ def fit_capture(capture: Capture | Path | str) -> CaptureFit:
         square += (stokes @ row - picture) ** 2
     residual = np.sqrt(square / len(capture.pictures))
     good = ~capture.clipped
-    mean = float(capture.pictures[:, good].mean())
     relative = float(np.sqrt(np.mean(square[good]) / len(matrix))) / mean
     shifts = [Shift(0.0, 0.0) for _ in capture.names]
     if not capture.one_exposure:
         shifts = list(measure_shifts(capture.pictures, capture.angles_deg))
     warnings = _warnings(capture, stokes, relative, shifts)
     return CaptureFit(stokes, residual, relative, tuple(s.length for s in shifts), warnings)
+
+
+def _mean_light(capture: Capture, where: str) -> float:
+    """Mean over all pictures and what is not clipped."""
+    good = ~capture.clipped
+    if not good.any():
+        raise InputError(where, "pixels that are not clipped", "none", "expose shorter")
+    mean = float(capture.pictures[:, good].mean())
+    if not mean > 0:
+        hint = "check the black level"
+        raise InputError(where, "pictures with light in them", f"a mean of {mean:.3g}", hint)
+    return mean
 
 
 def _warnings(

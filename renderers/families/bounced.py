@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -40,15 +40,21 @@ def needs_paths(scene: Scene, sampling: Sampling) -> bool:
 
 @dataclass(frozen=True)
 class OneByOne:
-    """A family whose scenes are rendered when their truths are asked for, each on its own."""
+    """A family whose scenes are rendered when their truths are asked for, each on its own.
+
+    The last truth is kept: to decide on more samples, and to take their mean, asks for it again.
+    """
 
     sampling: Sampling
     variant: Variant
+    last: list[Truth] = field(default_factory=list)
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:  # noqa: ARG002
         """The truth of one scene."""
-        with refused_warnings(f"scene {scene.id}"):
-            return render_room(scene, self.sampling, self.variant)
+        if not self.last or self.last[0].scene != scene:
+            with refused_warnings(f"scene {scene.id}"):
+                self.last[:] = [render_room(scene, self.sampling, self.variant)]
+        return self.last[0]
 
 
 def render_bounced(

@@ -16,8 +16,15 @@ import numpy as np
 
 from malus.renderers.mitsuba.patterns import SurfaceNumber, check_coordinates, surface_number
 from malus.renderers.mitsuba.translate import diffuse_bsdf, mesh_object, specular_bsdf, tessellated
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.materials.measured import Measured
-from malus.scenes.materials.surface import Conductor, Dielectric, Patterned, Surface
+from malus.scenes.materials.surface import (
+    Conductor,
+    Dielectric,
+    Patterned,
+    Surface,
+    anisotropic,
+)
 from malus.scenes.shapes.shapes import Plane, Sphere
 from malus.scenes.surroundings import Placed
 
@@ -150,8 +157,7 @@ def _share_of_next_class(mi: ModuleType) -> Any:
 def placed_object(mi: ModuleType, placed: Placed, bsdf: Any) -> Any:
     """An object at its position, as a Mitsuba shape with `bsdf`."""
     if isinstance(placed.shape, Sphere):
-        ball = {"type": "sphere", "center": list(placed.position), "radius": placed.scale}
-        return mi.load_dict(ball | {"bsdf": bsdf})
+        return mi.load_dict({"type": "sphere", "bsdf": bsdf} | _ball(mi, placed))
     if isinstance(placed.shape, Plane):
         return mi.load_dict({"type": "rectangle", "to_world": _upright(mi, placed), "bsdf": bsdf})
     mesh = tessellated(placed.shape)
@@ -161,10 +167,22 @@ def placed_object(mi: ModuleType, placed: Placed, bsdf: Any) -> Any:
     return mesh_object(mi, replace(mesh, vertices=moved.astype(np.float32), normals=normals), bsdf)
 
 
+def _ball(mi: ModuleType, placed: Placed) -> dict[str, Any]:
+    """Position and size of a sphere; and how it is turned, which brushed metal shows."""
+    if not anisotropic(placed.surface):
+        return {"center": list(placed.position), "radius": placed.scale}
+    return {"to_world": _to_world(mi, placed, placed.rotation)}
+
+
 def _upright(mi: ModuleType, placed: Placed) -> Any:
     """Transform of Mitsuba's rectangle, which faces +z, to the plane, which faces +y unturned."""
-    whole = np.eye(4)
     facing_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-    whole[:3, :3] = placed.scale * placed.rotation @ facing_up
+    return _to_world(mi, placed, placed.rotation @ facing_up)
+
+
+def _to_world(mi: ModuleType, placed: Placed, rotation: Float64Array) -> Any:
+    """Transform of an object by a rotation, then by its size and position."""
+    whole = np.eye(4)
+    whole[:3, :3] = placed.scale * rotation
     whole[:3, 3] = placed.position
     return mi.ScalarTransform4f(whole)

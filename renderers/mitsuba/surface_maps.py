@@ -263,7 +263,7 @@ def _surface_values(scene: Scene, traced: _Traced) -> dict[MapName, AnyArray]:
     number = {surface.id: index for index, surface in enumerate(surfaces)}
     albedo = np.stack([_albedos(surface, bands) for surface in surfaces])
     eta = np.stack([surface.indices(bands) for surface in surfaces])
-    alpha = np.array([np.nan if s.alpha is None else s.alpha for s in surfaces])
+    alpha = np.array([np.nan if s.alpha is None else s.isotropic_alpha for s in surfaces])
     shares = np.zeros((len(traced.owner), len(surfaces)))
     for index, placed in enumerate(scene.objects):
         here = traced.owner == index

@@ -129,6 +129,40 @@ def test_results_are_the_same_for_any_number_of_threads(
         assert table.equals(tables[0])
 
 
+@pytest.mark.parametrize("said", [{"converged": True}, {"deviation": 0.1}])
+def test_what_a_method_says_of_itself_is_scored(
+    said: dict[str, Any], family: Family, scenes: tuple[Scene, ...]
+) -> None:
+    """The common pass does not score it: it must not be left out in silence."""
+
+    def sure(observation: Observation) -> Components:
+        nothing = np.zeros_like(observation.image)
+        told = {key: nothing + v if key == "deviation" else v for key, v in said.items()}
+        return Components(observation.image, nothing, nothing, **told)
+
+    pixels = FamilyPixels.of(family, scenes, family.truth(scenes[0], False))
+    with pytest.raises(NotTogether):
+        pixels.estimate(Method("sure", frozenset(), sure, "", True, True))
+
+
+def test_methods_of_whole_pictures_are_given_pictures(
+    family: Family, scenes: tuple[Scene, ...]
+) -> None:
+    shapes = set()
+
+    def looks(observation: Observation) -> Components:
+        shapes.add(observation.image.shape)
+        nothing = np.zeros_like(observation.image)
+        return Components(observation.image, nothing, nothing)
+
+    method = Method("looks", frozenset(), looks, "", per_pixel=False, per_band=True)
+    results = [SceneResult(scene) for scene in scenes]
+    plan_of = ScoringPlan([method])
+    assert not score_together(results, renders(family, scenes), plan_of, frozenset())
+    results[0].score("render", lambda scene: family.truth(scene, False), plan_of, False)
+    assert shapes == {(16, 16, 3)}
+
+
 def renders(family: Family, scenes: tuple[Scene, ...]) -> Renders:
     return Renders("render", lambda scene: family.truth(scene, False), scenes[0], family)
 

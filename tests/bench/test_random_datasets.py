@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 from rooms import needs_arrays
+from runs import SUITE
 
 from malus.bench.commands.plan import plan_command
 from malus.bench.commands.status import status_command
@@ -252,6 +253,9 @@ def test_the_card_tells_what_the_dataset_is(whole: Path) -> None:
         drawn(licence="https://creativecommons.org/licenses/by/4.0/"),
         [],
     )
+    assert "of two scenes is so too" in licensed
+    of_axes = documents.card(open_dataset(whole).record, SUITE, [])
+    assert "of two scenes is not: all have the same random numbers" in of_axes
     assert "licenses/by/4.0" in licensed
     assert "Not stated" not in licensed
 

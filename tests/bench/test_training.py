@@ -220,6 +220,18 @@ def test_the_best_weights_are_the_running_mean_of_the_best_row(spheres: Path) ->
     assert any((best.average[name] != best.weights[name]).any() for name in done.best)
 
 
+def test_a_split_of_nothing_but_noise_is_refused(
+    spheres: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No weights would be better than others: the first, untrained, would be the best."""
+    data = [
+        read_examples(malus.open_dataset(spheres), name, 0, silent) for name in ("train", "val")
+    ]
+    drowned = data[1]._replace(noise=data[1].noise + 1e6)
+    with pytest.raises(InputError, match="split val: expected scenes polarised beyond"):
+        training.fit(data[0], drowned, QUICK, silent, lambda _: None)
+
+
 def test_time_buys_steps(spheres: Path) -> None:
     data = [
         read_examples(malus.open_dataset(spheres), name, 0, silent) for name in ("train", "val")

@@ -90,6 +90,21 @@ def test_clipped_pixels_are_left_out(tmp_path: Path) -> None:
     assert fit.relative_residual < 0.01
 
 
+def test_a_capture_without_light_or_pixels_is_refused(tmp_path: Path) -> None:
+    stokes, _ = dome_stokes(16)
+    write_capture(tmp_path, stokes, NAMED)
+    capture = read_capture(tmp_path)
+    everywhere = np.ones_like(capture.clipped)
+    with pytest.raises(InputError, match="not clipped, found none"):
+        fit_capture(capture._replace(clipped=everywhere))
+    for level in (capture.pictures.mean(), 2 * capture.pictures.max()):  # a black level too high
+        with pytest.raises(InputError, match="with light in them"):
+            fit_capture(capture._replace(pictures=capture.pictures - level))
+    fit = fit_capture(capture)
+    with pytest.raises(InputError, match="x: expected pixels to score, found none"):
+        score_capture(capture._replace(clipped=everywhere), fit, Knowledge(), "x")
+
+
 def test_a_perfect_guess_has_skill_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from malus.bench.scoring import capture_score
     from malus.reconstruct import Components

@@ -36,6 +36,7 @@ from malus.scenes import (
     Placed,
     Plane,
     Sampling,
+    Sphere,
     Surroundings,
     Uniform,
 )
@@ -85,6 +86,29 @@ def test_anisotropic_facets_turn_with_an_object_among_others() -> None:
     )
     other = render(swapped, sampling)
     assert np.abs(other.image - truth.image)[truth.mask].max() > 0.02 * truth.image.max()
+
+
+@needs_arrays
+def test_a_brushed_sphere_turns_with_its_object() -> None:
+    """Beside Mitsuba's sphere with the same transform."""
+    brushed = Conductor(**GOLD, alpha=(0.08, 0.5))
+    beside = Placed(
+        shape=Sphere(), surface=brushed, tilt_deg=60, turn_deg=35, position=(0, 0, 3), scale=0.8
+    )
+    behind = Conductor(**GOLD, alpha=0.3)
+    light = Area(incidence_deg=40, azimuth_deg=35, half_angle_deg=25, radiance=2.0)
+    scene = scene_of(behind, light).model_copy(
+        update={"surroundings": Surroundings(name="ball", objects=(beside,))}
+    )
+    sampling = Sampling(samples=256, max_depth=2)
+    mi = mitsuba(choose())
+    moved = mi.ScalarTransform4f().translate([0, 0, 3]).rotate([0, 1, 0], 35.0)
+    turned = moved.rotate([1, 0, 0], 60.0).scale(0.8)
+    shapes = {
+        "behind": {"type": "sphere", "bsdf": plain_bsdf(behind)},
+        "ball": {"type": "sphere", "to_world": turned, "bsdf": plain_bsdf(brushed)},
+    }
+    compare(render(scene, sampling), by_mitsuba(scene, sampling, shapes, 8))
 
 
 QUAD = """ply

@@ -287,7 +287,8 @@ def test_every_surface_polarises(surface: str, body: str) -> None:
 
 
 def test_depolarising_bsdfs_are_used_nowhere() -> None:
-    sources = (Path(__file__).parents[2] / "renderers").rglob("*.py")
+    sources = list((Path(__file__).parents[2] / "renderers").rglob("*.py"))
+    assert sources
     depolarising = ("roughdielectric", "roughplastic", '"plastic"', "principled", "thindielectric")
     for source in sources:
         text = source.read_text("utf-8")

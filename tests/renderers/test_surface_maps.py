@@ -159,6 +159,16 @@ def test_normals_and_surfaces_are_those_of_the_truth(camera: Camera) -> None:
 
 
 @needs_arrays
+def test_a_brushed_metal_has_one_roughness_in_maps() -> None:
+    """√(α_u α_v), as methods are told."""
+    brushed = Conductor(material="gold", alpha=(0.1, 0.4))
+    maps = render_maps(scene(WIDE, brushed), tuple(MAPS), choose())
+    inner = maps["coverage"] == 1
+    assert inner.sum() > 100
+    assert maps["alpha"][inner] == pytest.approx(0.2, abs=1e-7)
+
+
+@needs_arrays
 def test_pixels_at_an_outline_are_of_one_object() -> None:
     described = table(Uniform(), resolution=24)
     maps = render_maps(described, tuple(MAPS), choose())
