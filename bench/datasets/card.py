@@ -83,6 +83,8 @@ def write_documents(folder: Path, suite: Suite) -> None:
     scenes = [(scene, name) for scene, name in _scenes(suite) if name in listed]
     if suite.splits is not None:
         _write_splits(folder, record, suite, scenes)
+    else:
+        (folder / SPLITS).unlink(missing_ok=True)  # of another suite that was rendered here
     text = card(record, suite, [scene for scene, _ in scenes])
     source = resources.files("malus.reports") / "docs" / PICTURE
     with resources.as_file(source) as picture:
@@ -117,6 +119,7 @@ def keep_splits(dataset: Dataset, folder: Path) -> None:
     """
     path = dataset.path / SPLITS
     if not path.exists():
+        (folder / SPLITS).unlink(missing_ok=True)
         return
     content = read_json(path, MAX_SPLITS_BYTES)[0]
     splits = SplitsRecord.parse(content, str(path)).splits

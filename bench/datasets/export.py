@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -44,7 +44,8 @@ from malus.renderers.datasets.spectral_exr import write_exr
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.files import replace_folder, replace_text
+from malus.scenes.core.files import read_json, replace_folder, replace_text
+from malus.scenes.core.model import content_id
 from malus.scenes.core.registry import lookup
 from malus.scenes.core.remote import as_path
 from malus.scenes.sensor_frame import SensorFrame
@@ -61,6 +62,7 @@ ANGLES_FROM_HORIZONTAL_DEG = (0.0, 45.0, 90.0, 135.0)
 FROM_VERTICAL_DEG = -90.0
 """Added to an angle from the horizontal it gives one from the vertical, as malus counts."""
 
+WORDS, MAX_WORDS_BYTES = "conventions.json", 1 << 20
 PIXELS = ("exr", "png")
 """Forms of the images for polanalyser."""
 
@@ -144,22 +146,41 @@ def export(
     if layout in _WHOLE:
         check, write_all, words = _WHOLE[layout]
         check(opened)  # before anything is written
-        write_all(opened, _prepared(opened, out, words), progress)
+        write_all(opened, _prepared(opened, out, words, layout), progress)
     elif layout in LAYOUTS:
         for scene in opened.scenes:
             check_bands(opened.scene(scene).scene)
-        _numbered(opened, layout, _prepared(opened, out, dict(LAYOUTS[layout].words)), progress)
+        _numbered(opened, layout, _prepared(opened, out, LAYOUTS[layout].words, layout), progress)
     else:
         _one_by_one(opened, layout, out, pixels, progress)
     return len(opened)
 
 
-def _prepared(opened: Dataset, out: Path | str, words: dict[str, str]) -> Path:
-    """The folder, with the words on what is in it, and the splits of a dataset that has them."""
-    folder = prepare_folder(as_path(out), "an export")
-    replace_text(folder / "conventions.json", json.dumps(words, indent=1) + "\n")
+def _prepared(opened: Dataset, out: Path | str, words: Mapping[str, str], layout: str) -> Path:
+    """The folder, with the words on what is in it, and the splits of a dataset that has them.
+
+    A folder with an older export is refused where files of it would stay: readers would mix both.
+    """
+    scenes = content_id(sorted(opened.scenes))
+    of_these = layout if layout in _REPLACED else f"{layout} of the scenes {scenes}"
+    if layout in _LAYOUTS:  # the folder of a scene takes the place of an older one of any format
+        of_these = f"a folder for each of the scenes {scenes}"
+    folder = as_path(out)
+    found = _export_in(folder)
+    if found not in (None, of_these):
+        expected, hint = f"a new folder, or an export as {of_these}", "choose another `out`"
+        raise InputError(f"output folder {folder}", expected, found or "another export", hint)
+    prepare_folder(folder, "an export")
     keep_splits(opened, folder)
+    replace_text(folder / WORDS, json.dumps({**words, "export": of_these}, indent=1) + "\n")
     return folder
+
+
+def _export_in(folder: Path) -> str | None:
+    """Which export a folder holds, empty where an earlier version did not say; None without one."""
+    if not (folder / WORDS).exists():
+        return None
+    return str(read_json(folder / WORDS, MAX_WORDS_BYTES)[0].get("export", ""))
 
 
 def _one_by_one(
@@ -171,7 +192,7 @@ def _one_by_one(
         if pixels not in PIXELS:
             raise InputError("pixels", "exr or png", repr(pixels), "choose one of them")
         write = partial(write_polanalyser, pixels=pixels)
-    folder = _prepared(opened, out, words)
+    folder = _prepared(opened, out, words, layout)
     for done, scene_id in enumerate(opened.scenes):
         progress(done, len(opened), scene_id)
         truth = opened.truth(scene_id)
@@ -289,6 +310,9 @@ _WHOLE: dict[str, tuple[Callable[[Dataset], object], WriteAll, dict[str, str]]] 
     "neisf": (objects_of, write_neisf, NEISF_WORDS),
 }
 """Formats of a few files for all scenes: what refuses a dataset, what writes it, and words."""
+
+_REPLACED = ("webdataset", "hdf5")
+"""Formats whose files, of any scenes, replace those of an older export."""
 
 FORMATS = (*_LAYOUTS, *_WHOLE, *LAYOUTS)
 """Names of all formats."""

@@ -254,6 +254,9 @@ def _read_mosaic(
     if not path.is_file():
         raise InputError(str(path), "one frame of the camera", "none", "name the frame's file")
     picture = levels.read_dark(path)
+    if picture.turned:
+        hint = "remove the orientation tag: `mosaic` counts pixels as the sensor wrote them"
+        raise InputError(str(path), "a frame that is not turned", "a turned one", hint)
     frame = picture.linear
     if frame.shape[-1] == 3 and (frame == frame[..., :1]).all():
         frame = frame[..., :1]  # grey that was saved as three equal channels

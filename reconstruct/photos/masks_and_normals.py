@@ -21,12 +21,21 @@ def read_mask(path: Path | str, shape: tuple[int, int]) -> BoolArray:
         Another size, no pixel of the object, or an unreadable file.
     """
     path = Path(path)
-    values = read_picture(path, linear=True).linear.mean(axis=-1)
+    values = _opaque(path).mean(axis=-1)
     _check_shape(path, values.shape, shape)
     if not (values > 0.5).any():
         hint = "check the mask; dark values of several objects are `labels`"
         raise InputError(str(path), "an object, lighter than half", "none", hint)
     return np.asarray(values > 0.5)
+
+
+def _opaque(path: Path) -> Float32Array:
+    """Values (height, width, channels) of a picture that hides nothing by being transparent."""
+    picture = read_picture(path, linear=True)
+    if picture.alpha is not None and (picture.alpha < picture.alpha.max()).any():
+        hint = "write what is meant in black and white"
+        raise InputError(str(path), "an opaque picture", "transparent parts", hint)
+    return picture.linear
 
 
 MOST_OBJECTS = 255
@@ -47,7 +56,7 @@ def read_labels(path: Path | str, shape: tuple[int, int]) -> IntArray:
         Another size, no object, more than `MOST_OBJECTS`, or an unreadable file.
     """
     path = Path(path)
-    values = read_picture(path, linear=True).linear
+    values = _opaque(path)
     _check_shape(path, values.shape[:2], shape)
     codes = np.zeros(values.shape[:2], np.int64)
     for channel in np.moveaxis(values, -1, 0):

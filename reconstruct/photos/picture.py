@@ -54,6 +54,8 @@ class Picture:
         What of the file is left out or changed.
     others : dict
         Further channels of an OpenEXR file by name, which go out as they came in.
+    turned : bool
+        It was turned or mirrored, as an orientation tag of the file says.
 
     Examples
     --------
@@ -70,6 +72,7 @@ class Picture:
     premultiplied: bool = False
     notes: tuple[str, ...] = ()
     others: dict[str, AnyArray] = field(default_factory=dict)
+    turned: bool = False
 
     @property
     def suffix(self) -> str:
@@ -120,6 +123,10 @@ def transfer_of(
     if profile:
         return icc_transfer(profile, bits, str(path))
     return srgb_transfer(bits) if gamma is None else power_transfer(gamma, bits)
+
+
+UPRIGHT = 1
+"""Value of the EXIF tag Orientation of a picture that is not to be turned."""
 
 
 def upright(codes: AnyArray, orientation: int) -> AnyArray:

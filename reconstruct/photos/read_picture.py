@@ -9,8 +9,10 @@ turned upright first, because the angles of a polariser are those that a viewer 
 from __future__ import annotations
 
 import importlib
+import re
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ import numpy as np
 from malus.reconstruct.photos.declared_curves import declared_gamma
 from malus.reconstruct.photos.picture import (
     ORIENTATION,
+    UPRIGHT,
     Picture,
     check_size,
     from_codes,
@@ -48,6 +51,11 @@ _REFUSED = {
     "1": "1 bit a pixel", "P": "a palette", "PA": "a palette", "CMYK": "CMYK inks",
     "YCCK": "CMYK inks", "LAB": "CIELAB", "RGBa": "colours multiplied by their opacity",
 }  # fmt: skip
+_TURNED = r"(tiff:Orientation(?:\s*=\s*[\"']|>\s*))[1-8]"
+_UPRIGHT, _UPRIGHT_BYTES = re.compile(_TURNED), re.compile(_TURNED.encode())
+"""How XMP says that a picture is to be turned, up to the number."""
+_EXIF_TEXTS = ("Raw profile type exif", "Raw profile type APP1")
+"""Texts of a PNG that are its EXIF: this is kept upright, and as EXIF."""
 _GAIN_MAPS = (b"hdrgm:", b"urn:iso:std:iso:ts:21496")
 """How Ultra HDR JPEGs of Android, and those after ISO 21496-1, announce their gain map."""
 
@@ -140,7 +148,8 @@ def _read_with_pillow(path: Path, kind: str, linear: bool) -> Picture:
     if kind == "PNG" and gamma is not None:
         metadata["gamma"] = 1 / gamma
     transfer = transfer_of(metadata.get("icc_profile"), bits, linear, path, gamma)
-    return from_codes(upright(codes, orientation), kind, transfer, metadata, notes=notes)
+    picture = from_codes(upright(codes, orientation), kind, transfer, metadata, notes=notes)
+    return replace(picture, turned=orientation != UPRIGHT)
 
 
 def _named(kind: str) -> str:
@@ -218,12 +227,13 @@ def _metadata(path: Path, image: Any) -> dict[str, Any]:
     kept = {name: image.info[name] for name in names if image.info.get(name)}
     if len(exif):
         kept["exif"] = exif.tobytes()
-    texts = getattr(image, "text", None)
-    if texts:
-        kept["text"] = {str(key): str(value) for key, value in texts.items()}
+    texts = getattr(image, "text", None) or {}
+    texts = {str(key): _UPRIGHT.sub(r"\g<1>1", str(value)) for key, value in texts.items()}
+    if kept_texts := {key: value for key, value in texts.items() if key not in _EXIF_TEXTS}:
+        kept["text"] = kept_texts
     xmp = image.info.get("xmp")
     if xmp and image.format in ("JPEG", "WEBP", "AVIF", "HEIF") and b"hdrgm" not in xmp:
-        kept["xmp"] = xmp
+        kept["xmp"] = _UPRIGHT_BYTES.sub(rb"\g<1>1", xmp)
     if image.format == "WEBP":
         with path.open("rb") as file:
             kept["lossless"] = b"VP8L" in file.read(4096)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from malus.reconstruct.photos.picture import (
     ORIENTATION,
+    UPRIGHT,
     Picture,
     check_size,
     divided_by_alpha,
@@ -56,11 +58,13 @@ def read_tiff(path: Path, linear: bool, part: str | None = None) -> Picture:
     if codes.dtype.kind == "f":
         if codes.dtype == np.float16:
             notes = (*notes, "floats of 16 bits are written with 32")
-        return _of_floats(path, codes, metadata, premultiplied, notes)
+        picture = _of_floats(path, codes, metadata, premultiplied, notes)
+        return replace(picture, turned=orientation != UPRIGHT)
     if bits not in (8, 16):
         notes = (*notes, f"{bits} bits a channel are written as 16")
     transfer = transfer_of(metadata.get("iccprofile"), bits, linear, path)
-    return from_codes(codes, "TIFF", transfer, metadata, premultiplied, notes)
+    picture = from_codes(codes, "TIFF", transfer, metadata, premultiplied, notes)
+    return replace(picture, turned=orientation != UPRIGHT)
 
 
 def count_pages(path: Path) -> int:

@@ -129,6 +129,10 @@ def power_transfer(gamma: float, bits: int) -> Transfer:
     return Transfer(np.linspace(0.0, 1.0, 1 << bits)[None] ** gamma, source)
 
 
+_ROUNDED = 1e-4
+"""How much a curve may fall at a joint: that of Rec. 709, of rounded constants, falls by 5e-5."""
+
+
 def icc_transfer(profile: bytes, bits: int, where: str) -> Transfer:
     """The tone curves of an ICC profile, for codes of that many bits.
 
@@ -158,9 +162,9 @@ def icc_transfer(profile: bytes, bits: int, where: str) -> Transfer:
         raise InputError(
             where, "a readable colour profile", "a damaged one", "remove or replace it"
         ) from None
-    if not np.all(np.isfinite(table)) or np.any(np.diff(table, axis=1) < 0):
+    if not np.all(np.isfinite(table)) or np.any(np.diff(table, axis=1) < -_ROUNDED):
         raise InputError(where, "rising tone curves", "others", "convert the picture to sRGB")
-    return Transfer(table, "the embedded profile")
+    return Transfer(np.maximum.accumulate(table, axis=1), "the embedded profile")
 
 
 def _tags(profile: bytes) -> dict[bytes, bytes]:

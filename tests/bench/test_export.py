@@ -12,13 +12,16 @@ import OpenEXR
 import pytest
 from made_up import BANDS, made_up_truth
 from PIL import Image
+from runs import formula_dataset
 
+import malus
 from malus.bench.datasets.export import export
 from malus.bench.scoring.observe import observe
 from malus.reconstruct.photos.png16 import aolp_16bit
 from malus.renderers import Truth
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.datasets.dataset_writer import DatasetWriter
+from malus.scenes import InputError
 
 NAMES = ("450nm", "532.1234567nm", "650nm")
 
@@ -125,6 +128,36 @@ def test_an_export_replaces_an_older_one(tmp_path: Path, dataset: Dataset, truth
     names = {path.name for path in (tmp_path / "out" / truth.scene.id).iterdir()}
     assert names == {"truth.npz", "scene.json"}
     assert not list((tmp_path / "out").glob(".*"))
+
+
+def test_exports_are_not_mixed(tmp_path: Path, dataset: Dataset) -> None:
+    """Readers of a folder take what they find there for one data set."""
+    more = formula_dataset(tmp_path / "more")
+    assert len(more) > len(dataset)
+    for older, newer in (
+        ("webdataset", "hdf5"), ("hdf5", "numpy"), ("numpy", "numpy"), ("rgb2pol", "rgb2pol"),
+    ):  # fmt: skip
+        out = tmp_path / f"{older}-{newer}"
+        export(more, older, out)
+        before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+        with pytest.raises(InputError, match="choose another `out`"):
+            export(dataset, newer, out)
+        assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
+    for layout in ("webdataset", "hdf5"):
+        export(more, layout, tmp_path / layout)
+        export(dataset, layout, tmp_path / layout)
+        assert len(malus.open_dataset(tmp_path / layout, maps="image")) == len(dataset)
+
+
+def test_splits_go_where_a_dataset_has_none_any_more(tmp_path: Path, dataset: Dataset) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "splits.json").write_text("{}", "utf-8")
+    export(dataset, "numpy", tmp_path / "out")
+    assert not (tmp_path / "out" / "splits.json").exists()
+    rendered = formula_dataset(tmp_path / "rendered")
+    (rendered.path / "splits.json").write_text("{}", "utf-8")
+    formula_dataset(rendered.path)
+    assert not (rendered.path / "splits.json").exists()
 
 
 def test_maps_of_the_material_are_handed_on(tmp_path: Path, truth: Truth) -> None:

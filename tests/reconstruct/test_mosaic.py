@@ -308,3 +308,14 @@ def test_a_real_frame(shared: Path) -> None:
     off = polarisation.aolp(stokes)[rim] - (azimuth[rim] + np.pi / 2)
     assert abs(np.degrees(np.angle(np.exp(2j * off).mean()) / 2)) < 10
     assert abs(np.exp(2j * off).mean()) > 0.9
+
+
+def test_a_turned_frame_is_refused(tmp_path: Path) -> None:
+    """Turned, other angles stand in the places that `mosaic` names: AoLP would be wrong unseen."""
+    frame = np.full((16, 16), 100, np.uint16)
+    for orientation in (1, 6):
+        path = tmp_path / f"{orientation}.tif"
+        tifffile.imwrite(path, frame, extratags=[(274, 3, 1, orientation, True)])
+    assert read_capture(tmp_path / "1.tif", mosaic=SONY).pictures.shape == (4, 16, 16, 1)
+    with pytest.raises(InputError, match="a frame that is not turned"):
+        read_capture(tmp_path / "6.tif", mosaic=SONY)

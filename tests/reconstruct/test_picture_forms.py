@@ -21,6 +21,7 @@ from pictures import CODES_16, SMOOTH, rewritten
 from malus.bench.commands.filter import filter_command
 from malus.reconstruct.photos import read_picture as reader
 from malus.reconstruct.photos.filter import filter_picture
+from malus.reconstruct.photos.masks_and_normals import read_labels, read_mask
 from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.read_picture import read_picture
 from malus.reconstruct.photos.write_picture import write_picture
@@ -265,3 +266,17 @@ def _flat():
     from malus.reconstruct.photos.knowledge import Knowledge
 
     return Knowledge(np.tile(np.array([0, 0.6, 0.8], np.float32), (8, 8, 1)))
+
+
+def test_a_mask_does_not_hide_in_transparency(tmp_path: Path) -> None:
+    """A cut-out is white everywhere: all of the picture would be the object."""
+    cut_out = np.full((6, 8, 4), 255, np.uint8)
+    cut_out[:3, :, 3] = 0
+    PIL.Image.fromarray(cut_out).save(tmp_path / "cut_out.png")
+    for read in (read_mask, read_labels):
+        with pytest.raises(InputError, match="an opaque picture, found transparent parts"):
+            read(tmp_path / "cut_out.png", (6, 8))
+    cut_out[..., :3] = 255 * (cut_out[..., 3:] > 0)
+    cut_out[..., 3] = 255
+    PIL.Image.fromarray(cut_out).save(tmp_path / "mask.png")
+    assert read_mask(tmp_path / "mask.png", (6, 8)).sum() == 24

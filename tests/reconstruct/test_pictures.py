@@ -129,3 +129,42 @@ def test_orientation_is_what_pillow_makes_of_it(orientation: int) -> None:
     PIL.Image.fromarray(CODES_8).save(data, "PNG", exif=exif)
     expected = PIL.ImageOps.exif_transpose(PIL.Image.open(data))
     np.testing.assert_array_equal(upright(CODES_8, orientation), np.asarray(expected))
+
+
+@pytest.mark.parametrize("form", ["jpg", "webp", "png"])
+@pytest.mark.parametrize(
+    "written", ['tiff:Orientation="6"', "<tiff:Orientation>6</tiff:Orientation>"]
+)
+def test_what_is_upright_is_not_turned_again(tmp_path: Path, form: str, written: str) -> None:
+    """Photo editors write the orientation twice; who shows the result reads the second."""
+    import PIL.ImageOps
+    import PIL.PngImagePlugin
+
+    exif, xmp = PIL.Image.Exif(), f"<x:xmpmeta xmlns:x='adobe:ns:meta/'>{written}</x:xmpmeta>"
+    exif[274] = 6
+    options: dict[str, object] = {"xmp": xmp.encode()}
+    if form == "png":
+        texts = PIL.PngImagePlugin.PngInfo()
+        texts.add_itxt("XML:com.adobe.xmp", xmp)
+        texts.add_text("Raw profile type exif", "as Exif says")
+        options = {"pnginfo": texts}
+    path, out = tmp_path / f"turned.{form}", tmp_path / f"upright.{form}"
+    PIL.Image.fromarray(CODES_8).save(path, exif=exif, **options)
+    picture = read_picture(path)
+    assert picture.turned
+    write_picture(out, picture)
+    with PIL.Image.open(out) as shown:
+        assert shown.size == (12, 18)
+        assert PIL.ImageOps.exif_transpose(shown).size == (12, 18)
+    assert not read_picture(out).turned
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_the_curve_of_television_rises(bits: int) -> None:
+    """Rec. 709's constants are rounded: at their joint it falls by 5e-5."""
+    curve = parametric(3, 1 / 0.45, 1 / 1.099, 0.099 / 1.099, 1 / 4.5, 0.081)
+    table = icc_transfer(grey_profile(curve), bits, "x").table[0]
+    assert np.all(np.diff(table) >= 0)
+    x = np.linspace(0, 1, 1 << bits)
+    expected = np.where(x < 0.081, x / 4.5, ((np.maximum(x, 0.081) + 0.099) / 1.099) ** (1 / 0.45))
+    np.testing.assert_allclose(table, expected, atol=1e-4)
