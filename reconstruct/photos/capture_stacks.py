@@ -18,9 +18,9 @@ from malus.reconstruct.photos.capture_angles import (
     read_angles_file,
     read_properties,
 )
-from malus.reconstruct.photos.picture import Picture, check_size
+from malus.reconstruct.photos.picture import ORIENTATION, UPRIGHT, Picture, check_size, upright
 from malus.reconstruct.photos.read_picture import SUFFIXES, read_picture
-from malus.reconstruct.photos.read_tiff import count_pages
+from malus.reconstruct.photos.read_tiff import count_pages, interleaved
 from malus.reconstruct.photos.tone_curves import linear_transfer
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import AnyArray
@@ -101,7 +101,7 @@ def _of_pages(path: Path, linear: bool, angles: Sequence[float] | None) -> Stack
 
 
 def _of_samples(path: Path, angles: Sequence[float]) -> Stack:
-    """Pictures that are the channels of one TIFF page."""
+    """Pictures that are the channels of one TIFF page: linear light, as arrays are."""
     import tifffile
 
     with (
@@ -113,8 +113,9 @@ def _of_samples(path: Path, angles: Sequence[float]) -> Stack:
         if page.samplesperpixel != len(angles):
             form = f"one page of {page.samplesperpixel} channels"
             raise InputError(str(path), f"{len(angles)} pages or channels", form, "check `angles`")
-        array = page.asarray()
-    return _of_array(path, angles, array)
+        orientation = int(page.tags[ORIENTATION].value) if ORIENTATION in page.tags else UPRIGHT
+        channels = upright(interleaved(page), orientation)
+    return _of_array(path, angles, np.moveaxis(channels, -1, 0))
 
 
 def _of_array(path: Path, angles: Sequence[float] | None, values: AnyArray | None = None) -> Stack:

@@ -165,6 +165,10 @@ def _check_angles(angles_deg: Sequence[float]) -> None:
     for angle in angles_deg:
         if not math.isfinite(angle):
             raise InputError("angles", "degrees from the vertical", f"{angle}", "correct it")
+    names = [_angle_name(angle) for angle in {angle % 180.0 for angle in angles_deg}]
+    if len(set(names)) < len(names):
+        found = f"two that are called {max(names, key=names.count)}"
+        raise InputError("angles", "a hundredth of a degree between them", found, "leave one out")
 
 
 def _statements(picture: Picture, result: Estimate, output: FilterOutput) -> tuple[str, ...]:

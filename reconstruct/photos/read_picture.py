@@ -136,6 +136,10 @@ def _read_with_pillow(path: Path, kind: str, linear: bool) -> Picture:
             if "transparency" in image.info and image.mode in ("L", "RGB"):
                 image = image.convert("LA" if image.mode == "L" else "RGBA")
                 notes = (*notes, "the transparent colour is written as an alpha channel")
+            elif "transparency" in image.info:
+                notes = (*notes, "the transparent grey is left out")
+            if "photoshop" in image.info:
+                notes = (*notes, "captions after IPTC are left out")
             codes = np.asarray(image)
     if kind in ("AVIF", "HEIF") and (bits > 8 or gamma is not None):
         notes = (*notes, f"{kind} of {bits} bits a channel and its curve is written as a PNG")

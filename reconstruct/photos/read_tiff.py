@@ -25,7 +25,7 @@ from malus.scenes.core.errors import InputError, reading
 
 _TEXT_TAGS = (271, 272, 306, 315, 33432)
 """Make, model, date, artist, copyright."""
-_ICC_TAG = 34675
+_ICC_TAG, _EXIF_TAG = 34675, 34665
 _REDUCED = 1
 """Bit of a page's subfile type that says it is a small copy of another one."""
 _MOST_PAGES = 200
@@ -52,14 +52,17 @@ def read_tiff(path: Path, linear: bool, part: str | None = None) -> Picture:
         check_size(path, page.imagewidth, page.imagelength)
         _check_form(path, page)
         orientation = int(page.tags[ORIENTATION].value) if ORIENTATION in page.tags else 1
-        codes = upright(_interleaved(page), orientation)
+        codes = upright(interleaved(page), orientation)
         metadata = _metadata(page)
         bits, premultiplied = int(page.bitspersample), _is_premultiplied(page)
+        has_exif = _EXIF_TAG in page.tags
     if codes.dtype.kind == "f":
         if codes.dtype == np.float16:
             notes = (*notes, "floats of 16 bits are written with 32")
         picture = _of_floats(path, codes, metadata, premultiplied, notes)
         return replace(picture, turned=orientation != UPRIGHT)
+    if has_exif:
+        notes = (*notes, "its Exif is left out, and a gamma or Adobe RGB that it names")
     if bits not in (8, 16):
         notes = (*notes, f"{bits} bits a channel are written as 16")
     transfer = transfer_of(metadata.get("iccprofile"), bits, linear, path)
@@ -117,7 +120,7 @@ def _check_form(path: Path, page: Any) -> None:
             raise InputError(str(path), expected, form, hint)
 
 
-def _interleaved(page: Any) -> AnyArray:
+def interleaved(page: Any) -> AnyArray:
     """The page's values (height, width[, channels]), from separate planes too."""
     values: AnyArray = page.asarray()
     separate = values.ndim == 3 and page.planarconfig == 2

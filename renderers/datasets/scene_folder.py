@@ -74,7 +74,7 @@ EXACT: FileName = "float64.exr"
 MAPS_FILE: FileName = "maps.exr"
 
 MASK = "mask"
-_AGAIN = "render this scene again"
+_AGAIN = "delete its folder, and render the dataset again"
 
 Side = Annotated[int, Field(ge=1, le=8192)]
 

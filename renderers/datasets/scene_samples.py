@@ -32,7 +32,7 @@ ETA = "eta"
 SENSOR = "sensor"
 """The Stokes image (height, width, channels, 3) of a polarisation camera."""
 
-_AGAIN = "render this scene again"
+_AGAIN = "delete its folder, and render the dataset again"
 _FILES: dict[str, FileName] = {
     "stokes": "stokes.exr",
     "image": "stokes.exr",

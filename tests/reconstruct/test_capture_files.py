@@ -257,6 +257,13 @@ def test_channels_of_one_page(tmp_path: Path, planarconfig: str) -> None:
     tifffile.imwrite(tmp_path / "a.tif", stack, photometric="minisblack", planarconfig=planarconfig)
     capture = read_capture(tmp_path / "a.tif", "horizontal", angles=(0, 45, 90, 135))
     assert_is_right(capture, fit_capture(capture))
+    turned = np.rot90(stack, 1, axes=(1, 2) if planarconfig == "separate" else (0, 1))
+    tifffile.imwrite(
+        tmp_path / "turned.tif", turned, photometric="minisblack", planarconfig=planarconfig,
+        extratags=[(274, 3, 1, 6, True)],
+    )  # fmt: skip
+    upright = read_capture(tmp_path / "turned.tif", "horizontal", angles=(0, 45, 90, 135))
+    np.testing.assert_array_equal(upright.pictures, capture.pictures)
     with pytest.raises(InputError, match="expected 3 pages or channels, found one page of 4"):
         read_capture(tmp_path / "a.tif", angles=(0, 45, 90))
 

@@ -69,6 +69,17 @@ def test_a_filter_takes_glare_of_water_away_at_brewsters_angle(tmp_path: Path) -
     assert read_picture(tmp_path / "w_angle090.exr").linear.min() > 0.396
 
 
+def test_two_angles_of_one_name_are_refused(tmp_path: Path) -> None:
+    """One file would be lost; 0° and 180° are the same picture."""
+    normals = np.tile(np.array([0, 0.6, 0.8], np.float32), (6, 6, 1))
+    picture = Picture(np.full((6, 6, 3), 0.4, np.float32), "EXR", None)
+    knowledge = Knowledge(normals, eta=1.333, alpha=0.01, mirror=True)
+    with pytest.raises(InputError, match=r"two that are called angle045\.12"):
+        filter_picture(picture, tmp_path / "out", knowledge, FilterOutput((45.121, 45.124)))
+    assert not (tmp_path / "out").exists()
+    filter_picture(picture, tmp_path / "out", knowledge, FilterOutput((0.0, 180.0)), stem="w")
+
+
 def test_the_command_writes_the_pictures_own_form(tmp_path: Path) -> None:
     path, normals = saved_dome(tmp_path)
     out = tmp_path / "out"

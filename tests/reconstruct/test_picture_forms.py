@@ -268,6 +268,24 @@ def _flat():
     return Knowledge(np.tile(np.array([0, 0.6, 0.8], np.float32), (8, 8, 1)))
 
 
+def test_what_is_left_out_is_told(tmp_path: Path) -> None:
+    codes = np.full((4, 4, 3), 90, np.uint8)
+    # tifffile writes no Exif: another tag gets its number.
+    tifffile.imwrite(tmp_path / "a.tif", codes, extratags=[(34664, 4, 1, 8, True)])
+    with tifffile.TiffFile(tmp_path / "a.tif") as file:
+        offset = file.pages.first.tags[34664].offset
+    data = bytearray((tmp_path / "a.tif").read_bytes())
+    struct.pack_into("<H", data, offset, 34665)
+    (tmp_path / "a.tif").write_bytes(data)
+    assert any("Exif is left out" in note for note in read_picture(tmp_path / "a.tif").notes)
+    caption = b"Photoshop 3.0\x008BIM\x04\x04\x00\x00\x00\x00\x00\x0c\x1c\x02x\x00\x07caption"
+    plain = io.BytesIO()
+    PIL.Image.fromarray(codes).save(plain, "JPEG")
+    marked = b"\xff\xed" + struct.pack(">H", len(caption) + 2) + caption
+    (tmp_path / "a.jpg").write_bytes(plain.getvalue()[:2] + marked + plain.getvalue()[2:])
+    assert any("IPTC are left out" in note for note in read_picture(tmp_path / "a.jpg").notes)
+
+
 def test_a_mask_does_not_hide_in_transparency(tmp_path: Path) -> None:
     """A cut-out is white everywhere: all of the picture would be the object."""
     cut_out = np.full((6, 8, 4), 255, np.uint8)
