@@ -37,6 +37,8 @@ WRITERS = 2
 """Pictures that are encoded at a time: each takes memory for its light."""
 _EVERY = 4
 """Every how many rows and columns are enough for a median."""
+_NOT_ALWAYS = ("uncertainty.png", "sweep.gif")
+"""Files that belong to an estimate, and are written with some only."""
 _UNPOLARISED = 0.002
 """DoLP below which the contact sheet shows no angle."""
 _CLIPPED = 0.001
@@ -154,6 +156,8 @@ def filter_picture(
         names = add_to_folder(
             Path(out), lambda folder: _write(folder, stem, picture, result.components, output, tell)
         )
+        for name in {f"{stem}_{part}" for part in _NOT_ALWAYS} - set(names):
+            (Path(out) / name).unlink(missing_ok=True)  # of an earlier estimate
         files = tuple(Path(out) / name for name in names)
     tell("done", 1.0)
     return FilteredPicture(

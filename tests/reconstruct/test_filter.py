@@ -69,6 +69,18 @@ def test_a_filter_takes_glare_of_water_away_at_brewsters_angle(tmp_path: Path) -
     assert read_picture(tmp_path / "w_angle090.exr").linear.min() > 0.396
 
 
+def test_maps_of_an_earlier_estimate_go(tmp_path: Path) -> None:
+    normals = np.tile(np.array([0, 0.6, 0.8], np.float32), (6, 6, 1))
+    picture = Picture(np.full((6, 6, 3), 0.4, np.float32), "EXR", None)
+    knowledge = Knowledge(normals, eta=1.333, alpha=0.01, mirror=True)
+    for name in ("w_uncertainty.png", "w_sweep.gif", "other_uncertainty.png", "w_notes.txt"):
+        (tmp_path / name).write_bytes(b"before")
+    filter_picture(picture, tmp_path, knowledge, stem="w")
+    kept = {path.name for path in tmp_path.iterdir() if path.read_bytes() == b"before"}
+    assert kept == {"other_uncertainty.png", "w_notes.txt"}
+    assert not list(tmp_path.glob("w_uncertainty*")) + list(tmp_path.glob("w_sweep*"))
+
+
 def test_two_angles_of_one_name_are_refused(tmp_path: Path) -> None:
     """One file would be lost; 0° and 180° are the same picture."""
     normals = np.tile(np.array([0, 0.6, 0.8], np.float32), (6, 6, 1))
