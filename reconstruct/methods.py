@@ -8,11 +8,13 @@ import importlib.metadata
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from importlib.machinery import PathFinder
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -182,7 +184,39 @@ def _loaded(where: str, reference: str) -> Method:
     if not isinstance(loaded, Method):
         expected, hint = "a malus.reconstruct.Method", "guides/methods.md shows one"
         raise InputError(where, expected, type(loaded).__name__, hint)
-    return loaded
+    return replace(loaded, reconstruct=functools.partial(_of_copies, loaded.reconstruct))
+
+
+def _of_copies(
+    reconstruct: Callable[[Observation], Components], observation: Observation
+) -> Components:
+    """What a method of one's own makes of arrays of its own, which it may change."""
+    given = {field.name: getattr(observation, field.name) for field in fields(observation)}
+    own: dict[str, Any] = {
+        name: value.copy() for name, value in given.items() if isinstance(value, np.ndarray)
+    }
+    return reconstruct(replace(observation, **own))
+
+
+def by_name(called: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """How each method is called, by its name; of pairs of name and call.
+
+    Raises
+    ------
+    InputError
+        Where two methods have one name: their scores could not be told apart.
+
+    Examples
+    --------
+    >>> by_name([("eq8", "eq8"), ("mine", "my_method:mine"), ("eq8", "eq8")])
+    {'eq8': 'eq8', 'mine': 'my_method:mine'}
+    """
+    calls: dict[str, str] = {}
+    for name, call in called:
+        if calls.setdefault(name, call) != call:
+            found = f"{name} for {calls[name]} and {call}"
+            raise InputError("methods", "a name of its own for each", found, "rename one of them")
+    return calls
 
 
 _contents: dict[str, str] = {}
@@ -247,6 +281,9 @@ def source_of(name: str) -> Path | None:
 def _module_file(module: str) -> Path:
     """The file of a module, of which only the packages around it are imported."""
     found = None
+    package = module.rpartition(".")[0]
     with suppress(Exception), _working_folder():  # a package raises anything
-        found = importlib.util.find_spec(module)
+        folders = importlib.import_module(package).__path__ if package else None
+        # In another working folder the same name may be another file than the one that is loaded.
+        found = PathFinder.find_spec(module, folders) or importlib.util.find_spec(module)
     return Path(module if found is None or found.origin is None else found.origin)

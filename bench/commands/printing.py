@@ -37,7 +37,8 @@ def results_table(results: Results) -> Table:
         table.add_column(name, justify="right", no_wrap=True)
     for row in headline(results):
         numbers = [_skill(row[f"skill_{name}"]) for name in ("median", "min", "unmixed_median")]
-        nmse = f"{row['nmse_mean']:.1e}"
+        mean = row["nmse_mean"]
+        nmse = "not finite" if mean is None else f"{mean:.1e}"
         table.add_row(row["light"], row["body"], row["method"], nmse, *numbers)
     return table
 

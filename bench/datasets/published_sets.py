@@ -38,6 +38,7 @@ from malus.bench.scoring.metric_value import MetricValue
 from malus.bench.scoring.metrics import Residuals, brightest
 from malus.bench.scoring.profiles import PROFILES
 from malus.reconstruct import Inapplicable, Method, get_method
+from malus.reconstruct.methods import by_name
 from malus.reconstruct.photos.masks_and_normals import read_mask
 from malus.reconstruct.photos.read_picture import read_picture
 from malus.reports.tables.rows import CAPTURED
@@ -138,6 +139,7 @@ def score_published(
     folder = as_path(truth)
     chosen = _layout(layout, component_range)
     names = _names(folder, chosen, layout)
+    by_name((get_method(each).name, each) for each in methods)
     asked = with_the_guess([get_method(each) for each in methods])
     if predictions is not None and name in {method.name for method in asked}:
         raise InputError("name", "another name than a method's", name, "choose another name")

@@ -42,6 +42,7 @@ from malus.bench.scoring.extra_metrics import (
 )
 from malus.bench.scoring.judge import Judge, Metric
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
+from malus.reconstruct.methods import by_name as called_by_name
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
@@ -119,6 +120,7 @@ def score_dataset(
     by_name = {m.name: m for m in methods if isinstance(m, Method)}
     asked = [each for each in with_guess(names, metrics) if each != SENSOR]
     chosen = [by_name.get(each) or get_method(each) for each in asked]
+    called_by_name((method.name, each) for each, method in zip(asked, chosen, strict=True))
     measured = get_metrics(tuple(metrics))
     folder = None if out is None else prepare_folder(as_path(out), "scores")
     if predictions is not None and not isinstance(predictions, Predictions):

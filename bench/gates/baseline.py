@@ -195,8 +195,10 @@ def measure(results: Results) -> Iterator[PooledMetric | tuple[str, ...]]:
     gated = table[table.metric.isin(_gated(results))]
     gated = gated.merge(signal[signal.signal > 0], on=keys)
     # Without a value no pixel faces the camera, or the truth there is all noise: there is nothing
-    # to compare with. An estimate that is not finite still shows in its gain.
-    gated = gated[(gated.metric != "facing_skill") | gated.value.notna()]
+    # to compare with. Where the estimate is not finite its error is no number either.
+    errors = table[table.metric == "nmse"][[*keys, "value"]].rename(columns={"value": "nmse"})
+    gated = gated.merge(errors, on=keys, how="left")
+    gated = gated[(gated.metric != "facing_skill") | gated.value.notna() | gated.nmse.isna()]
     if gated.empty:
         raise InputError(
             "results",

@@ -95,12 +95,15 @@ def gate(results: Results, baseline: Baseline) -> list[Comparison]:
     Raises
     ------
     InputError
-        If the run rendered other scenes than the baseline's.
+        If the run rendered other scenes than the baseline's, or nothing of it is gated.
     """
     origin = RunIdentity.of(results)
     _require_same_scenes(origin, baseline.origin)
     measured = {v.key if isinstance(v, PooledMetric) else v: v for v in measure(results)}
     gated = [(value, rule) for value in baseline.values if (rule := baseline.rule(value))]
+    if not gated:
+        expected, hint = "values that one of its rules gates", "write them with `update`"
+        raise InputError("baseline", expected, "none: nothing would be compared", hint)
     same_run = (origin.seed, origin.variant) == (baseline.origin.seed, baseline.origin.variant)
     z = _quantile(len(gated))
     comparisons = [
@@ -140,6 +143,10 @@ def _compare(
     if not isinstance(after, PooledMetric):
         outcome: Outcome = "missing" if after is None else "not finite"
         return Comparison(before.key, outcome, before=before.value, reason=rule.reason)
+    # Whether a render's noise leaves a skill to tell may differ with its seed.
+    if after.scenes < before.scenes and (same_run or before.metric != "facing_skill"):
+        found = f"{after.scenes} of {before.scenes} scenes have it"
+        return Comparison(before.key, "missing", before.value, after.value, reason=found)
     paired = same_run and math.isclose(before.signal, after.signal, rel_tol=SAME_SIGNAL)
     error = math.hypot(before.noise, after.noise) * (PAIRED_NOISE if paired else HIDDEN_NOISE)
     limit = rule.tolerance + z * error

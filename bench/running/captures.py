@@ -33,7 +33,7 @@ from malus.bench.scoring.calibration import calibration_values
 from malus.bench.scoring.capture_metrics import CapturedPixels
 from malus.bench.scoring.metric_value import MetricValue
 from malus.reconstruct import Inapplicable, Method, Observation, get_method
-from malus.reconstruct.methods import TRIVIAL
+from malus.reconstruct.methods import TRIVIAL, by_name
 from malus.reconstruct.photos.angle_convention import check_outlines
 from malus.reconstruct.photos.capture import Capture
 from malus.reconstruct.photos.capture_fit import CaptureFit, capture_summary, fit_capture
@@ -62,6 +62,7 @@ def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Re
         single capture that can be scored.
     """
     started = time.perf_counter()
+    by_name((get_method(reference).name, reference) for reference in suite.methods)
     methods = with_the_guess([get_method(reference) for reference in suite.methods])
     folder = prepare_folder(out, "captures")
     run = _Run(folder, methods, len(suite.capture))

@@ -50,6 +50,8 @@ class Failure:
         None means all of them.
     mendable : bool
         Whether the reason is a wrong input, which the user may have mended: it is always retried.
+    stamp : str
+        How the method was called, with the digest of its weights or module; empty if not known.
 
     Examples
     --------
@@ -61,6 +63,7 @@ class Failure:
     method: str | None
     reason: str
     mendable: bool = False
+    stamp: str = ""
 
     @classmethod
     def of(

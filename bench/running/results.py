@@ -73,7 +73,8 @@ def headline(results: Results) -> list[dict[str, Any]]:
     """NMSE and skill of every method, body and kind of light, as plain numbers.
 
     Skills are medians over scenes that have one, `skill_unmixed_median` over the pixels of one
-    normal; `without_skill` counts the other scenes.
+    normal; `without_skill` counts the other scenes. Where an estimate is not finite on any scene,
+    neither error nor skill is a number: without it a method would seem better than it is.
     """
     table = results.headlines
     table = table[table.knowledge == "everything"]
@@ -85,14 +86,15 @@ def headline(results: Results) -> list[dict[str, Any]]:
         unmixed = part.value[part.metric == "skill_unmixed"]
         if nmse.empty:
             continue
+        broken = nmse.isna().any()
         rows.append(
             dict(zip(keys, group, strict=True))
             | {
-                "nmse_mean": float(nmse.mean()),
-                "nmse_max": float(nmse.max()),
-                "skill_median": _or_none(skill.median()),
-                "skill_min": _or_none(skill.min()),
-                "skill_unmixed_median": _or_none(unmixed.median()),
+                "nmse_mean": _or_none(nmse.mean(skipna=False)),
+                "nmse_max": _or_none(nmse.max(skipna=False)),
+                "skill_median": None if broken else _or_none(skill.median()),
+                "skill_min": None if broken else _or_none(skill.min()),
+                "skill_unmixed_median": None if broken else _or_none(unmixed.median()),
                 "scenes": len(nmse),
                 "without_skill": int(skill.isna().sum()),
             }

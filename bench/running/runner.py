@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +27,7 @@ from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results, origin, read_results, write_run, write_tables
 from malus.bench.running.work import Engine, in_this_process
 from malus.reconstruct import get_method
+from malus.reconstruct.methods import by_name
 from malus.renderers.mitsuba.wavefront import STAGES
 from malus.renderers.variant import Variant, choose
 from malus.scenes.core.errors import InputError
@@ -69,13 +70,13 @@ def run(
     Raises
     ------
     InputError
-        Unknown method or metric, folder that cannot be written or that a run of another suite is
-        writing, not a single family that can be rendered.
+        Unknown method or metric, two methods of one name, folder that cannot be written or that a
+        run of another suite is writing, not a single family that can be rendered.
     """
     started = time.perf_counter()
     chosen_variant = variant or choose()
     families = plan(suite)
-    methods = {get_method(reference).name: reference for reference in suite.methods}
+    methods = by_name((get_method(reference).name, reference) for reference in suite.methods)
     if suite.metrics:
         from malus.bench.scoring.extra_metrics import get_metrics
 
@@ -144,7 +145,11 @@ class SuiteRun:
             self.taken_over += 1
             return {}
         failures = self.parts.failures(name)
-        failed = {failure.method for failure in failures if failure.is_final(self.retry_failed)}
+        failed = {
+            failure.method
+            for failure in failures
+            if failure.is_final(self.retry_failed) and not self._has_changed(failure)
+        }
         if None in failed:
             return {}
         return {
@@ -152,6 +157,11 @@ class SuiteRun:
             for method, reference in self.methods.items()
             if method not in methods | failed
         }
+
+    def _has_changed(self, failure: Failure) -> bool:
+        """Whether what failed is a method whose weights or module are others by now."""
+        called = self.methods.get(failure.method or "")
+        return called is not None and failure.stamp not in ("", stamped(called))
 
     def _whole_methods(self, table: pd.DataFrame | None) -> set[str]:
         """Methods that a table has for every scene, and none of the same name that is another."""
@@ -163,28 +173,25 @@ class SuiteRun:
         old = self.parts.table(task.id)
         before = _methods_of(old)
         done = {name: before[name] for name in before if name not in task.methods}
+        stamps = self.stamps.pop(task.id)
         for name, content in result.examples.items():
             path = self.folder / EXAMPLES / name
             _write_bytes(path, with_images_of(done, path, content))
         table = merged(old, result.table, task.methods)
         if table is not None:
-            now = result.whole(self._unchanged(task))
+            now = result.whole(_unchanged(task, stamps))
             self.parts.write(task.id, table, done | {name: task.methods[name] for name in now})
         failures_of_others = [
             failure
             for failure in self.parts.failures(task.id)
             if failure.method not in {None, *task.methods}
         ]
-        failures = [*failures_of_others, *result.failures]
+        failed = [replace(one, stamp=stamps.get(one.method or "", "")) for one in result.failures]
+        failures = [*failures_of_others, *failed]
         self.parts.write_failures(task.id, task.family.label, failures)
         for stage, seconds in result.seconds.items():
             self.seconds[stage] += seconds
         self.finished += 1
-
-    def _unchanged(self, task: FamilyTask) -> list[str]:
-        """Methods of a task whose weights or module nobody changed while it was done."""
-        stamps = self.stamps.pop(task.id)
-        return [name for name, called in task.methods.items() if stamped(called) == stamps[name]]
 
     def tables(self, totals: RunTotals) -> Iterator[pd.DataFrame]:
         """Tables of all families, one at a time; each is counted in `totals`.
@@ -237,6 +244,11 @@ def in_working_order(families: Sequence[FamilyPlan]) -> Sequence[FamilyPlan]:
     """
     several = len(set(stages(families))) > STAGES
     return by_stage(families) if several else families
+
+
+def _unchanged(task: FamilyTask, stamps: Mapping[str, str]) -> list[str]:
+    """Methods of a task whose weights or module nobody changed while it was done."""
+    return [name for name, called in task.methods.items() if stamped(called) == stamps[name]]
 
 
 def _methods_of(table: pd.DataFrame | None) -> dict[str, str]:

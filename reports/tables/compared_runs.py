@@ -52,7 +52,12 @@ class Change:
 
     @property
     def outcome(self) -> Outcome:
-        """Better or worse where the interval leaves out zero and the metric has a direction."""
+        """Better or worse where the interval leaves out zero and the metric has a direction.
+
+        An estimate that is not finite has no number: it is worse than any other.
+        """
+        if math.isfinite(self.before) != math.isfinite(self.after):
+            return "worse" if math.isfinite(self.before) else "better"
         if self.difference == 0 or not abs(self.difference) > self.half_width:
             return "same"
         if not self.metric.better:
@@ -87,7 +92,9 @@ def _values(table: pd.DataFrame) -> _Groups:
     for metric in default_metrics(table):
         rows = overall_rows(table, metric)
         for key, part in rows.groupby(KEYS, sort=False, observed=True):
-            series = part.set_index("scene")["value"].astype(float).dropna()
+            series = part.set_index("scene")["value"].astype(float)
+            if metric != "nmse":  # of which the estimates that are not finite have none
+                series = series.dropna()
             groups[metric, *map(str, key)] = series[~series.index.duplicated()]
     return groups
 

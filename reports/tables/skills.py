@@ -40,8 +40,9 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     )
     result = pd.DataFrame({"scenes": tried["scene"].nunique()})
     result["inapplicable"] = inapplicable.reindex(result.index, fill_value=0)
-    result["nmse_mean"] = nmse["value"].mean()
-    result["nmse_max"] = nmse["value"].max()
+    # An estimate that is not finite has no error: without it a method would seem better.
+    result["nmse_mean"] = nmse["value"].agg(lambda values: values.mean(skipna=False))
+    result["nmse_max"] = nmse["value"].agg(lambda values: values.max(skipna=False))
     result["noise"] = nmse["noise"].mean()
     result["skill_median"] = skill.median()
     result["skill_min"] = skill.min()
@@ -49,6 +50,8 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     result["unmixed_median"] = unmixed.median().reindex(result.index)
     result["negative"] = skill.apply(lambda values: int((values < 0).sum()))
     result["unreported"] = skill.apply(lambda values: int(values.isna().sum()))
+    broken = result["inapplicable"].lt(result["scenes"]) & result["nmse_mean"].isna()
+    result.loc[broken, ["skill_median", "skill_min", "unmixed_median"]] = math.nan
     counts = ["negative", "unreported"]
     result[counts] = result[counts].fillna(0).astype(int)
     return result.reset_index()
@@ -94,6 +97,9 @@ def unreported_skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
         Columns light, surface, body, unreported (number of scenes) and scenes (all of them).
     """
     rows = _skills(table, method)
+    errors = overall_rows(table, "nmse")
+    broken = errors[(errors["method"] == method) & errors["value"].isna()]["scene"]
+    rows = rows[~rows["scene"].isin(broken)]
     groups = rows.groupby(["light", "surface", "body"], sort=False)["value"]
     result = pd.DataFrame(
         {

@@ -53,10 +53,10 @@ def beside_paper(table: pd.DataFrame) -> TextTable:
     for body, method in product(distinct(rows["body"]), scored_methods(table)):
         scored = rows[(rows["method"] == method) & (rows["body"] == body)]
         if len(scored):
-            below = bool(scored["value"].max() < PAPER_NMSE[0])
+            largest = float(scored["value"].max(skipna=False))  # of what is not finite: no number
             ranges = [range_of_means(scored, by) for by in ("material", "surface")]
-            worst = scientific(float(scored["value"].max()))
-            lines.append([body, method, *ranges, worst, "yes" if below else "no"])
+            below = "yes" if largest < PAPER_NMSE[0] else "no"
+            lines.append([body, method, *ranges, scientific(largest), below])
     heads = ("body", "method", "mean by material", "mean by surface", "worst scene")
     return TextTable((*heads, f"every scene below {PAPER_NMSE[0]:g}"), lines)
 
@@ -100,8 +100,8 @@ def points(numbers: pd.DataFrame) -> TextTable:
 
 def range_of_means(rows: pd.DataFrame, by: str) -> str:
     """Smallest and largest mean of the groups of a column, as text."""
-    means = rows.groupby(by)["value"].mean()
-    return f"{scientific(float(means.min()))} … {scientific(float(means.max()))}"
+    means = rows.groupby(by)["value"].agg(lambda values: values.mean(skipna=False))
+    return f"{scientific(means.min(skipna=False))} … {scientific(means.max(skipna=False))}"
 
 
 def errors(table: pd.DataFrame) -> TextTable:

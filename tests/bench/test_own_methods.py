@@ -1,0 +1,138 @@
+"""What methods of one's own may do wrong costs no other method its scores, and is not hidden."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from runs import NOBODY, SUITE, formula_dataset
+
+import malus
+from malus.bench.gates.baseline import DEFAULT_RULES, Baseline
+from malus.bench.gates.gate import gate, passed, updated
+from malus.bench.running.results import Results, headline
+from malus.bench.running.runner import run
+from malus.reports.tables.compared_runs import RunComparison
+from malus.reports.tables.skills import by_light_and_body, unreported_skills
+from malus.scenes import InputError
+
+MODULE = """
+import numpy as np
+from malus import Components, Inapplicable, Method, get_method
+
+good = get_method("eq8")
+
+def wrong(observation):
+    found = good.reconstruct(observation)
+    image, s1, s2 = found.image.copy(), found.s1.copy(), found.s2.copy()
+    dense = observation.eta[0] > 1.4
+    CODE
+    return Components(image, s1, s2)
+
+mine = Method("NAME", good.needs, wrong, "wrong somewhere", per_pixel=PER_PIXEL, per_band=False)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def write(module: str, code: str, name: str = "mine", per_pixel: bool = False) -> str:
+    """Write a module with a method that does `code` to eq8's estimate; how it is called."""
+    text = MODULE.replace("CODE", code).replace("NAME", name).replace("PER_PIXEL", str(per_pixel))
+    Path(f"{module}.py").write_text(text, encoding="utf-8")
+    return f"{module}:mine"
+
+
+def results(*methods: str, out: str = "run") -> Results:
+    return run(SUITE.model_copy(update={"methods": methods}), out, variant=NOBODY)
+
+
+def test_what_a_method_writes_into_is_its_own() -> None:
+    """Arrays of the truth would be others for all methods that come after it."""
+    code = (
+        "observation.normals[...] *= -1; observation.specular[...] = 0; observation.image[...] = 9"
+    )
+    own = [
+        write("whole", code, "whole"),
+        write("pixels", code, "pixels", per_pixel=True),
+    ]
+    alone = results("unpolarised", "eq8", out="alone").table
+    after = results("unpolarised", *own, "eq8", out="after").table
+    for method in ("unpolarised", "eq8"):
+        first, second = (table[table.method == method] for table in (alone, after))
+        assert first.value.tolist() == second.value.tolist()
+
+
+def test_two_methods_of_one_name_are_refused() -> None:
+    own = write("same", "pass", name="eq8")
+    with pytest.raises(InputError, match="eq8 for eq8 and same:mine; rename one of them"):
+        results("eq8", own)
+    assert not Path("run").exists()
+    dataset = formula_dataset(Path("dataset"))
+    with pytest.raises(InputError, match="rename one of them"):
+        malus.score_dataset(dataset, ["eq8", own])
+    assert results("eq8", "eq8").table.method.unique().tolist() == ["eq8"]
+
+
+def test_an_estimate_that_is_not_finite_betters_nothing() -> None:
+    own = write("holes", "s1[...] = np.nan if dense else s1")
+    found = results("unpolarised", "eq8", own)
+    values = found.table.query("metric == 'nmse' and method == 'mine' and band_nm.isna()")
+    assert 0 < values.value.isna().sum() < len(values)
+    for row in headline(found):
+        assert (
+            (row["nmse_mean"] is None) == (row["skill_median"] is None) == (row["method"] == "mine")
+        )
+    rows = by_light_and_body(found.table).set_index("method")
+    assert rows.loc["mine", ["nmse_mean", "nmse_max", "skill_median", "skill_min"]].isna().all()
+    assert rows.loc["eq8", ["nmse_mean", "nmse_max"]].notna().all()
+    # The trivial guess rises above the noise there: eq8 has a skill.
+    assert unreported_skills(found.table, "mine").equals(unreported_skills(found.table, "eq8"))
+    write("holes", "pass")
+    whole = results("unpolarised", "eq8", own, out="whole")
+    change = next(
+        change
+        for change in RunComparison.of(("whole", "holes"), (whole, found)).changes
+        if (change.metric.name, change.key[0]) == ("nmse", "mine")
+    )
+    assert change.outcome == "worse"
+
+
+@pytest.fixture
+def reviewed() -> Baseline:
+    return updated(results("unpolarised", write("own", "pass"), out="first"), None, DEFAULT_RULES)
+
+
+@pytest.mark.parametrize(
+    ("code", "outcome"),
+    [
+        ("pass", "same"),
+        ("if dense: raise Inapplicable('too dense')", "missing"),
+        ("if dense: raise ValueError('too dense')", "missing"),
+        ("image[image == image.max()] = np.nan", "not finite"),
+    ],
+)
+def test_the_gate_sees_what_is_scored_no_more(reviewed: Baseline, code: str, outcome: str) -> None:
+    found = gate(results("unpolarised", write("own", code), out="again"), reviewed)
+    assert outcome in {comparison.outcome for comparison in found if comparison.key[1] == "mine"}
+    assert passed(found) == (outcome == "same")
+
+
+def test_a_gate_that_compares_nothing_is_refused(reviewed: Baseline) -> None:
+    found = results("unpolarised", "own:mine", out="first")
+    other = (DEFAULT_RULES[0].model_copy(update={"method": "eq9"}),)
+    for nothing in ({"rules": other}, {"values": ()}):
+        with pytest.raises(InputError, match="nothing would be compared"):
+            gate(found, reviewed.model_copy(update=nothing))
+
+
+def test_a_method_that_failed_is_tried_again_when_it_is_mended() -> None:
+    own = write("mended", "raise ZeroDivisionError('boom')")
+    assert results("eq8", own).run["families_failed"] == 2
+    assert results("eq8", own).run["families_taken_over"] == 0
+    write("mended", "pass")
+    mended = results("eq8", own)
+    assert mended.run["families_failed"] == 0
+    assert set(mended.table.method) == {"eq8", "mine"}
