@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from malus.reconstruct.observation import Inapplicable
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.lights.environment import directions, radiance_map, solid_angles
 from malus.scenes.lights.lights import Area, Distant, Light, MapLight
@@ -22,6 +23,9 @@ light. Against the integral under uniform light at α = 0.15, ρ is off by 2e-4 
 of 30°, 2e-3 up to 60°, 7e-3 up to 75° and by up to 9e-2 at the rim; with twice as many directions
 across, by a fifth of that.
 """
+
+_ROWS = 512
+"""Rows of directions of uniform light."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +55,11 @@ class Directions:
 def quadrature(light: Light, alpha: float) -> Directions:
     """Directions of a light, fine enough for lobes of roughness `alpha`.
 
+    Raises
+    ------
+    Inapplicable
+        Where the lobe is narrower than the directions of a map, or of uniform light, stand apart.
+
     Examples
     --------
     >>> lamp = quadrature(Area(incidence_deg=0, half_angle_deg=60, radiance=1), alpha=0.3)
@@ -71,8 +80,18 @@ def quadrature(light: Light, alpha: float) -> Directions:
     if isinstance(light, MapLight):
         # From every camera of an orbit a light is turned otherwise, and its map is the same.
         values = radiance_map(light.unturned).astype(np.float64)
+        _check_lobe(alpha, len(values))
         return _sphere(values, alpha, light.rotation)
-    return _sphere(np.full((512, 1024), light.radiance), alpha)
+    _check_lobe(alpha, _ROWS)
+    return _sphere(np.full((_ROWS, 2 * _ROWS), light.radiance), alpha)
+
+
+def _check_lobe(alpha: float, rows: int) -> None:
+    """Refuse lobes that pass between the rows of directions of a light from everywhere."""
+    smallest = math.pi / (2.0 * rows)
+    if alpha < smallest:
+        told = f"roughness {alpha:g}: lobes pass between the {rows} rows of directions of the light"
+        raise Inapplicable(f"{told}, which are fine enough from {smallest:.2g}")
 
 
 def _cone(light: Area, alpha: float) -> Directions:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from malus.reconstruct import Components, Observation, get_method
+from malus.reconstruct import Components, Inapplicable, Observation, get_method
 from malus.reconstruct import image as image_module
 from malus.reconstruct.quadrature import _sphere
 from malus.scenes import Distant, Uniform
@@ -185,6 +185,17 @@ def test_lights_of_a_uniform_light_are_the_shadowed_facets() -> None:
     np.testing.assert_allclose(components.s1, expected.s1, atol=2e-3)
     np.testing.assert_allclose(components.s2, expected.s2, atol=2e-3)
     assert np.max(np.abs(expected.s1)) > 0.1
+
+
+def test_lobes_between_the_directions_of_a_light_are_refused() -> None:
+    """They met none, or one of many: light was unpolarised there, or polarised at random."""
+    observation = replace(random_observation(3, steepest=0.2), light=Uniform())
+    for alpha in (np.pi / 2 / 512 * 0.999, 1e-5):
+        with pytest.raises(Inapplicable, match="lobes pass between the 512 rows"):
+            reconstruct(replace(observation, alpha=alpha), "lights")
+    reconstruct(replace(observation, alpha=np.pi / 2 / 512 * 1.001), "lights")
+    # One direction is met by every lobe that is wide enough, and lamps have as many as these need.
+    reconstruct(replace(observation, alpha=1e-5, light=Distant(incidence_deg=30)), "lights")
 
 
 def test_lights_are_as_exact_as_they_say_up_to_the_rim() -> None:
