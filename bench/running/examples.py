@@ -15,7 +15,8 @@ from malus.bench.running.plan import FamilyPlan
 from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method
 from malus.renderers.truth import Truth
-from malus.scenes.core.files import write_whole
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import open_regular, write_whole
 from malus.scenes.core.result_files import EXAMPLES
 from malus.scenes.scene import Scene
 
@@ -77,12 +78,12 @@ def with_images_of(methods: Iterable[str], path: Path, content: bytes) -> bytes:
         return content
     images = dict(np.load(io.BytesIO(content)))
     try:
-        with np.load(path) as file:
+        with open_regular(path) as stored, np.load(stored) as file:
             kept = {f"{_OF}{name}" for name in methods} & set(file.files) - images.keys()
             if not kept or not np.array_equal(file["truth"], images["truth"]):
                 return content
             images |= {name: file[name] for name in kept}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+    except (InputError, OSError, ValueError, KeyError, zipfile.BadZipFile):
         return content
     merged = io.BytesIO()
     np.savez_compressed(merged, **images)
