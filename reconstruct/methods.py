@@ -184,7 +184,18 @@ def _loaded(where: str, reference: str) -> Method:
     if not isinstance(loaded, Method):
         expected, hint = "a malus.reconstruct.Method", "guides/methods.md shows one"
         raise InputError(where, expected, type(loaded).__name__, hint)
-    return replace(loaded, reconstruct=functools.partial(_of_copies, loaded.reconstruct))
+    return with_own_arrays(loaded)
+
+
+def with_own_arrays(method: Method) -> Method:
+    """The method, given arrays of its own: what it writes into changes no truth.
+
+    Examples
+    --------
+    >>> with_own_arrays(TRIVIAL).name
+    'unpolarised'
+    """
+    return replace(method, reconstruct=functools.partial(_of_copies, method.reconstruct))
 
 
 def _of_copies(

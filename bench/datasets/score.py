@@ -42,7 +42,7 @@ from malus.bench.scoring.extra_metrics import (
 )
 from malus.bench.scoring.judge import Judge, Metric
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
-from malus.reconstruct.methods import by_name as called_by_name
+from malus.reconstruct.methods import by_name, with_own_arrays
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
@@ -117,10 +117,14 @@ def score_dataset(
     opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
     names = [method if isinstance(method, str) else method.name for method in methods]
     _check_request(opened, names, predictions is not None, name)
-    by_name = {m.name: m for m in methods if isinstance(m, Method)}
+    by_name(
+        (each.name, repr(each)) if isinstance(each, Method) else (get_method(each).name, each)
+        for each in methods
+        if each != SENSOR
+    )
+    own = {m.name: with_own_arrays(m) for m in methods if isinstance(m, Method)}
     asked = [each for each in with_guess(names, metrics) if each != SENSOR]
-    chosen = [by_name.get(each) or get_method(each) for each in asked]
-    called_by_name((method.name, each) for each, method in zip(asked, chosen, strict=True))
+    chosen = [own.get(each) or get_method(each) for each in asked]
     measured = get_metrics(tuple(metrics))
     folder = None if out is None else prepare_folder(as_path(out), "scores")
     if predictions is not None and not isinstance(predictions, Predictions):

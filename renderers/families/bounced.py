@@ -51,10 +51,13 @@ class OneByOne:
 
     def truth(self, scene: Scene, standard_error: bool = True) -> Truth:  # noqa: ARG002
         """The truth of one scene."""
-        if not self.last or self.last[0].scene != scene:
-            with refused_warnings(f"scene {scene.id}"):
-                self.last[:] = [render_room(scene, self.sampling, self.variant)]
-        return self.last[0]
+        for kept in self.last[:]:  # other threads may ask for other scenes meanwhile
+            if kept.scene == scene:
+                return kept
+        with refused_warnings(f"scene {scene.id}"):
+            truth = render_room(scene, self.sampling, self.variant)
+        self.last[:] = [truth]
+        return truth
 
 
 def render_bounced(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from malus.bench.gates.baseline import DEFAULT_RULES, Baseline
 from malus.bench.gates.gate import gate, passed, updated
 from malus.bench.running.results import Results, headline
 from malus.bench.running.runner import run
+from malus.reconstruct import Components, Method, Observation
 from malus.reports.tables.compared_runs import RunComparison
 from malus.reports.tables.skills import by_light_and_body, unreported_skills
 from malus.scenes import InputError
@@ -74,6 +76,24 @@ def test_two_methods_of_one_name_are_refused() -> None:
     with pytest.raises(InputError, match="rename one of them"):
         malus.score_dataset(dataset, ["eq8", own])
     assert results("eq8", "eq8").table.method.unique().tolist() == ["eq8"]
+
+
+def test_methods_that_are_objects_are_held_to_the_same() -> None:
+    dataset = formula_dataset(Path("dataset"))
+
+    def greedy(observation: Observation) -> Components:
+        assert observation.normals is not None
+        observation.normals[...] = 0
+        observation.image[...] = 9
+        return Components(observation.image, 0 * observation.image, 0 * observation.image)
+
+    own = Method("mine", frozenset({"normals"}), greedy, "writes into its arrays", True)
+    alone, after = (malus.score_dataset(dataset, [*first, "eq8"]).table for first in ((), (own,)))
+    values = [table[table.method == "eq8"].value.tolist() for table in (alone, after)]
+    assert values[0] == values[1]
+    for twice in ([own, replace(own, summary="another")], ["eq8", replace(own, name="eq8")]):
+        with pytest.raises(InputError, match="rename one of them"):
+            malus.score_dataset(dataset, twice)
 
 
 def test_an_estimate_that_is_not_finite_betters_nothing() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from malus.bench.scoring.extra_metrics import polarisation_error
 from malus.renderers import Truth, render
 from malus.renderers.datasets.scene_folder import read_scene, write_scene
 from malus.renderers.datasets.spectral_exr import read_spectral
+from malus.renderers.families import bounced
 from malus.renderers.families.family import render_family
 from malus.renderers.families.interpolated import Family
 from malus.renderers.variant import choose, mitsuba
@@ -34,6 +36,7 @@ from malus.scenes import (
     InputError,
     Patterned,
     Sampling,
+    Scene,
     Stripes,
     Torus,
     Uniform,
@@ -241,3 +244,33 @@ def dr_hit(mi: Any, to_camera: np.ndarray) -> Any:
     hit.wi, hit.n = mi.Vector3f(*to_camera.tolist()), mi.Normal3f(0, 0, 1)
     hit.sh_frame = mi.Frame3f(mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0), mi.Vector3f(0, 0, 1))
     return hit
+
+
+def test_each_pass_of_a_pattern_is_rendered_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether it is enough, and the mean of all passes, ask for the same truth again."""
+    rendered = []
+
+    def counted(scene: Scene, sampling: Sampling, _: object) -> SimpleNamespace:
+        rendered.append((scene.id, sampling.samples))
+        return SimpleNamespace(scene=scene)
+
+    monkeypatch.setattr(bounced, "render_room", counted)
+    family = bounced.OneByOne(Sampling(samples=4), choose())
+    scene = scene_of(Dielectric(eta=1.5, alpha=0.3), LAMP, RING, 8)
+    for _ in range(3):
+        assert family.truth(scene).scene == scene
+    assert rendered == [(scene.id, 4)]
+
+
+def test_threads_get_the_truths_that_they_ask_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another thread may keep the truth of its scene at any moment."""
+    first, other = (scene_of(Dielectric(eta=eta, alpha=0.3), LAMP, RING, 8) for eta in (1.4, 1.5))
+
+    class KeptByAnother(list[Any]):
+        def __setitem__(self, *_: object) -> None:
+            super().__setitem__(slice(None), [SimpleNamespace(scene=other)])
+
+    monkeypatch.setattr(bounced, "render_room", lambda scene, *_: SimpleNamespace(scene=scene))
+    family = bounced.OneByOne(Sampling(samples=4), choose(), KeptByAnother())
+    assert family.truth(first).scene == first
+    assert family.truth(first).scene == first
