@@ -44,12 +44,14 @@ class Column(NamedTuple):
     texts : what stands before and behind the number in the first name
     rest : the names without the number
     alike : whether the same text stands before it in all names, but for digits
+    cut : a number whose decimals may follow a sign that also joins words, 22_5; or None
     """
 
     values: tuple[float, ...]
     texts: tuple[str, str]
     rest: tuple[str, ...]
     alike: bool
+    cut: str | None
 
 
 def conventional(angle_deg: float, zero: Zero, sense: Sense) -> float:
@@ -193,6 +195,13 @@ def angles_in_names(folder: Path, names: Sequence[str]) -> dict[str, float]:
     if not any(_spread(column.values) for column in columns):
         columns = _columns(stems, (*_POINTS, _NO_POINT))
     column = _angle_column(folder, columns)
+    if column.cut is not None:
+        raise InputError(
+            str(folder),
+            "angles in the names, decimals after a point",
+            f"{column.cut}",
+            f"write 22.5 or 22p5 for half degrees, or name the angles in {ANGLES_FILE}",
+        )
     _require_one_set(folder, names, column)
     return dict(zip(names, column.values, strict=True))
 
@@ -227,7 +236,21 @@ def _column(stems: Sequence[str], matches: Sequence[re.Match[str]]) -> Column:
     values = tuple(-d if minus else d for d, minus in zip(digits, negative, strict=True))
     rest = tuple(f"{b}#{a}" for b, a in zip(before, behind, strict=True))
     alike = len({re.sub(r"\d+", "#", text) for text in before}) == 1
-    return Column(values, (before[0] + matches[0]["sign"], behind[0]), rest, alike)
+    texts = (before[0] + matches[0]["sign"], behind[0])
+    return Column(values, texts, rest, alike, _cut(digits, behind))
+
+
+def _cut(digits: Sequence[float], behind: Sequence[str]) -> str | None:
+    """The first of the numbers 22, 67, 112, … with a 5 behind `_` or `-`: half a degree, or not.
+
+    A 5 behind whole multiples of 45 too is a number of its own.
+    """
+    fives = [re.match(r"[_-]50?(?!\d)", text) for text in behind]
+    halves = [(number + 0.5) % 45.0 == 22.5 for number in digits]
+    if any(five and not half for five, half in zip(fives, halves, strict=True)):
+        return None
+    cut = (f"{n:g}{five[0]}" for n, five in zip(digits, fives, strict=True) if five)
+    return next(cut, None)
 
 
 def _negative(before: Sequence[str], signs: Sequence[str]) -> list[bool]:

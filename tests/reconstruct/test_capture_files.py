@@ -194,6 +194,8 @@ def test_radians_in_angles_json(tmp_path: Path, unit: str | None) -> None:
         ("-22,5_b 22,5_b 67,5_b", (-22.5, 22.5, 67.5)),
         ("I0 I45_b2 I90", (0, 45, 90)),
         ("a0 a10 a20 a30", (0, 10, 20, 30)),
+        ("a_0_5 a_22_5 a_45_5 a_67_5", (0, 22, 45, 67)),
+        ("a_22_7 a_67_7 a_112_7", (22, 67, 112)),
     ],
 )
 def test_the_angle_is_the_number_that_varies(names: str, angles: tuple[float, ...]) -> None:
@@ -211,6 +213,9 @@ def test_the_angle_is_the_number_that_varies(names: str, angles: tuple[float, ..
         ("a b c", "no number"),
         ("pol_0 pol_45 pol_90 dark_1", "a dark or flat frame, by its name; give it as `black`"),
         ("a0 a90 a180", "three or more angles"),
+        ("pol_0 pol_22_5 pol_45 pol_67_5", "found 22_5; write 22.5"),
+        ("0_0deg 22_5deg 45_0deg 67_5deg", "found 22_5; write 22.5"),
+        ("a22-5 a67-5 a112-5 a157-5", "found 22-5; write 22.5"),
     ],
 )
 def test_names_that_tell_no_angle_are_refused(names: str, words: str) -> None:
