@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from malus.reconstruct.observation import Components, Observation
 from malus.scenes.core.errors import InputError
@@ -184,29 +185,61 @@ def _loaded(where: str, reference: str) -> Method:
     if not isinstance(loaded, Method):
         expected, hint = "a malus.reconstruct.Method", "guides/methods.md shows one"
         raise InputError(where, expected, type(loaded).__name__, hint)
-    return with_own_arrays(loaded)
+    return guarded(loaded)
 
 
-def with_own_arrays(method: Method) -> Method:
-    """The method, given arrays of its own: what it writes into changes no truth.
+def guarded(method: Method) -> Method:
+    """A method of one's own: given arrays of its own, and refused what is no picture of the same.
+
+    What it writes into changes no truth. It raises InputError where it returns no Components,
+    or arrays of another shape than the image's or of no real numbers; those of any real type are
+    single or double precision behind it.
 
     Examples
     --------
-    >>> with_own_arrays(TRIVIAL).name
-    'unpolarised'
+    >>> wrong = Method("wrong", frozenset(), lambda seen: seen.image, "no Components")
+    >>> guarded(wrong).reconstruct(Observation(np.ones((2, 2, 3)), np.ones((2, 2), bool)))
+    Traceback (most recent call last):
+    ...
+    malus.scenes.core.errors.InputError: method wrong: expected Components, found ndarray; ...
     """
-    return replace(method, reconstruct=functools.partial(_of_copies, method.reconstruct))
+    return replace(method, reconstruct=functools.partial(_guarded, method))
 
 
-def _of_copies(
-    reconstruct: Callable[[Observation], Components], observation: Observation
-) -> Components:
+def _guarded(method: Method, observation: Observation) -> Components:
     """What a method of one's own makes of arrays of its own, which it may change."""
     given = {field.name: getattr(observation, field.name) for field in fields(observation)}
     own: dict[str, Any] = {
         name: value.copy() for name, value in given.items() if isinstance(value, np.ndarray)
     }
-    return reconstruct(replace(observation, **own))
+    returned: Any = method.reconstruct(replace(observation, **own))
+    if not isinstance(returned, Components):
+        hint = "return malus.reconstruct.Components(image, s1, s2)"
+        raise InputError(f"method {method.name}", "Components", type(returned).__name__, hint)
+    shape = observation.image.shape
+    radiance: dict[str, Any] = {
+        name: _real(method, name, getattr(returned, name), shape)
+        for name in ("image", "s1", "s2", "deviation")
+        if name != "deviation" or returned.deviation is not None
+    }
+    valid = returned.valid
+    if valid is not None:
+        valid = _real(method, "valid", valid, shape[:2]) != 0
+    return replace(returned, valid=valid, **radiance)
+
+
+def _real(method: Method, name: str, values: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+    """One of a method's arrays, of that shape, in single or double precision."""
+    array = np.asarray(values)
+    if array.shape != shape or array.dtype.kind not in "fiub":
+        raise InputError(
+            f"method {method.name}",
+            f"{name} of shape {shape} and real numbers",
+            f"shape {array.shape} and type {array.dtype}",
+            "return image, s1 and s2 of the image's shape, and valid of the mask's",
+        )
+    double = array.dtype.kind != "f" or array.dtype.itemsize > 4
+    return array.astype(np.float64 if double else np.float32, copy=False)
 
 
 def by_name(called: Iterable[tuple[str, str]]) -> dict[str, str]:

@@ -243,6 +243,7 @@ def stokes_from_extremes(i_max: FloatArray, i_min: FloatArray, phase: FloatArray
     ----------
     i_max, i_min : (...) arrays
         Extremes of the Transmitted Radiance Sinusoid; i_max < i_min is a sinusoid turned by 90°.
+        Whole numbers are taken in double precision: the sum of two bytes may be no byte.
     phase : (...) array
         ψ in radians, from the vertical.
 
@@ -251,6 +252,10 @@ def stokes_from_extremes(i_max: FloatArray, i_min: FloatArray, phase: FloatArray
     >>> stokes_from_extremes(np.array(7.5), np.array(2.5), np.array(0.0)).tolist()
     [10.0, -5.0, -0.0]
     """
+    i_max, i_min = (
+        values if values.dtype.kind == "f" else values.astype(np.float64)
+        for values in map(np.asarray, (i_max, i_min))
+    )
     amplitude = i_max - i_min
     return np.stack(
         np.broadcast_arrays(

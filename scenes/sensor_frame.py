@@ -78,7 +78,7 @@ def expose(
     Raises
     ------
     InputError
-        Another shape, or bands that a channel of the sensor does not see.
+        Another shape, values that no light has, or bands that a channel of the sensor does not see.
 
     Examples
     --------
@@ -87,9 +87,8 @@ def expose(
     >>> expose(unpolarised, Sensor(exposure=2000.0)).electrons.mean().round(-2).item()
     1000.0
     """
-    if stokes.ndim != 4 or stokes.shape[2:] != (len(wavelengths_nm), 3):
-        expected = f"(height, width, {len(wavelengths_nm)}, 3)"
-        raise InputError("stokes", expected, f"{stokes.shape}", "give one Stokes image a band")
+    stokes = np.asarray(stokes)
+    _check_light(stokes, len(wavelengths_nm))
     channels = sensor.channels(wavelengths_nm)
     light = _blurred(seen(stokes, channels).astype(np.float64), sensor.blur_px)
     passing = np.einsum("yxcs,yxs->cyx", light, _analysers(sensor, light.shape[:2]))
@@ -102,6 +101,28 @@ def expose(
         for number, frame in enumerate(signal)
     ]
     return SensorFrame(sensor, np.stack(raw), exposure, channels)
+
+
+_OVER = 0.05
+"""Polarised light may exceed all light by this share of the largest: interpolation and noise do."""
+
+
+def _check_light(stokes: FloatArray, bands: int) -> None:
+    """Refuse arrays that are no Stokes image of so many bands, and those of no light."""
+    if stokes.ndim != 4 or stokes.shape[2:] != (bands, 3):
+        expected = f"(height, width, {bands}, 3)"
+        raise InputError("stokes", expected, f"{stokes.shape}", "give one Stokes image a band")
+    if stokes.dtype.kind not in "fiu" or not np.isfinite(stokes).all():
+        raise InputError("stokes", "finite real numbers", "others among them", "correct them")
+    excess = np.hypot(stokes[..., 1], stokes[..., 2]) - stokes[..., 0]
+    impossible = int(np.count_nonzero(excess > _OVER * stokes[..., 0].max(initial=0.0)))
+    if impossible:
+        raise InputError(
+            "stokes",
+            "light: s0 at least the length of (s1, s2)",
+            f"{impossible} values of less",
+            "check the order of s0, s1, s2",
+        )
 
 
 def seen(stokes: FloatArray, channels: Channels) -> FloatArray:

@@ -42,7 +42,7 @@ from malus.bench.scoring.extra_metrics import (
 )
 from malus.bench.scoring.judge import Judge, Metric
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
-from malus.reconstruct.methods import by_name, with_own_arrays
+from malus.reconstruct.methods import by_name, guarded
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
@@ -122,7 +122,7 @@ def score_dataset(
         for each in methods
         if each != SENSOR
     )
-    own = {m.name: with_own_arrays(m) for m in methods if isinstance(m, Method)}
+    own = {m.name: guarded(m) for m in methods if isinstance(m, Method)}
     asked = [each for each in with_guess(names, metrics) if each != SENSOR]
     chosen = [own.get(each) or get_method(each) for each in asked]
     measured = get_metrics(tuple(metrics))

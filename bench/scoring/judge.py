@@ -33,6 +33,7 @@ from malus.bench.scoring.pixel_kernels import (
 )
 from malus.bench.scoring.unmixed_pixels import MixedPixels, Unmixed
 from malus.reconstruct import Components, Method, get_method
+from malus.reconstruct.methods import guarded
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
@@ -360,7 +361,7 @@ def score(truth: Truth, method: Method | str) -> Score:
     Raises
     ------
     InputError
-        Unknown method.
+        Unknown method, or one that returns no picture of the image's shape.
     Inapplicable
         The method cannot work on this scene.
 
@@ -377,4 +378,5 @@ def score(truth: Truth, method: Method | str) -> Score:
     >>> round(score(truth, "half_vector").skill, 6)
     1.0
     """
-    return Judge(truth).score(get_method(method) if isinstance(method, str) else method)
+    found = get_method(method) if isinstance(method, str) else guarded(method)
+    return Judge(truth).score(found)

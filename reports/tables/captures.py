@@ -9,7 +9,13 @@ from typing import Any
 import pandas as pd
 
 from malus.reports.tables.formats import NO_NUMBER, counted, listed, scientific, skill_text
-from malus.reports.tables.rows import TRIVIAL, overall_rows, scored_methods
+from malus.reports.tables.rows import (
+    TRIVIAL,
+    complete_mean,
+    not_finite,
+    overall_rows,
+    scored_methods,
+)
 from malus.reports.tables.text_tables import TextTable
 
 
@@ -31,9 +37,9 @@ def by_group(table: pd.DataFrame) -> TextTable:
             scenes = overall_rows(rows, "nmse")["scene"]
             guess = table[(table["method"] == TRIVIAL) & table["scene"].isin(scenes)]
             if len(nmse):
+                means = [scientific(complete_mean(_values(part, "nmse"))) for part in (rows, guess)]
                 lines.append([
-                    str(group), method, f"{len(nmse)} of {count}",
-                    f"{scientific(nmse.mean())} ({scientific(_values(guess, 'nmse').mean())})",
+                    str(group), method, f"{len(nmse)} of {count}", f"{means[0]} ({means[1]})",
                     *_skills(method, rows),
                     *(_colours(rows, guess, name) for name in ("i_max", "i_min")),
                 ])  # fmt: skip
@@ -45,8 +51,11 @@ def by_group(table: pd.DataFrame) -> TextTable:
 
 
 def _skills(method: str, rows: pd.DataFrame) -> list[str]:
-    """Median and worst skill, and the median at the best scale; the guess has none."""
-    if method == TRIVIAL:
+    """Median and worst skill, and the median at the best scale; the guess has none.
+
+    Neither has a method with an estimate that is not finite.
+    """
+    if method == TRIVIAL or not_finite(rows, overall_rows(rows, "skill")).any():
         return [NO_NUMBER] * 3
     skill, scaled = _values(rows, "skill"), _values(rows, "scaled_skill")
     return [skill_text(value) for value in (skill.median(), skill.min(), scaled.median())]
@@ -54,7 +63,7 @@ def _skills(method: str, rows: pd.DataFrame) -> list[str]:
 
 def _colours(rows: pd.DataFrame, guess: pd.DataFrame, name: str) -> str:
     """Mean ΔE76 of a method, and of the guess; a dash where the channels have no colour."""
-    means = [_values(part, f"delta_e76_{name}").mean() for part in (rows, guess)]
+    means = [complete_mean(_values(part, f"delta_e76_{name}")) for part in (rows, guess)]
     return NO_NUMBER if pd.isna(means[0]) else f"{means[0]:.2f} ({means[1]:.2f})"
 
 

@@ -10,6 +10,7 @@ import pandas as pd
 
 from malus.reports.tables.formats import NO_NUMBER, scientific
 from malus.reports.tables.rows import (
+    complete_mean,
     distinct,
     is_of_captures,
     overall_rows,
@@ -104,9 +105,9 @@ def _pooled(
     both = both.assign(variance=both["value_std"] ** 2)
     groups = both.groupby(list(keys), sort=False)
     result = groups.agg(
-        mean=("value", "mean"),
-        variance=("variance", lambda values: values.mean(skipna=False)),
-        scene_std=("value", lambda values: values.std(ddof=0)),
+        mean=("value", complete_mean),
+        variance=("variance", complete_mean),
+        scene_std=("value", lambda values: values.std(ddof=0, skipna=False)),
         noise=("noise", "mean"),
         scenes=("value", "size"),
     ).reset_index()

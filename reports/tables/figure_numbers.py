@@ -11,6 +11,7 @@ import pandas as pd
 from malus.reports.tables.rows import (
     KNOWLEDGE,
     PAPER_METHOD,
+    complete_mean,
     distinct,
     overall_rows,
     overall_rows_at_every_rung,
@@ -69,7 +70,8 @@ def numbers(
 def _of_groups(groups: Any) -> pd.DataFrame:
     """Mean, standard deviation of the population, mean noise, and number of each group's values."""
     values = groups["value"]
-    columns = {"mean": values.mean(), "std": values.std(ddof=0)}
+    spread = values.agg(lambda group: group.std(ddof=0, skipna=False))
+    columns = {"mean": values.agg(complete_mean), "std": spread}
     return pd.DataFrame(columns | {"noise": groups["noise"].mean(), "scenes": values.size()})
 
 

@@ -23,6 +23,7 @@ from malus.reports.tables.rows import (
     PAPER_RANGE,
     TRIVIAL,
     distinct,
+    not_finite,
     overall_rows,
     rows_of_body,
 )
@@ -79,6 +80,8 @@ def headline_body(table: pd.DataFrame) -> str:
 def best_method(rows: pd.DataFrame) -> str:
     """The method of the largest median skill among those that worked on most scenes.
 
+    One that gave what is not finite is none of them.
+
     Examples
     --------
     >>> from malus.reports.tables import sample
@@ -86,6 +89,7 @@ def best_method(rows: pd.DataFrame) -> str:
     'eq8'
     """
     skills = overall_rows(rows, "skill")
+    skills = skills[~skills["method"].isin(skills.loc[not_finite(rows, skills), "method"])]
     groups = skills[skills["method"] != TRIVIAL].groupby("method", sort=False)["value"]
     if not len(groups):
         return TRIVIAL
@@ -148,8 +152,12 @@ def _polarisation(rows: pd.DataFrame, best: str) -> Iterator[Tile]:
 def _skills(rows: pd.DataFrame, best: str) -> Iterator[Tile]:
     skills = overall_rows(rows, "skill")
     for method in dict.fromkeys((PAPER_METHOD, best)):
-        values = skills[skills["method"] == method]["value"]
+        own = skills[skills["method"] == method]
+        values = own["value"]
         if not len(values) or method == TRIVIAL:
+            continue
+        if broken := int(not_finite(rows, own).sum()):
+            yield f"{broken} of {len(values)}", f"scenes on which {method} gave what is not finite"
             continue
         paper = method == PAPER_METHOD
         note = "; the paper reports none" if paper else ", the best method here"
@@ -157,7 +165,8 @@ def _skills(rows: pd.DataFrame, best: str) -> Iterator[Tile]:
         if paper or (values < 0).any():
             share = f"{int((values < 0).sum())} of {len(values)}"
             yield share, f"scenes with negative skill of {method}: worse than no model"
-    without = int(skills[skills["method"] == best]["value"].isna().sum())
+    inside = skills["value"].isna() & ~not_finite(rows, skills)
+    without = int(inside[skills["method"] == best].sum())
     if without:
         yield str(without), "scenes without a skill: trivial guess inside the noise"
 

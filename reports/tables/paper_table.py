@@ -16,7 +16,7 @@ from malus.reports.tables.metric_definitions import (
     MetricDefinition,
     definition_of,
 )
-from malus.reports.tables.rows import TRIVIAL, distinct, overall_rows
+from malus.reports.tables.rows import TRIVIAL, distinct, not_finite, overall_rows
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.registry import lookup
@@ -52,7 +52,11 @@ class Cell:
         ('23.457 ± 0.032', '2.00e-5 ± 1.0e-6')
         >>> str(Cell(math.inf, math.nan, 9))
         '∞'
+        >>> str(Cell(math.nan, math.nan, 9))
+        'not finite'
         """
+        if math.isnan(self.value):
+            return "not finite"
         return number_with_error(self.value, self.error)
 
 
@@ -109,7 +113,7 @@ class PaperTable:
         """
         cells = [cell for (_, name), cell in self.cells.items() if name == metric.name]
         most = max((cell.images for cell in cells), default=0)
-        values = [cell.value for cell in cells if cell.images == most]
+        values = [c.value for c in cells if c.images == most and not math.isnan(c.value)]
         return metric.best(values) if metric.better and values else math.nan
 
     def is_best(self, method: str, metric: MetricDefinition) -> bool:
@@ -162,6 +166,9 @@ def paper_table(table: pd.DataFrame, metrics: Sequence[str] = ()) -> PaperTable:
     cells: dict[tuple[str, str], Cell] = {}
     for name in names:
         for method, rows in overall_rows(table, name).groupby("method", sort=False, observed=True):
+            if not_finite(table, rows).any():
+                cells[str(method), name] = Cell(math.nan, math.nan, len(rows))
+                continue
             cell = _cell(name, rows["value"].dropna().to_numpy(np.float64))
             if cell is not None:
                 cells[str(method), name] = cell

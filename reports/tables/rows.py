@@ -70,6 +70,30 @@ def overall_rows_at_every_rung(table: pd.DataFrame, metric: str) -> pd.DataFrame
     return table[chosen]
 
 
+def not_finite(table: pd.DataFrame, rows: pd.DataFrame) -> pd.Series[bool]:
+    """Whether each of `rows` is of an estimate that is not finite: its error is no number.
+
+    Such an estimate has no skill either, as one of a scene whose guess is inside the noise; only
+    there the method is not to blame.
+
+    Examples
+    --------
+    >>> from malus.reports.tables.sample import table
+    >>> not_finite(table(), overall_rows(table(), "skill")).any().item()
+    False
+    """
+    errors = overall_rows(table, "nmse")
+    broken = errors.loc[errors["value"].isna(), ["scene", "method"]]
+    pairs = pd.MultiIndex.from_frame(rows[["scene", "method"]].astype(object))
+    known = pairs.isin(pd.MultiIndex.from_frame(broken.astype(object)))
+    return pd.Series(known, index=rows.index)
+
+
+def complete_mean(values: pd.Series[float]) -> float:
+    """Mean of values; no number where one of them is none, which would make it seem better."""
+    return float(values.mean(skipna=False))
+
+
 def rows_by_angle(table: pd.DataFrame, metric: str) -> pd.DataFrame:
     """Rows of a metric at one polariser angle, over all bands, everything known."""
     chosen = (table["metric"] == metric) & (table["knowledge"] == KNOWLEDGE)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from malus.reports.tables.formats import NO_NUMBER, skill_text
-from malus.reports.tables.rows import TRIVIAL, distinct, overall_rows, scored_methods
+from malus.reports.tables.rows import TRIVIAL, distinct, not_finite, overall_rows, scored_methods
 
 _GROUP = ["body", "light", "method"]
 
@@ -34,7 +34,9 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     """
     tried = table.drop_duplicates(["scene", "method"]).groupby(_GROUP, sort=False)
     nmse = overall_rows(table, "nmse").groupby(_GROUP, sort=False)
-    skill = overall_rows(table, "skill").groupby(_GROUP, sort=False)["value"]
+    skills = overall_rows(table, "skill")
+    skill = skills.groupby(_GROUP, sort=False)["value"]
+    inside_noise = skills["value"].isna() & ~not_finite(table, skills)
     inapplicable = (
         overall_rows(table, "inapplicable").groupby(_GROUP, sort=False)["scene"].nunique()
     )
@@ -49,7 +51,7 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     unmixed = overall_rows(table, "skill_unmixed").groupby(_GROUP, sort=False)["value"]
     result["unmixed_median"] = unmixed.median().reindex(result.index)
     result["negative"] = skill.apply(lambda values: int((values < 0).sum()))
-    result["unreported"] = skill.apply(lambda values: int(values.isna().sum()))
+    result["unreported"] = inside_noise.groupby([skills[key] for key in _GROUP]).sum()
     broken = result["inapplicable"].lt(result["scenes"]) & result["nmse_mean"].isna()
     result.loc[broken, ["skill_median", "skill_min", "unmixed_median"]] = math.nan
     counts = ["negative", "unreported"]
@@ -97,9 +99,7 @@ def unreported_skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
         Columns light, surface, body, unreported (number of scenes) and scenes (all of them).
     """
     rows = _skills(table, method)
-    errors = overall_rows(table, "nmse")
-    broken = errors[(errors["method"] == method) & errors["value"].isna()]["scene"]
-    rows = rows[~rows["scene"].isin(broken)]
+    rows = rows[~not_finite(table, rows)]
     groups = rows.groupby(["light", "surface", "body"], sort=False)["value"]
     result = pd.DataFrame(
         {
@@ -114,7 +114,7 @@ def median_skills(table: pd.DataFrame, method: str, body: str) -> pd.DataFrame:
     """Median skill over shapes and materials: one row a light, one column a surface.
 
     The columns are ordered by roughness. NaN where no scene with that light and surface has a
-    skill, also where the method could not work.
+    skill, also where the method could not work, and where an estimate of it is not finite.
 
     Examples
     --------
@@ -124,7 +124,9 @@ def median_skills(table: pd.DataFrame, method: str, body: str) -> pd.DataFrame:
     """
     rows = _skills(table, method)
     rows = rows[rows["body"] == body]
-    medians = rows.groupby(["light", "surface"], sort=False)["value"].median().unstack()
+    cells = [rows["light"], rows["surface"]]
+    broken = not_finite(table, rows).groupby(cells, sort=False).any()
+    medians = rows["value"].groupby(cells, sort=False).median().mask(broken).unstack()
     scenes = table[table["body"] == body]
     surfaces = scenes.sort_values("alpha", kind="stable")["surface"]
     return medians.reindex(index=distinct(scenes["light"]), columns=distinct(surfaces))

@@ -67,6 +67,43 @@ def test_what_a_method_writes_into_is_its_own() -> None:
         assert first.value.tolist() == second.value.tolist()
 
 
+@pytest.mark.parametrize("per_pixel", [True, False])
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("s1 = s1[..., :1]", "expected s1 of shape"),
+        ("s2 = s2[..., None]", "expected s2 of shape"),
+        ("image, s1, s2 = (np.repeat(x, 2, axis=1) for x in (image, s1, s2))", "expected image of"),
+        ("image, s1, s2 = (x.swapaxes(0, 2) for x in (image, s1, s2))", "expected image of shape"),
+        ("s1 = s1 + 0j", "type complex"),
+        (
+            "return Components(image, s1, s2, valid=np.ones((1, 1, 1), bool))",
+            "expected valid of shape",
+        ),
+        ("return Components(image, s1, s2, deviation=s1[..., 0])", "expected deviation of shape"),
+        ("return image", "expected Components, found ndarray"),
+    ],
+)
+def test_arrays_that_are_no_picture_of_the_same_shape_are_no_scores(
+    code: str, words: str, per_pixel: bool
+) -> None:
+    """A loop over flat pixels would read others in their place."""
+    run = results("unpolarised", write("odd", code, "odd", per_pixel=per_pixel))
+    assert "odd" not in set(run.table.method)
+    assert words in run.run["failures"][0]
+
+
+@pytest.mark.parametrize("dtype", ["float16", ">f4", ">f8", "longdouble", "float64"])
+def test_any_type_of_real_numbers_is_scored(dtype: str) -> None:
+    cast = f"image, s1, s2 = (x.astype('{dtype}') for x in (image, s1, s2))"
+    table = results("eq8", write("cast", cast, "cast", per_pixel=True)).table
+    table = table[table.metric == "skill"]
+    ours, cast_ones = (table[table.method == m].value.to_numpy() for m in ("eq8", "cast"))
+    # Half precision rounds by 1/2048, 2 % of the polarisation here, and single by 6e-8: 3e-6.
+    tolerance = 2e-2 if dtype == "float16" else 1e-5
+    assert cast_ones == pytest.approx(ours, rel=tolerance, abs=tolerance)
+
+
 def test_two_methods_of_one_name_are_refused() -> None:
     own = write("same", "pass", name="eq8")
     with pytest.raises(InputError, match="eq8 for eq8 and same:mine; rename one of them"):

@@ -174,6 +174,23 @@ def test_report_is_written_whole(table: pd.DataFrame, tmp_path: Path) -> None:
     np.testing.assert_allclose(behind.loc[behind["panel"] == "eta", "mean"], eta["mean"])
 
 
+def test_a_report_keeps_nothing_of_an_earlier_one(table: pd.DataFrame, tmp_path: Path) -> None:
+    """Table I and Figure 9 of a run with colours stood beside the page of one without."""
+    results = SimpleNamespace(table=table, run=sample.run())
+    for name in ("table1.csv", "figure9.svg", "figure9_polarised_body.csv"):
+        (tmp_path / name).write_text("of an earlier run", "utf-8")
+    mine = {"figure9_of_mine.svg", "table2.csv", "results.csv", "notes.md"}
+    for name in mine:
+        (tmp_path / name).write_text("mine", "utf-8")
+    assert any(path.suffix == ".png" for path in write_report(results, tmp_path, png=True))
+    written = {path.name for path in write_report(results, tmp_path)}
+    assert {path.name for path in tmp_path.iterdir()} == written | mine
+    a_study(tmp_path / "study", precision=precision_table())
+    write_study(tmp_path / "study", png=True)
+    write_study(tmp_path / "study")
+    assert not list((tmp_path / "study").glob("*.png"))
+
+
 def test_the_viewers_colour_maps_are_those_of_matplotlib() -> None:
     tables = json.loads(asset("colour_maps.json"))
     for name, theirs in (

@@ -12,8 +12,11 @@ import pytest
 from malus.reports.figures.drawings import drawings
 from malus.reports.summary import summary
 from malus.reports.tables import sample
+from malus.reports.tables.captures import by_group as captured_by_group
 from malus.reports.tables.colour_errors import table1, table1_text
-from malus.reports.tables.headline import headline_tiles
+from malus.reports.tables.figure_numbers import angle_numbers, numbers
+from malus.reports.tables.headline import best_method, headline_tiles
+from malus.reports.tables.paper_table import paper_table
 from malus.reports.tables.rows import coverage
 from malus.reports.tables.skills import (
     by_light_and_body,
@@ -45,6 +48,53 @@ def test_nan_skills_are_counted_and_never_dropped_in_silence(table: pd.DataFrame
         ["uniform", "carbon", "unpolarised", 3, 3]
     ]
     assert "| eq8 | uniform | carbon | unpolarised | 3 of 3 |" in summary(table, sample.run())
+
+
+def broken(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with an estimate of eq8 that is not finite, on its first scene."""
+    scene = table["scene"].iloc[0]
+    metrics = ("nmse", "skill", "delta_e76_i_max", "delta_e76_i_max_std")
+    first = (table["scene"] == scene) & (table["method"] == "eq8") & table["metric"].isin(metrics)
+    return table.assign(value=table["value"].mask(first, math.nan))
+
+
+def test_an_estimate_that_is_not_finite_makes_no_number_better(table: pd.DataFrame) -> None:
+    """A mean of the other scenes would be read as one of all."""
+    colours = table[table["metric"] == "nmse"].assign(metric="delta_e76_i_max", value=0.5)
+    table = pd.concat([table, colours])
+    whole, part = (
+        errors[(errors["method"] == "eq8") & (errors["formula"] == "ΔE76")].iloc[0]
+        for errors in (table1(table), table1(broken(table)))
+    )
+    assert part["scenes"] == whole["scenes"]
+    assert (whole["mean"], math.isnan(part["mean"])) == (0.5, True)
+    line = next(each for each in table1_text(table1(broken(table))).lines if each[1] == "eq8")
+    assert line[3] == "not finite"
+    figure = numbers(broken(table), "alpha").query("method == 'eq8'")
+    assert figure["mean"].isna().sum() == 1
+    by_angle = table.assign(angle_deg=30.0)
+    assert angle_numbers(broken(by_angle)).query("method == 'eq8'")["mean"].isna().any()
+    cells = paper_table(broken(table)).cells
+    assert {str(cell) for (name, _), cell in cells.items() if name == "eq8"} == {"not finite"}
+    assert not any(math.isnan(cell.value) for (name, _), cell in cells.items() if name != "eq8")
+
+
+def test_an_estimate_that_is_not_finite_is_not_a_guess_inside_the_noise(
+    table: pd.DataFrame,
+) -> None:
+    row = by_light_and_body(broken(table)).query("method == 'eq8' and light == 'uniform'").iloc[0]
+    assert (row["unreported"], math.isnan(row["skill_median"])) == (0, True)
+    assert len(unreported_skills(broken(table), "eq8")) == 0
+    assert math.isnan(median_skills(broken(table), "eq8", "unpolarised").loc["uniform"]["carbon"])
+    tiles = {
+        label: number
+        for number, label in headline_tiles(broken(table), table1(broken(table)), "fig5")
+    }
+    assert tiles["scenes on which eq8 gave what is not finite"] == "1 of 12"
+    assert not any("inside the noise" in label for label in tiles)
+    assert best_method(broken(table)) != "eq8"
+    captures = captured_by_group(broken(sample.captured()))
+    assert next(line for line in captures.lines if line[1] == "eq8")[3].startswith("–")
 
 
 def test_negative_skills_are_listed_with_their_place_and_number(table: pd.DataFrame) -> None:

@@ -47,6 +47,16 @@ def test_extremes_and_phase_hold_everything(stokes: np.ndarray) -> None:
     assert again == pytest.approx(stokes, abs=1e-9)
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.uint16, int, bool])
+def test_extremes_of_whole_numbers_do_not_wrap(dtype: type) -> None:
+    i_max, i_min = np.array([[1, 200], [0, 1]]).astype(dtype), np.array([[0, 100], [1, 1]], dtype)
+    whole = polarisation.stokes_from_extremes(i_max, i_min, np.zeros((2, 2)))
+    real = polarisation.stokes_from_extremes(
+        i_max.astype(float), i_min.astype(float), np.zeros((2, 2))
+    )
+    np.testing.assert_array_equal(whole, real)
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("tiny", [0.0, -0.0, 1e-30, -1e-30])
 def test_angles_stay_below_half_a_turn(dtype: type[np.floating], tiny: float) -> None:

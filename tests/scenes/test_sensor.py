@@ -79,7 +79,7 @@ def test_the_analyser_is_the_polariser_of_the_conventions() -> None:
 
 def test_noise_follows_from_seed_and_frame_alone() -> None:
     sensor = Sensor(read_noise=3.0, exposure=1000.0)
-    three = np.random.default_rng(1).uniform(0.5, 1.0, (8, 8, 3, 3))
+    three = np.random.default_rng(1).uniform(0.5, 1.0, (8, 8, 3, 3)) * [1.0, 0.3, 0.3]
     bands = (450.0, 550.0, 650.0)
     frame = expose(three, sensor, bands, seed=(7, 3))
     again = expose(three, sensor, bands, seed=(7, 3))
@@ -88,7 +88,7 @@ def test_noise_follows_from_seed_and_frame_alone() -> None:
     assert np.array_equal(frame.raw[:2], two.raw)
     others = [expose(three, sensor, bands, seed=seed).raw for seed in ((7, 4), (8, 3))]
     assert not any(np.array_equal(frame.raw, other) for other in others)
-    alike = expose(np.ones((16, 16, 2, 3)), sensor, bands[:2]).raw.astype(float)
+    alike = expose(field(0.5, 0.5, 16, 2), sensor, bands[:2]).raw.astype(float)
     # Uncorrelated: of 256 pixels to 0.06; the mosaic is taken out.
     noise = [
         f.reshape(8, 2, 8, 2) - f.reshape(8, 2, 8, 2).mean(axis=(0, 2), keepdims=True)
@@ -105,6 +105,23 @@ def test_pixels_saturate_and_exposure_finds_the_brightest() -> None:
     automatic = expose(light, Sensor(full_well=1e6, fill=0.8, bit_depth=16))
     assert automatic.exposure * 0.5 == pytest.approx(0.8e6, rel=1e-12)
     assert expose(0 * light, Sensor()).raw.max() == 0  # no light, no exposure to find
+
+
+@pytest.mark.parametrize(
+    ("light", "words"),
+    [
+        ([-1.0, 0.0, 0.0], "16 values of less"),
+        ([1.0, 3.0, 0.0], "16 values of less"),
+        ([1.0, -0.9, 0.9], "16 values of less"),
+        ([np.nan, 0.0, 0.0], "finite real numbers"),
+        ([1.0, 0.0], r"found \(4, 4, 1, 2\)"),
+    ],
+)
+def test_what_is_no_light_makes_no_picture(light: list[float], words: str) -> None:
+    """Its negative part would be cut off to a dark picture without a word."""
+    stokes = np.broadcast_to(light, (4, 4, 1, len(light)))
+    with pytest.raises(InputError, match=words):
+        expose(stokes, Sensor())
 
 
 def test_blur_moves_light_and_loses_none() -> None:
