@@ -35,11 +35,19 @@ def results_table(results: Results) -> Table:
         table.add_column(name, no_wrap=True)
     for name in ("NMSE", "skill", "worst", "unmixed"):
         table.add_column(name, justify="right", no_wrap=True)
+    without: dict[tuple[str, str], int] = {}
     for row in headline(results):
         numbers = [_skill(row[f"skill_{name}"]) for name in ("median", "min", "unmixed_median")]
         mean = row["nmse_mean"]
         nmse = "not finite" if mean is None else f"{mean:.1e}"
         table.add_row(row["light"], row["body"], row["method"], nmse, *numbers)
+        place = row["light"], row["body"]
+        without[place] = max(without.get(place, 0), row["without_skill"])
+    if any(without.values()):
+        table.caption = (
+            f"{sum(without.values())} scenes have no skill and are in no median: there the guess "
+            "is inside the noise; more samples help"
+        )
     return table
 
 

@@ -73,8 +73,9 @@ def headline(results: Results) -> list[dict[str, Any]]:
     """NMSE and skill of every method, body and kind of light, as plain numbers.
 
     Skills are medians over scenes that have one, `skill_unmixed_median` over the pixels of one
-    normal; `without_skill` counts the other scenes. Where an estimate is not finite on any scene,
-    neither error nor skill is a number: without it a method would seem better than it is.
+    normal; `without_skill` counts those whose guess is inside the noise. Where an estimate is not
+    finite on any scene, neither error nor skill is a number: without it a method would seem better
+    than it is.
     """
     table = results.headlines
     table = table[table.knowledge == "everything"]
@@ -96,7 +97,7 @@ def headline(results: Results) -> list[dict[str, Any]]:
                 "skill_min": None if broken else _or_none(skill.min()),
                 "skill_unmixed_median": None if broken else _or_none(unmixed.median()),
                 "scenes": len(nmse),
-                "without_skill": int(skill.isna().sum()),
+                "without_skill": int(skill.isna().sum() - nmse.isna().sum()),
             }
         )
     return rows

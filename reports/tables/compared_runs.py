@@ -14,7 +14,7 @@ import pandas as pd
 from malus.reports.tables.metric_definitions import MetricDefinition, definition_of
 from malus.reports.tables.paired import LEAST_SCENES, PairedDifference, student_width
 from malus.reports.tables.paper_table import default_metrics, number_with_error
-from malus.reports.tables.rows import ResultsLike, distinct, overall_rows
+from malus.reports.tables.rows import TRIVIAL, ResultsLike, complete_mean, distinct, overall_rows
 from malus.reports.tables.text_tables import TextTable
 from malus.scenes.core.arrays import Float64Array
 
@@ -219,18 +219,23 @@ def changes_table(changes: Sequence[Change]) -> TextTable:
 
 
 def means_table(names: Sequence[str], runs: Sequence[ResultsLike]) -> TextTable:
-    """NMSE and median skill of every method in every run, over all its scenes."""
+    """NMSE and median skill of every method in every run, over all its scenes.
+
+    How many have a skill is told where some have none, their guess being inside the noise.
+    """
     lines = []
     methods = dict.fromkeys(m for run in runs for m in distinct(run.table["method"]))
     for method in methods:
         cells = []
         for run in runs:
             rows = run.table[run.table["method"] == method]
-            nmse, skill = (overall_rows(rows, name)["value"].dropna() for name in ("nmse", "skill"))
+            nmse, skill = (overall_rows(rows, name)["value"] for name in ("nmse", "skill"))
+            finite, told = not nmse.isna().any(), int(skill.notna().sum())
+            partly = method != TRIVIAL and told < len(nmse)
             cells += [
-                number_with_error(float(nmse.mean()), math.nan),
-                number_with_error(float(skill.median()), math.nan),
-                str(len(nmse)),
+                number_with_error(complete_mean(nmse), math.nan),
+                number_with_error(float(skill.median()) if finite else math.nan, math.nan),
+                f"{len(nmse)}, {told} with a skill" if partly else str(len(nmse)),
             ]
         lines.append([method, *cells])
     heads = [f"{what}, {name}" for name in names for what in ("NMSE", "skill", "scenes")]

@@ -167,7 +167,7 @@ def paper_table(table: pd.DataFrame, metrics: Sequence[str] = ()) -> PaperTable:
     for name in names:
         for method, rows in overall_rows(table, name).groupby("method", sort=False, observed=True):
             if not_finite(table, rows).any():
-                cells[str(method), name] = Cell(math.nan, math.nan, len(rows))
+                cells[str(method), name] = Cell(math.nan, math.nan, int(rows["value"].count()))
                 continue
             cell = _cell(name, rows["value"].dropna().to_numpy(np.float64))
             if cell is not None:

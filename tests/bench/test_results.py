@@ -134,6 +134,7 @@ def test_no_number_of_the_printed_table_is_cut(monkeypatch: pytest.MonkeyPatch) 
         "skill_median": -40.125,
         "skill_min": -1234.5,
         "skill_unmixed_median": 0.75,
+        "without_skill": 0,
     }
     monkeypatch.setattr(printing, "headline", lambda _: [row])
     console = Console(width=80, record=True, file=io.StringIO())
@@ -142,6 +143,17 @@ def test_no_number_of_the_printed_table_is_cut(monkeypatch: pytest.MonkeyPatch) 
     for number in ("1.2e-11", "-40.125", "-1234.500", "0.750", "shadowed+body", "unpolarised"):
         assert number in text
     assert "…" not in text
+
+
+def test_scenes_that_are_in_no_median_are_told() -> None:
+    """Two scenes a light: of each light one has no skill, for every method that was scored."""
+    table = sample.table()
+    scenes = table.groupby("light")["scene"].first()
+    hidden = (table["metric"] == "skill") & table["scene"].isin(scenes)
+    results = Results(table.assign(value=table["value"].mask(hidden)), sample.run())
+    printed = " ".join(str(printing.results_table(results).caption).split())
+    assert printed.startswith(f"{len(scenes)} scenes have no skill and are in no median")
+    assert printing.results_table(Results(table, sample.run())).caption is None
 
 
 @pytest.mark.parametrize(
