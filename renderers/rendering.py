@@ -25,7 +25,7 @@ def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mits
     Raises
     ------
     InputError
-        Unknown renderer, or a scene that it cannot render.
+        No scene or sampling, an unknown renderer, or a scene that it cannot render.
 
     Examples
     --------
@@ -35,6 +35,12 @@ def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mits
     >>> render(scene).image.shape
     (8, 8, 1)
     """
+    if not isinstance(scene, Scene):
+        hint = "`malus.run` and `malus.render_dataset` render the scenes of a suite"
+        raise InputError("scene", "a malus.Scene", type(scene).__name__, hint)
+    if not isinstance(sampling, Sampling | None):
+        hint = "give malus.Sampling(samples=…, seed=…)"
+        raise InputError("sampling", "a malus.Sampling", type(sampling).__name__, hint)
     if renderer == "torrance-sparrow":
         return render_torrance_sparrow(scene)
     if renderer != "mitsuba":

@@ -18,7 +18,7 @@ from malus.reports.source import Source, StudyTables, read_study
 from malus.reports.tables import sentences, text_tables
 from malus.reports.tables.colour_errors import table1_text
 from malus.reports.tables.compared_runs import RunComparison
-from malus.reports.tables.formats import counted, duration, listed, scientific
+from malus.reports.tables.formats import counted, duration, listed
 from malus.reports.tables.headline import headline_body, headline_tiles, price_tiles
 from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.readings import by_dataset, verdicts
@@ -128,7 +128,7 @@ def noise(source: Source) -> Section:
     content = render(
         "noise.html",
         explanations=[sentences.NOISE, sentences.UNMIXED],
-        interpolation_rms=scientific(source.run["interpolation_rms"]),
+        interpolation=sentences.interpolation(source.run),
         errors=text_tables.errors(source.table),
         circular=text_tables.circular(source.table),
         circular_explanation=sentences.CIRCULAR,

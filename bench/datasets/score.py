@@ -115,6 +115,8 @@ def score_dataset(
     ['eq8']
     """
     opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    methods = [methods] if isinstance(methods, str | Method) else list(methods)
+    metrics = [metrics] if isinstance(metrics, str) else list(metrics)
     names = [method if isinstance(method, str) else method.name for method in methods]
     _check_request(opened, names, predictions is not None, name)
     by_name(

@@ -78,6 +78,8 @@ def compare(folders: Sequence[Path | str], out: Path | str | None = None) -> Run
     >>> malus.compare(folders).names == tuple(folders)
     True
     """
+    if isinstance(folders, str | Path):
+        raise InputError("results", "a list of folders of runs", f"{folders}", "name two or more")
     if len(folders) < 2:
         raise InputError("results", "two or more folders of runs", str(len(folders)), "name more")
     names = [str(folder) for folder in folders]

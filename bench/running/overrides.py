@@ -47,7 +47,7 @@ def chosen_suite(
     samples, resolution, seed : int, optional
         Samples a pixel, pixels a side, and seed, in place of the suite's.
     methods : sequence of str
-        Names of methods in place of the suite's; empty leaves those.
+        Names of methods, or one, in place of the suite's; empty leaves those.
     metrics : sequence of str
         Names of metrics besides the suite's. With a profile the trivial guess is scored too.
 
@@ -62,6 +62,10 @@ def chosen_suite(
     >>> suite.name, suite.sampling.seed
     ('quick', 7)
     """
+    # One name is a sequence of names too, to Python one of letters.
+    methods, metrics = (
+        (names,) if isinstance(names, str) else names for names in (methods, metrics)
+    )
     values = {"samples": samples, "resolution": resolution, "seed": seed}
     loaded = suite if isinstance(suite, Suite) else load_suite(suite)
     all_metrics = tuple(dict.fromkeys((*loaded.metrics, *metrics)))

@@ -361,7 +361,7 @@ def score(truth: Truth, method: Method | str) -> Score:
     Raises
     ------
     InputError
-        Unknown method, or one that returns no picture of the image's shape.
+        No truth or method, an unknown method, or one that returns no picture of the image's shape.
     Inapplicable
         The method cannot work on this scene.
 
@@ -378,5 +378,11 @@ def score(truth: Truth, method: Method | str) -> Score:
     >>> round(score(truth, "half_vector").skill, 6)
     1.0
     """
+    if not isinstance(truth, Truth):
+        hint = "`malus.render` makes one"
+        raise InputError("truth", "a malus.Truth", type(truth).__name__, hint)
+    if not isinstance(method, Method | str):
+        hint = "`malus list methods` shows those there are"
+        raise InputError("method", "a Method or the name of one", type(method).__name__, hint)
     found = get_method(method) if isinstance(method, str) else guarded(method)
     return Judge(truth).score(found)

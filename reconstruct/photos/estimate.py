@@ -10,7 +10,7 @@ import numpy as np
 from malus.reconstruct.image import from_lobes
 from malus.reconstruct.learned.net import is_network
 from malus.reconstruct.lobe_models import diffuse, microfacets
-from malus.reconstruct.methods import get_method
+from malus.reconstruct.methods import get_method, source_of
 from malus.reconstruct.observation import Components, Inapplicable, Observation
 from malus.reconstruct.photos.by_network import DEFAULT, by_network
 from malus.reconstruct.photos.knowledge import Knowledge
@@ -20,13 +20,15 @@ from malus.reconstruct.single_image.paper import PAPER_SEPARATIONS, run_paper
 from malus.reconstruct.single_image.parameters import TYPICAL_ETA
 from malus.reconstruct.single_image.separation import separate
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, first_line
 from malus.scenes.lights.lights import Distant
 
 TYPICAL_ALPHA = 0.2
 """Roughness where nothing is known of the surface: that of moulded plastic."""
 SEPARATION = "ratio"
 """Separation of every method but the paper's, unless another is asked for."""
+_FULLY = 1.0 + 1e-4
+"""More polarised light than this share of all is no rounding of single precision."""
 _BLIND = {name: needs for name, needs, *_ in BLIND_METHODS}
 
 
@@ -150,6 +152,7 @@ def _estimate_of(observation: Observation, knowledge: Knowledge) -> Estimate:
         chain = run_paper(observation, separation, calibrated=False)
     elif knowledge.method is not None and knowledge.method not in _BLIND:
         components, statements = _by_method(observation, knowledge)
+        components, warnings = _as_light(components, observation)
     elif knowledge.method is None and knowledge.normals is not None and knowledge.light is None:
         components, statements = _surrounded(observation, knowledge)
     else:
@@ -171,20 +174,15 @@ def _together(whole: Observation, results: list[tuple[BoolArray, Estimate]]) -> 
     """
     deviation = np.zeros_like(whole.image)
     deviation[whole.mask] = 1.0
-    if len(results) == 1:
-        mask, (only, *_) = results[0]
-        if only.deviation is None:
-            return only
-        deviation[mask] = only.deviation[mask]
-        return replace(only, deviation=deviation)
     s1, s2 = np.zeros_like(whole.image), np.zeros_like(whole.image)
-    for mask, result in results:
-        s1[mask], s2[mask] = result.components.s1[mask], result.components.s2[mask]
-    for mask, result in results:
-        if result.components.deviation is None:
-            return Components(whole.image, s1, s2)
-        deviation[mask] = result.components.deviation[mask]
-    return Components(whole.image, s1, s2, deviation=deviation)
+    honest = True
+    for mask, (found, *_) in results:
+        s1[mask], s2[mask] = found.s1[mask], found.s2[mask]
+        if found.deviation is None:
+            honest = False
+        else:
+            deviation[mask] = found.deviation[mask]
+    return Components(whole.image, s1, s2, deviation=deviation if honest else None)
 
 
 def _require(observation: Observation, needs: frozenset[str]) -> None:
@@ -203,18 +201,43 @@ def _by_method(
     if method.needs & {"specular", "diffuse"}:
         filled, statements = _with_lobes(observation, knowledge)
     _require(filled, method.needs)
-    components = method.reconstruct(filled)
-    # Off the mask a method may say what it likes: nothing is asked there.
+    try:
+        components = method.reconstruct(filled)
+    except (InputError, Inapplicable):
+        raise
+    except Exception as error:
+        if source_of(knowledge.method or "") is None:
+            raise
+        found = f"{type(error).__name__}: {first_line(error)}"
+        where = f"method {method.name}"
+        raise InputError(where, "an estimate of the picture", found, "correct it") from error
+    return components, (f"method {method.name}: {method.summary}", *statements)
+
+
+def _as_light(
+    components: Components, observation: Observation
+) -> tuple[Components, tuple[str, ...]]:
+    """Components without numbers that are not finite, and warnings of what is no light."""
     inside = observation.mask[..., None]
-    s1, s2 = np.where(inside, components.s1, 0), np.where(inside, components.s2, 0)
-    kept = replace(components, image=observation.image, s1=s1, s2=s2)
-    return kept, (f"method {method.name}: {method.summary}", *statements)
+    finite = np.isfinite(components.s1) & np.isfinite(components.s2)
+    s1, s2 = (np.where(finite, values, 0) for values in (components.s1, components.s2))
+    over = inside & (np.hypot(s1, s2) > _FULLY * observation.image)
+    counts = {
+        "have no finite estimate: not polarised": ~finite & inside,
+        "would be more than fully polarised, which no light is": over,
+    }
+    warnings = tuple(
+        f"{count} pixels of the object {what}"
+        for what, where in counts.items()
+        if (count := int(np.count_nonzero(where.any(axis=-1))))
+    )
+    return replace(components, s1=s1, s2=s2), warnings
 
 
 def _advice(knowledge: Knowledge) -> str:
     """What else could be given: what a method that is named cannot do without, if that is it."""
     if is_network(knowledge.method):
-        return "give a larger `net_size`, or another picture"
+        return "give a larger `net_size`, mask or picture"
     needs = get_method(knowledge.method).needs if knowledge.method is not None else frozenset()
     useful = [name for name in ("normals", "light") if name in needs] or (
         "normals",

@@ -87,7 +87,7 @@ def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
     Raises
     ------
     InputError
-        Another size, another number of channels, or an unreadable file.
+        Another size, another number of channels, no normal at all, or an unreadable file.
     """
     path = Path(path)
     vectors = _npy(path) if path.suffix.lower() == ".npy" else _vectors(path)
@@ -100,6 +100,9 @@ def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
     with np.errstate(over="ignore"):  # what is longer than a float holds is no normal
         length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     good = np.isfinite(length) & (length > 0.5) & (vectors[..., 2:] >= 0)
+    if not good.any():
+        expected = "unit vectors, z towards the camera, on the object"
+        raise InputError(str(path), expected, "none", "check the order of x, y, z and their range")
     return np.where(good, vectors / np.where(good, length, 1), 0).astype(np.float32)
 
 

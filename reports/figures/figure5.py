@@ -194,6 +194,7 @@ def _caption(rows: pd.DataFrame, over: str) -> str:
         return drawable(f"Mean ± standard deviation over {over}{counted}")
     bodies = ", ".join(distinct(rows["body"]))
     return drawable(
-        f"Mean ± standard deviation over {over}{rows['scene'].nunique()} scenes:"
+        f"Mean ± standard deviation over {over}the scenes of each point,"
+        f" {rows['scene'].nunique()} in all:"
         f" {_few(rows['shape'])}; light {_few(rows['light'])}; body {bodies}."
     )

@@ -160,7 +160,7 @@ def _skills(rows: pd.DataFrame, best: str) -> Iterator[Tile]:
             yield f"{broken} of {len(values)}", f"scenes on which {method} gave what is not finite"
             continue
         paper = method == PAPER_METHOD
-        note = "; the paper reports none" if paper else ", the best method here"
+        note = "; the paper reports none" if paper else ", the best on most scenes"
         yield skill_text(float(values.median())), f"median skill of {method}{note}"
         if paper or (values < 0).any():
             share = f"{int((values < 0).sum())} of {len(values)}"
@@ -176,7 +176,8 @@ def price_tiles(mismatch: pd.DataFrame) -> Iterator[Tile]:
 
     Examples
     --------
-    >>> rows = [("a", "truth", "s", "eq8", 0.9, broken) for broken in (0.5, 0.6, 0.7)]
+    >>> pairs = {"first": 0.5, "second": 0.6, "third": 0.7}
+    >>> rows = [("a", "truth", scene, "eq8", 0.9, broken) for scene, broken in pairs.items()]
     >>> columns = ["assumption", "kind", "scene", "method", "holds", "broken"]
     >>> list(price_tiles(pd.DataFrame(rows, columns=columns)))
     [('0.30 ± 0.25', 'loss of skill: a (eq8)')]

@@ -19,13 +19,15 @@ def prices(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns assumption, kind, method, pairs (that count), all_pairs, holds, broken (mean
+        Columns assumption, kind, method, pairs (scenes that count), all_pairs, holds, broken (mean
         skills), price (their difference), half_width (half a 95 % interval of it, Student's t),
-        worst. Pairs count where both have a skill to report; without any, numbers are NaN.
+        worst. Scenes count where both have a skill to report; without any, numbers are NaN. Several
+        wrong inputs of one scene, such as both signs, are one pair: their mean.
 
     Examples
     --------
-    >>> rows = [("a", "truth", "s", "eq8", 0.9, broken) for broken in (0.5, 0.6, 0.7)]
+    >>> pairs = {"first": 0.5, "second": 0.6, "third": 0.7}
+    >>> rows = [("a", "truth", scene, "eq8", 0.9, broken) for scene, broken in pairs.items()]
     >>> columns = ["assumption", "kind", "scene", "method", "holds", "broken"]
     >>> round(prices(pd.DataFrame(rows, columns=columns)).price.item(), 6)
     0.3
@@ -34,7 +36,8 @@ def prices(table: pd.DataFrame) -> pd.DataFrame:
     for (assumption, kind, method), every in table.groupby(
         ["assumption", "kind", "method"], sort=False
     ):
-        part = every.dropna(subset=["holds", "broken"])
+        both = every.dropna(subset=["holds", "broken"])
+        part = both.groupby("scene", sort=False)[["holds", "broken"]].mean()
         lost = (part["holds"] - part["broken"]).to_numpy(np.float64)
         rows.append(
             {
@@ -42,12 +45,12 @@ def prices(table: pd.DataFrame) -> pd.DataFrame:
                 "kind": kind,
                 "method": method,
                 "pairs": len(lost),
-                "all_pairs": len(every),
+                "all_pairs": every["scene"].nunique(),
                 "holds": float(part["holds"].mean()),
                 "broken": float(part["broken"].mean()),
                 "price": float(lost.mean()) if len(lost) else math.nan,
                 "half_width": half_width(lost),
-                "worst": float(lost.max()) if len(lost) else math.nan,
+                "worst": float((both["holds"] - both["broken"]).max()),
             }
         )
     return pd.DataFrame(rows)

@@ -100,6 +100,16 @@ ALL_SKILLS = "Every scene has a skill: the trivial guess rises above the noise e
 NEVER_NEGATIVE = f"The skill of {PAPER_METHOD} is negative nowhere in this suite."
 
 
+def interpolation(run: dict[str, Any]) -> str:
+    """A sentence on the error of interpolation in η; where there is none, nothing was held out."""
+    if not run["interpolation_rms"] > 0:
+        return "Every refractive index was rendered: nothing was interpolated."
+    return (
+        "Interpolation in η instead of one render a material and band: error at most"
+        f" {scientific(run['interpolation_rms'])} of the peak (rms, measured)."
+    )
+
+
 def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
     """Sentences on scenes, sampling, interpolation error, roughness values and versions."""
     suite, sampling = run["suite"], run["suite"]["sampling"]
@@ -118,10 +128,7 @@ def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
         f" ({run['variant']['reason']}), {sampling['samples']} samples a pixel,"
         f" seed {sampling['seed']}."
     )
-    yield (
-        "Interpolation in η instead of one render a material and band: error at most"
-        f" {scientific(run['interpolation_rms'])} of the peak (rms, measured)."
-    )
+    yield interpolation(run)
     yield from doubts(table)
     versions = listed([f"{name} {version}" for name, version in run["versions"].items()])
     yield f"Finished {run['finished']}; {versions}."

@@ -60,6 +60,19 @@ def test_prices_are_paired_means() -> None:
     assert price_cells(numbers).lines[0][:2] == ["a", "eq8"]
 
 
+def test_both_signs_of_a_wrong_input_are_one_chance() -> None:
+    """Twice the rows of the same scenes tell no more of their spread."""
+    pairs = [("a", "input", str(k), "eq8", 0.9, 0.9 - d) for k, d in enumerate((0.1, 0.2, 0.3))]
+    once, twice = (prices(pd.DataFrame(rows, columns=COLUMNS)) for rows in (pairs, 2 * pairs))
+    assert twice.half_width.item() == pytest.approx(once.half_width.item(), rel=1e-12)
+    assert (twice.pairs.item(), twice.all_pairs.item()) == (3, 3)
+    signs = [(*row[:5], row[5] + sign) for row in pairs for sign in (-0.05, 0.05)]
+    both = prices(pd.DataFrame(signs, columns=COLUMNS))
+    assert both.price.item() == pytest.approx(once.price.item(), rel=1e-12)
+    assert both.half_width.item() == pytest.approx(once.half_width.item(), rel=1e-12)
+    assert both.worst.item() == pytest.approx(0.35)
+
+
 def test_pairs_without_a_skill_are_told() -> None:
     """Where no pair has one, the assumption stays in the table, and is no bar."""
     nothing = float("nan")

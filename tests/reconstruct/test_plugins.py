@@ -5,11 +5,15 @@ from __future__ import annotations
 import importlib.metadata
 from pathlib import Path
 
+import numpy as np
 import pytest
+from pictures import dome
 
 from malus.bench.scoring.judge import score
 from malus.reconstruct import Components, Method, Observation, get_method, methods
 from malus.reconstruct.methods import _installed
+from malus.reconstruct.photos.estimate import estimate
+from malus.reconstruct.photos.knowledge import Knowledge
 from malus.renderers import render
 from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
 
@@ -75,3 +79,72 @@ def test_a_method_is_a_small_declaration() -> None:
         return Components(observation.image, 0 * observation.image, 0 * observation.image)
 
     assert Method("guess", frozenset(), guess, "nothing").name == "guess"
+
+
+FILTERS = """
+import numpy as np
+from malus.reconstruct import Components, Method
+
+def nowhere(observation):
+    image = observation.image
+    return Components(image, np.full_like(image, np.nan), 0 * image)
+
+def too_much(observation):
+    return Components(observation.image, 3 * observation.image, 0 * observation.image)
+
+def fails(observation):
+    raise KeyError("weights")
+
+def one_band(observation):
+    image = observation.image[..., :1]
+    return Components(image, 0 * image, 0 * image)
+
+nowhere, too_much, fails, one_band = (
+    Method(function.__name__, frozenset(), function, "wrong")
+    for function in (nowhere, too_much, fails, one_band)
+)
+"""
+
+
+@pytest.fixture
+def filters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "my_filters.py").write_text(FILTERS, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("nowhere", "no finite estimate: not polarised"), ("too_much", "more than fully polarised")],
+)
+def test_a_filter_tells_of_what_is_no_light(filters: Path, name: str, words: str) -> None:
+    image = np.full((6, 6, 3), 0.5, np.float32)
+    mask = np.zeros((6, 6), bool)
+    mask[1:4, 1:4] = True
+    found = estimate(image, Knowledge(mask=mask, method=f"my_filters:{name}"), "picture")
+    assert any("9 pixels of the object" in told and words in told for told in found.warnings)
+    assert np.isfinite(found.components.s1).all()
+    assert not found.components.s1[~mask].any()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("fails", "method fails: .*KeyError: 'weights'"), ("one_band", "expected image of shape")],
+)
+def test_a_method_that_fails_in_a_filter_ends_in_one_line(
+    filters: Path, name: str, words: str
+) -> None:
+    with pytest.raises(InputError, match=words) as mistake:
+        estimate(np.ones((6, 6, 3), np.float32), Knowledge(method=f"my_filters:{name}"), "picture")
+    assert "\n" not in str(mistake.value)
+
+
+def test_off_the_object_surrounding_light_polarises_nothing() -> None:
+    """The rest of the picture is no diffuse light of the object."""
+    image, normals = dome()
+    mask = normals[..., 2] > 0.6
+    everywhere = np.where(normals[..., 2:] > 0, normals, [0.0, 0.6, 0.8]).astype(np.float32)
+    found = estimate(image + 0.1, Knowledge(mask=mask, normals=everywhere), "picture")
+    assert found.components.s1[mask].any()
+    for values in (found.components.s1, found.components.s2):
+        assert not values[~mask].any()
