@@ -148,12 +148,16 @@ def _fit_one(
     as_json: bool,
     given: dict[str, Any],
 ) -> None:
-    """Fit one capture, score the reconstruction that the options describe, and print it."""
+    """Fit one capture, score the reconstruction that the options describe, and print it.
+
+    Where nothing can be reconstructed, the fit is written and printed before that is told.
+    """
     import json
 
     from malus.bench.scoring.capture_score import convention_doubt, score_capture, write_fit
     from malus.reconstruct.photos.capture import read_capture
     from malus.reconstruct.photos.capture_fit import capture_summary, fit_capture
+    from malus.scenes.core.errors import InputError
 
     reading = {name: given.pop(name) for name in _READING}
     capture = read_capture(folder, offset_deg=offset, **reading)
@@ -163,11 +167,18 @@ def _fit_one(
     if doubt:  # at once: no method may be able to work on what was read wrongly
         click.echo(in_words_of_options(f"warning: {doubt}"), err=True)
     results: dict[str, Any] = {"fit": capture_summary(capture, fit), "convention": doubt}
+    refusal = None
     if not fit_only:
-        results["score"] = score_capture(capture, fit, knowledge, str(folder))
+        try:
+            results["score"] = score_capture(capture, fit, knowledge, str(folder))
+        except InputError as reason:
+            hint = f"{reason.hint}, or take the fit alone, `fit_only`"
+            refusal = InputError(reason.where, reason.expected, reason.found, hint)
     if out is not None:
         write_fit(out, fit, results, capture.channels)
     click.echo(json.dumps(results, indent=1) if as_json else _report(results))
+    if refusal is not None:
+        raise refusal
 
 
 _READING = (

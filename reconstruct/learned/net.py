@@ -99,6 +99,7 @@ def _seen_at(
     where = seen
     for size in sizes:
         light, kept = resized(np.maximum(image, 0), seen, size)
+        _require_pixels(seen, kept)
         shown = _normalised(light @ to_channels.T.astype(np.float32), kept)
         output = _physical(_seen_both_ways(model, shown))
         if size == common:
@@ -110,12 +111,22 @@ def _seen_at(
     return Output(s1.mean(0), s2.mean(0), np.sqrt(np.square(deviation).mean(0))), where
 
 
-def _normalised(light: Float32Array, seen: BoolArray) -> Float32Array:
-    """Light (height, width, 3) over its mean where it is seen."""
-    mean = float(light[seen].mean(dtype=np.float64)) if seen.any() else 0.0
+def _require_pixels(seen: BoolArray, kept: BoolArray) -> None:
+    """Raise Inapplicable where a picture, or what is kept of it at another size, shows too little.
+
+    `seen` are its pixels as given, `kept` those that the network would be shown.
+    """
     if (count := np.count_nonzero(seen)) < FEWEST:
+        few = f"{count} {'pixel' if count == 1 else 'pixels'} of the picture or its mask: too few"
+        raise Inapplicable(f"{few}, {FEWEST} are needed")
+    if (count := np.count_nonzero(kept)) < FEWEST:
         few = f"{count} pixels of the reduced picture: too few"
         raise Inapplicable(f"{few}; a larger net_size shows more")
+
+
+def _normalised(light: Float32Array, seen: BoolArray) -> Float32Array:
+    """Light (height, width, 3) over its mean where it is seen."""
+    mean = float(light[seen].mean(dtype=np.float64))
     if not mean > 0:
         raise Inapplicable("no light in the picture")
     return light / np.float32(mean)

@@ -23,6 +23,8 @@ from malus.reconstruct.single_image.chain_stages import (
     parameters_of,
     require_distant,
     specular_by_model,
+    with_gaps,
+    without_gaps,
 )
 from malus.reconstruct.single_image.convergence import Convergence
 from malus.reconstruct.single_image.illuminant import specular_tint
@@ -30,6 +32,7 @@ from malus.reconstruct.single_image.separation import check_separation, separate
 from malus.reconstruct.single_image.shading import BodyKind
 from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
 from malus.scenes import polarisation
+from malus.scenes.core.arrays import BoolArray
 from malus.scenes.lights.lights import Distant
 
 
@@ -163,6 +166,7 @@ def run_chain(
     """
     check_separation(separation, "separation")
     require_distant(observation)
+    observation, finite = without_gaps(observation)
     specular, separation_statements = _by_colour(observation, separation)
     direction, irradiance, shape_statements = light_of(observation)
     irradiance = irradiance if calibrated else None
@@ -189,14 +193,10 @@ def run_chain(
         alpha=parameters.alpha,
         light=Distant.towards(direction, math.pi if irradiance is None else irradiance),
     )
-    components = _polarised(filled, parameters.body)
+    filled = with_gaps(filled, finite)
+    components = _polarised(filled, parameters.body, finite)
     if convergence is not None:
-        stated = convergence.deviation(polarisation.dolp(components.stokes))
-        components = replace(
-            components,
-            converged=convergence.converged,
-            deviation=np.where(observation.mask[..., None], stated, 0),
-        )
+        components = _with_convergence(components, convergence, observation.mask)
     return ChainResult(filled, parameters.body, components, convergence, statements)
 
 
@@ -211,17 +211,27 @@ def _by_colour(observation: Observation, separation: str) -> tuple[Image | None,
     return parts.specular, ("separated by colour, under white light",)
 
 
-def _polarised(filled: Observation, body: BodyKind) -> Components:
+def _polarised(filled: Observation, body: BodyKind, finite: BoolArray) -> Components:
     """Components of both lobes on the mask; off it the image is unpolarised."""
     diffuse_model = lobes.diffuse if body == "polarised" else None
     polarised = from_lobes(filled, lobes.half_vector, diffuse_model)
+    assert polarised.valid is not None
     inside = filled.mask[..., None]
     return Components(
         filled.image,
         np.where(inside, polarised.s1, 0),
         np.where(inside, polarised.s2, 0),
-        polarised.valid,
+        polarised.valid & finite,
     )
+
+
+def _with_convergence(
+    components: Components, convergence: Convergence, mask: BoolArray
+) -> Components:
+    """The components with what the search for a shape says of their error."""
+    stated = convergence.deviation(polarisation.dolp(components.stokes))
+    deviation = np.where(mask[..., None], stated, 0)
+    return replace(components, converged=convergence.converged, deviation=deviation)
 
 
 BLIND_METHODS: tuple[tuple[str, frozenset[str], Callable[[Observation], Components], str], ...] = (

@@ -5,9 +5,11 @@ A chain is `malus.reconstruct.single_image.blind` or `malus.reconstruct.single_i
 
 from __future__ import annotations
 
-from typing import get_args
+from dataclasses import replace
+from typing import Any, get_args
 
 import numpy as np
+from scipy import ndimage
 
 from malus.reconstruct.observation import Image, Inapplicable, Observation
 from malus.reconstruct.single_image.light_direction import estimate_direction
@@ -16,11 +18,58 @@ from malus.reconstruct.single_image.parameters import SurfaceParameters, fit_par
 from malus.reconstruct.single_image.reduced import reduce
 from malus.reconstruct.single_image.shading import BodyKind, diffuse_shading, specular_shading
 from malus.reconstruct.single_image.shape import GivenParameters
-from malus.scenes.core.arrays import Float64Array, NumberArray
+from malus.reconstruct.single_image.value_range import finite_pixels
+from malus.scenes.core.arrays import BoolArray, Float64Array, NumberArray
 from malus.scenes.lights.lights import Distant
 
 _SAMPLE = 8_000
 """Pixels that parameters are fitted to: five numbers need no more."""
+
+
+_LIGHTS = ("image", "specular", "diffuse")
+
+
+def without_gaps(observation: Observation) -> tuple[Observation, BoolArray]:
+    """The observation with images of finite floats, and where all were finite (height, width).
+
+    A pixel that is not finite takes the values of the nearest one of the object that is, for the
+    stages that look at the whole object: a hole in the mask would pass for an outline. `with_gaps`
+    takes them away again.
+
+    Raises
+    ------
+    Inapplicable
+        If no pixel of the object is finite.
+    """
+    mask = observation.mask
+    given = {name: getattr(observation, name) for name in _LIGHTS}
+    lights: dict[str, Any] = {
+        name: np.asarray(light, np.result_type(light.dtype, np.float32))
+        for name, light in given.items()
+        if light is not None
+    }
+    finite = np.all([finite_pixels(light, mask) for light in lights.values()], axis=0)
+    if not finite.all():
+        known = mask & finite
+        if mask.any() and not known.any():
+            raise Inapplicable("no pixel of the object is finite")
+        nearest = ndimage.distance_transform_edt(
+            ~known, return_distances=False, return_indices=True
+        )
+        for name, light in lights.items():
+            near = np.where(mask[..., None], light[tuple(nearest)], 0)
+            lights[name] = np.where(finite[..., None], light, near)
+    return replace(observation, **lights), finite
+
+
+def with_gaps(filled: Observation, finite: BoolArray) -> Observation:
+    """The observation with zeros in its images where they were not finite (height, width)."""
+    if finite.all():
+        return filled
+    lights: dict[str, Any] = {
+        name: np.where(finite[..., None], filled.require(name), 0) for name in _LIGHTS
+    }
+    return replace(filled, **lights)
 
 
 def require_distant(observation: Observation) -> None:
@@ -77,7 +126,7 @@ def mean_or_none(value: float | NumberArray | None) -> float | None:
 def _sampled(observation: Observation, normals: Image) -> tuple[Float64Array, Float64Array]:
     """Radiances (n, bands) and unit normals (n, 3) of at most `_SAMPLE` of the object's pixels."""
     length = np.linalg.norm(normals, axis=-1)
-    chosen = np.flatnonzero(observation.mask & (length > 0.5))
+    chosen = np.flatnonzero(observation.mask & (length > 0.5) & np.isfinite(length))
     chosen = chosen[:: max(1, len(chosen) // _SAMPLE)]
     if not len(chosen):
         raise Inapplicable("no pixel of the mask has a normal")

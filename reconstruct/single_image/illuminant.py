@@ -13,6 +13,7 @@ import numpy as np
 from skimage.util import view_as_blocks
 
 from malus.reconstruct.observation import Image, Inapplicable
+from malus.reconstruct.single_image.value_range import all_finite
 from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.materials.materials import FRAUNHOFER_C_NM, FRAUNHOFER_D_NM, FRAUNHOFER_F_NM
@@ -240,8 +241,12 @@ ILLUMINANTS: dict[str, Callable[[Image, BoolArray | None], Illuminant]] = {
 
 
 def _lit(image: Image, mask: BoolArray | None) -> Float64Array:
-    """Radiances (n, bands) of the object's pixels; Inapplicable if a band is dark everywhere."""
+    """Radiances (n, bands) of the object's finite pixels; Inapplicable if one band has no light."""
     chosen = image[mask] if mask is not None else image.reshape(-1, image.shape[-1])
+    if not all_finite(chosen):
+        chosen = chosen[np.isfinite(chosen).all(axis=-1)]
+        if not len(chosen):
+            raise Inapplicable("no pixel is finite: no light to estimate a colour from")
     pixels = np.clip(np.asarray(chosen, dtype=np.float64), 0.0, None)
     if pixels.size == 0 or not np.all(pixels.max(axis=0) > 0):
         raise Inapplicable("the image is dark: no light to estimate a colour from")
@@ -254,17 +259,18 @@ def _normalised(colour: FloatArray, assumption: str) -> Illuminant:
 
 
 def _patches(image: Image, mask: BoolArray | None) -> Float64Array:
-    """Patches (n, pixels, 1, bands) that lie entirely on the object."""
+    """Patches (n, pixels, 1, bands) that are finite and lie entirely on the object."""
     height, width = (side // _PATCH * _PATCH for side in image.shape[:2])
     if min(height, width) == 0:
         raise Inapplicable(f"the image is smaller than a patch of {_PATCH} pixels")
     bands = image.shape[-1]
     cropped = np.ascontiguousarray(image[:height, :width], dtype=np.float64)
     blocks = view_as_blocks(cropped, (_PATCH, _PATCH, bands)).reshape(-1, _PATCH**2, 1, bands)
-    if mask is None:
-        return np.asarray(blocks)
-    inside = view_as_blocks(np.ascontiguousarray(mask[:height, :width]), (_PATCH, _PATCH))
-    chosen = np.asarray(blocks[inside.all(axis=(2, 3)).ravel()])
+    usable = np.isfinite(cropped).all(axis=-1)
+    if mask is not None:
+        usable &= mask[:height, :width]
+    whole = view_as_blocks(usable, (_PATCH, _PATCH)).all(axis=(2, 3)).ravel()
+    chosen = np.asarray(blocks[whole])
     if not len(chosen):
         raise Inapplicable(f"no patch of {_PATCH} pixels lies on the object")
     return chosen

@@ -41,13 +41,15 @@ from malus.reconstruct.single_image.chain_stages import (
     mean_or_none,
     parameters_of,
     specular_by_model,
+    with_gaps,
+    without_gaps,
 )
 from malus.reconstruct.single_image.convergence import Convergence
 from malus.reconstruct.single_image.illuminant import gray_world
 from malus.reconstruct.single_image.parameters import SurfaceParameters
 from malus.reconstruct.single_image.separation import SEPARATIONS, check_separation, separate
 from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
-from malus.scenes.core.arrays import Float64Array, NumberArray
+from malus.scenes.core.arrays import BoolArray, Float64Array, NumberArray
 from malus.scenes.lights.lights import Distant, Light
 
 STAGES = frozenset({"illuminant", "specular", "diffuse", "normals", "eta", "alpha", "light"})
@@ -105,6 +107,7 @@ def run_paper(
     """
     check_separation(separation, "separation")
     colour, about_colour = _illuminant(observation)
+    observation, finite = without_gaps(observation)
     specular, about_lobes = _lobes(observation, colour, separation)
     balanced = replace(
         observation,
@@ -125,8 +128,9 @@ def run_paper(
         light=geometry.light,
         illuminant=colour,
     )
+    filled = with_gaps(filled, finite)
     found = (_share(filled), *geometry.statements)
-    components = _polarised(filled, geometry.convergence)
+    components = _polarised(filled, geometry.convergence, finite)
     statements = (*about_colour, *about_lobes, *found)
     return ChainResult(filled, "unpolarised", components, geometry.convergence, statements)
 
@@ -185,8 +189,7 @@ def _illuminant(observation: Observation) -> tuple[Float64Array, tuple[str, ...]
     """Colour (bands,) of the light, mean 1, and how it is known, in words."""
     if observation.illuminant is not None:
         return np.asarray(observation.illuminant, dtype=np.float64), ("light's colour as given",)
-    finite = np.nan_to_num(observation.image, nan=0.0, posinf=0.0, neginf=0.0)
-    colour, assumption = gray_world(finite)
+    colour, assumption = gray_world(observation.image)
     values = " ".join(f"{value:.2f}" for value in colour)
     return colour, (f"light's colour by Gray World {values}: {assumption}",)
 
@@ -242,15 +245,18 @@ def _share(filled: Observation) -> str:
     return f"specular light is {specular / total if total > 0 else 0.0:.1%} of the object's"
 
 
-def _polarised(filled: Observation, convergence: Convergence | None) -> Components:
+def _polarised(
+    filled: Observation, convergence: Convergence | None, finite: BoolArray
+) -> Components:
     """Equations 8 to 12 and ψ on the mask; off it the image is unpolarised."""
     polarised = from_lobes(filled, microfacets("eq8"), None)
+    assert polarised.valid is not None
     inside = filled.mask[..., None]
     return Components(
         filled.image,
         np.where(inside, polarised.s1, 0),
         np.where(inside, polarised.s2, 0),
-        polarised.valid,
+        polarised.valid & finite,
         None if convergence is None else convergence.converged,
     )
 

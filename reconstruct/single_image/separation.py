@@ -25,6 +25,7 @@ from malus.reconstruct.single_image.separation_chromaticity import chromaticity_
 from malus.reconstruct.single_image.separation_ratio import ratio_diffuse
 from malus.reconstruct.single_image.separation_space import SourceSpace, source_space
 from malus.reconstruct.single_image.separation_suv import suv_diffuse
+from malus.reconstruct.single_image.value_range import all_finite, finite_pixels, unit_scale
 from malus.scenes.core.arrays import BoolArray
 from malus.scenes.core.errors import InputError
 
@@ -41,7 +42,7 @@ class Separation(NamedTuple):
     Attributes
     ----------
     diffuse, specular : (height, width, bands)
-        In the unit and the dtype of the image.
+        In the unit of the image and its dtype, but float32 at least.
 
     Examples
     --------
@@ -115,7 +116,8 @@ def separate(
     Parameters
     ----------
     image : (height, width, bands) array
-        Linear radiance in any unit, at least two bands.
+        Linear radiance in any unit, at least two bands. A pixel that is not finite counts as off
+        the mask.
     mask : (height, width) bool array
         The object's pixels.
     illuminant : (bands,) array, optional
@@ -134,7 +136,8 @@ def separate(
     Raises
     ------
     Inapplicable
-        For a grey image where colour is needed, one band, or a dark image.
+        For a grey image where colour is needed, one band, a dark image, or an object without a
+        finite pixel.
     InputError
         If there is no such method.
     ValueError
@@ -158,6 +161,23 @@ def separate(
     check_separation(method, "method")
     if image.shape[-1] < 2:
         raise Inapplicable("grey image where colour is needed: it has one band")
+    image = np.asarray(image, np.result_type(image.dtype, np.float32))
+    if not all_finite(image):
+        finite = finite_pixels(image, mask)
+        image, mask = np.where(finite[..., None], image, 0), mask & finite
+    unit = image.dtype.type(unit_scale(float(image.max(initial=0)), image.dtype))
+    parts = _separated(image if unit == 1 else image * unit, mask, illuminant, method, tint)
+    return parts if unit == 1 else Separation(*(light / unit for light in parts))
+
+
+def _separated(
+    image: Image,
+    mask: BoolArray,
+    illuminant: ArrayLike | None,
+    method: str,
+    tint: ArrayLike | None,
+) -> Separation:
+    """`separate` for a finite image of floats whose squares are floats too."""
     colour = _light_colour(image, illuminant)
     space = source_space(image, mask, colour)
     _require_colour(space)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,6 +48,8 @@ class SourceSpace(NamedTuple):
 def source_space(image: Image, mask: BoolArray, colour: Image) -> SourceSpace:
     """Split an image (height, width, bands) by the light's colour (bands,), mean 1.
 
+    Its values are finite, and their squares floats of the image's precision: see `unit_scale`.
+
     Examples
     --------
     >>> space = source_space(np.array([[[3.0, 1.0]]]), np.ones((1, 1), bool), np.ones(2))
@@ -60,15 +61,10 @@ def source_space(image: Image, mask: BoolArray, colour: Image) -> SourceSpace:
     count = len(planes)
     # Bands are few and last in memory: sums of planes are ten times faster than reductions there.
     intensity = _mean(planes)
-    # A power of two, so that nothing is rounded: squares of the largest floats would overflow.
-    scale = balanced.dtype.type(2.0 ** -max(math.frexp(float(intensity.max()))[1] - 50, 0))
-    small = planes[0] * scale
-    square = small * small
+    square = planes[0] * planes[0]
     for plane in planes[1:]:
-        small = plane * scale
-        square += small * small
-    small = intensity * scale
-    chroma = np.sqrt(np.maximum(square / count - small * small, 0)) / scale
+        square += plane * plane
+    chroma = np.sqrt(np.maximum(square / count - intensity * intensity, 0))
     values = intensity[mask]
     bright = (
         float(np.quantile(values[:: max(1, values.size // _SAMPLE)], 0.98)) if values.size else 0

@@ -29,6 +29,7 @@ from malus.reconstruct.single_image.shape_solver import (
     ShapeEstimate,
     ShapeProblem,
 )
+from malus.reconstruct.single_image.value_range import unit_scale
 from malus.scenes.core.arrays import BoolArray, Float64Array
 
 SMOOTHNESS = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
@@ -151,7 +152,8 @@ def recover_shape(
     Returns
     -------
     RecoveredShape
-        Its `normals` are (height, width, 3), in the image frame and the dtype of the image.
+        Its `normals` are (height, width, 3), in the image frame and the dtype of the image, but
+        float32 at least.
 
     Raises
     ------
@@ -177,6 +179,29 @@ def recover_shape(
     (16, 16, 3)
     """
     given = given or GivenParameters()
+    unit = unit_scale(float(image[mask].max(initial=0)))
+    if unit == 1.0:
+        return _searched(image, mask, direction, given, specular, size, refuse)
+    irradiance = None if given.irradiance is None else given.irradiance * unit
+    lobe = None if specular is None else specular.astype(np.float64) * unit
+    scaled, given = image.astype(np.float64) * unit, replace(given, irradiance=irradiance)
+    shape = _searched(scaled, mask, direction, given, lobe, size, refuse)
+    dtype = np.result_type(image.dtype, np.float32)
+    albedo, level = shape.parameters.albedo / unit, shape.parameters.level / unit
+    parameters = replace(shape.parameters, albedo=albedo, level=level)
+    return replace(shape, normals=shape.normals.astype(dtype), parameters=parameters)
+
+
+def _searched(
+    image: Image,
+    mask: BoolArray,
+    direction: Float64Array,
+    given: GivenParameters,
+    specular: Image | None,
+    size: int,
+    refuse: bool,
+) -> RecoveredShape:
+    """`recover_shape` for a picture in a unit near its peak: the search's bounds are absolute."""
     reduced = reduce(image, mask, specular, size)
     outline = outline_of(reduced.mask)
     candidates = _starts(reduced, outline, direction, given)
@@ -204,7 +229,9 @@ def recover_shape(
         # the level alone would give another.
         given = replace(given, eta=best.eta)
     parameters = _fitted(image, mask, direction, given, normals, best.body)
-    return RecoveredShape(normals.astype(image.dtype), parameters, convergence)
+    return RecoveredShape(
+        normals.astype(np.result_type(image.dtype, np.float32)), parameters, convergence
+    )
 
 
 def _starts(

@@ -165,6 +165,27 @@ def test_the_command_prints_and_writes(tmp_path: Path) -> None:
     assert {p.suffix for p in out.iterdir()} == {".exr", ".png", ".json"}
 
 
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_fit_is_kept_where_nothing_can_be_reconstructed(tmp_path: Path, as_json: bool) -> None:
+    stokes, _ = dome_stokes(32)
+    folder, out = tmp_path / "c", tmp_path / "out"
+    folder.mkdir()
+    write_capture(folder, stokes, NAMED)
+    mask = np.zeros((32, 32), np.uint8)
+    mask[16, 10:13] = 255  # three pixels have no shape
+    PIL.Image.fromarray(mask).save(tmp_path / "m.png")
+    arguments = [str(folder), "--mask", str(tmp_path / "m.png")]
+    options = ["--json"] if as_json else []
+    alone = CliRunner().invoke(capture_command, [*arguments, *options, "--fit-only"])
+    assert alone.exit_code == 0
+    result = CliRunner().invoke(capture_command, [*arguments, *options, "--out", str(out)])
+    assert result.stdout == alone.stdout
+    assert isinstance(result.exception, InputError)
+    assert result.exception.hint.endswith("or take the fit alone, --fit-only")
+    assert (out / "i_max.exr").is_file()
+    assert json.loads((out / "capture.json").read_text())["fit"]["pictures"] == 6
+
+
 def test_bad_folders_end_in_one_line(tmp_path: Path) -> None:
     stokes, _ = dome_stokes(16)
 

@@ -88,6 +88,21 @@ def test_a_dark_image_has_no_colour(name: str) -> None:
         ILLUMINANTS[name](np.zeros((16, 16, 3)), None)
 
 
+@pytest.mark.parametrize("name", sorted(ILLUMINANTS))
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_pixels_that_are_not_finite_say_nothing(name: str, value: float) -> None:
+    image, mask = glossy_sphere()
+    image[64:68, 60], without = value, mask.copy()
+    without[64:68, 60] = False
+    filled = np.where(np.isfinite(image), image, 0.0)
+    # Only the order of a sum may differ.
+    found, expected = ILLUMINANTS[name](image, mask), ILLUMINANTS[name](filled, without)
+    np.testing.assert_allclose(found.colour, expected.colour, rtol=1e-12)
+    if name != "neutral":
+        with pytest.raises(Inapplicable, match="no pixel is finite"):
+            ILLUMINANTS[name](np.full_like(image, value), mask)
+
+
 def test_neutral_leaves_an_image_as_it_is() -> None:
     image, _ = glossy_sphere()
     np.testing.assert_array_equal(image / neutral(image).colour, image)

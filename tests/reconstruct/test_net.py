@@ -93,6 +93,22 @@ def test_a_large_picture_is_seen_at_both_sizes_and_nothing_off_the_mask(tmp_path
     assert np.abs(first.s1 - mean)[mask].mean() < 0.1 * np.abs(mean)[mask].mean()
 
 
+@pytest.mark.parametrize("side", [None, 64])
+def test_few_pixels_are_counted_in_the_picture_that_was_given(
+    tmp_path: Path, side: int | None
+) -> None:
+    """Neither a larger network picture nor a smaller one changes how many there are."""
+    both, image = edges(tmp_path / "both.onnx", magnifications=(0.5, 1.5)), picture()
+    with pytest.raises(Inapplicable, match=r"^1 pixel of the picture or its mask: .* 16 are"):
+        net(whole(image[:1, :1]), both, side=side)
+    mask = np.zeros((32, 32), bool)
+    mask[:3, :5] = True
+    with pytest.raises(Inapplicable, match=r"^15 pixels of the picture or its mask: .* 16 are"):
+        net(Observation(image, mask), both, side=side)
+    with pytest.raises(Inapplicable, match=r"of the reduced picture: .* a larger net_size"):
+        net(whole(image), both, side=4)
+
+
 def test_a_picture_in_a_mirror_has_the_mirrored_polarisation(tmp_path: Path) -> None:
     # `blocks` says of s2 what no mirror may leave: its answers alone would not agree.
     of_no_symmetry = blocks(tmp_path / "blocks.onnx")

@@ -142,7 +142,7 @@ def test_without_the_runtime_one_line_says_what_to_install(
 
 
 def test_a_picture_smaller_than_a_glance_is_refused() -> None:
-    with pytest.raises(InputError, match=r"9 pixels of the reduced .* give a larger `net_size`"):
+    with pytest.raises(InputError, match=r"9 pixels of the picture .* 16 are needed; give"):
         estimate(photo(3), Knowledge(), "p")
     with pytest.raises(InputError, match="give `normals`, `mask`"):  # no network
         estimate(photo(3), Knowledge(light=(0.0, 0.0, 1.0)), "p")

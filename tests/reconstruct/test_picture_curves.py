@@ -15,7 +15,61 @@ import pytest
 from pictures import CODES_16, SMOOTH, rewritten
 
 from malus.reconstruct.photos.read_picture import read_picture
+from malus.reconstruct.photos.tone_curves import (
+    Transfer,
+    icc_transfer,
+    linear_transfer,
+    power_transfer,
+    srgb_transfer,
+)
 from malus.scenes import InputError
+
+
+def table_transfer(bits: int) -> Transfer:
+    """The curve of a profile with a table of 17 entries, which is steep and flat by turns."""
+    x = np.linspace(0.0, 1.0, 17)
+    values = np.rint(65535 * (x**2.2 + 0.02 * np.sin(2 * np.pi * x) ** 2)).astype(">u2")
+    tag = b"curv" + struct.pack(">II", 0, len(values)) + values.tobytes()
+    head = struct.pack(">I4sII", 1, b"kTRC", 144, len(tag))
+    return icc_transfer(b"\0" * 36 + b"acsp" + b"\0" * 88 + head + tag, bits, "profile")
+
+
+def curves(bits: int) -> dict[str, Transfer]:
+    powers = {f"power {g:.3g}": power_transfer(g, bits) for g in (1 / 2.2, 1.8, 2.2, 2.8)}
+    named = {"sRGB": srgb_transfer(bits), "linear": linear_transfer(bits)}
+    return powers | named | {"table": table_transfer(bits)}
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("name", list(curves(8)))
+def test_every_code_comes_back_as_itself(name: str, bits: int) -> None:
+    transfer = curves(bits)[name]
+    codes = np.arange(1 << bits, dtype=np.uint8 if bits == 8 else np.uint16)[None, :, None]
+    again = transfer.encoded(transfer.linear(codes))
+    np.testing.assert_array_equal(again, codes)
+    assert again.dtype == codes.dtype
+
+
+@pytest.mark.parametrize("name", list(curves(8)))
+def test_light_becomes_the_code_of_the_nearest_light(name: str) -> None:
+    transfer = curves(8)[name]
+    random = np.random.default_rng(0)
+    light = np.concatenate([random.random(4000), random.random(4000) ** 8, [-0.5, -0.0, 1.5, 9e9]])
+    codes = transfer.encoded(light.astype(np.float32)[None, :, None]).ravel()
+    distances = np.abs(light[:, None] - transfer.table[0])
+    chosen = np.take_along_axis(distances, codes[:, None].astype(int), axis=1)[:, 0]
+    # Light is in single precision, so that it may lie on the other side of a middle by that much.
+    assert (chosen - distances.min(axis=1) <= 2e-7 * np.abs(light)).all()
+    ends = transfer.encoded(np.array([-np.inf, np.inf], np.float32)[None, :, None]).ravel()
+    assert ends.tolist() == [0, 255]
+
+
+def test_codes_of_one_light_keep_that_light() -> None:
+    flat = np.maximum.accumulate(np.clip(np.linspace(-0.1, 1.1, 256), 0, 1).round(2))
+    transfer = Transfer(flat[None], "steps")
+    codes = np.arange(256, dtype=np.uint8)[None, :, None]
+    light = transfer.linear(codes)
+    np.testing.assert_array_equal(transfer.linear(transfer.encoded(light)), light)
 
 
 def png_with(chunk: bytes, content: bytes) -> bytes:

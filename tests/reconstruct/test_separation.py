@@ -75,6 +75,49 @@ def test_exposure_and_the_colour_of_the_light_change_nothing(method: str) -> Non
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("power", [-120, -70, 70, 120])
+def test_a_power_of_two_scales_both_lobes_exactly(method: str, power: int) -> None:
+    """Single precision holds all of its numbers but not their squares; no warning is an error."""
+    body, glare = dichromatic()
+    image = (body + glare).astype(np.float32)
+    mask = np.ones(body.shape[:2], bool)
+    plain = separate(image, mask, method=method)
+    scaled = separate(np.ldexp(image, power), mask, method=method)
+    # Exact but for what falls below the smallest normal number, 2^-126, and is rounded there.
+    atol = np.finfo(np.float32).smallest_subnormal
+    np.testing.assert_allclose(scaled.specular, np.ldexp(plain.specular, power), rtol=0, atol=atol)
+    np.testing.assert_allclose(scaled.diffuse, np.ldexp(plain.diffuse, power), rtol=0, atol=atol)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.int32])
+def test_whole_numbers_are_separated_as_floats_are(method: str, kind: type) -> None:
+    body, glare = dichromatic()
+    light, mask = np.array([1.2, 1.0, 1.1]), np.ones(body.shape[:2], bool)
+    codes = np.rint(100 * (body + glare) * light).astype(kind)
+    parts = separate(codes, mask, light, method)
+    exact = separate(codes.astype(np.float64), mask, light, method)
+    # Single precision of sums up to 255 and of quotients near 0, where codes lie on a line.
+    np.testing.assert_allclose(parts.specular, exact.specular, atol=2e-3)
+    assert parts.specular.dtype == np.result_type(kind, np.float32)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_pixel_that_is_not_finite_is_off_the_mask(method: str, value: float) -> None:
+    body, glare = dichromatic()
+    image, mask = body + glare, np.ones(body.shape[:2], bool)
+    mask[20, 20] = False
+    without = separate(image, mask, method=method)
+    image[20, 20, 1] = value
+    spoilt = separate(image, np.ones_like(mask), method=method)
+    np.testing.assert_array_equal(spoilt.specular, without.specular)
+    np.testing.assert_array_equal(spoilt.diffuse, without.diffuse)
+    with pytest.raises(Inapplicable, match=r"^no pixel of the object is finite$"):
+        separate(np.full_like(image, value), mask, method=method)
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_body_colours_keep_their_own(method: str) -> None:
     body, glare = dichromatic()
     # Another hue and half the saturation: one κ for both would turn body light into glare.
