@@ -4,29 +4,39 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Sequence
 
 import click
 
-from malus.bench.commands.bench import bench_command
-from malus.bench.commands.capture import capture_command
-from malus.bench.commands.compare import compare_command
-from malus.bench.commands.doctor import doctor_command
-from malus.bench.commands.export import export_command
-from malus.bench.commands.filter import filter_command
-from malus.bench.commands.gate import gate_command
-from malus.bench.commands.list import list_command
-from malus.bench.commands.plan import plan_command
-from malus.bench.commands.render import render_command
-from malus.bench.commands.report import report_command
-from malus.bench.commands.run import run_command
-from malus.bench.commands.score import score_command
-from malus.bench.commands.status import status_command
-from malus.bench.commands.train import train_command
+try:
+    from malus.bench.commands.bench import bench_command
+    from malus.bench.commands.capture import capture_command
+    from malus.bench.commands.compare import compare_command
+    from malus.bench.commands.doctor import doctor_command
+    from malus.bench.commands.export import export_command
+    from malus.bench.commands.filter import filter_command
+    from malus.bench.commands.gate import gate_command
+    from malus.bench.commands.list import list_command
+    from malus.bench.commands.plan import plan_command
+    from malus.bench.commands.render import render_command
+    from malus.bench.commands.report import report_command
+    from malus.bench.commands.run import run_command
+    from malus.bench.commands.score import score_command
+    from malus.bench.commands.status import status_command
+    from malus.bench.commands.train import train_command
+    from malus.bench.studies.registry import STUDIES
+except KeyboardInterrupt:
+    # A command just given: its Ctrl-C may come before `main` can catch it.
+    sys.stderr.write("malus: stopped; nothing was written\n")
+    sys.exit(130)
 
 BAD_INPUT, INTERRUPTED, TERMINATED = 2, 130, 143
 """Exit codes, besides 0 and the 1 of a command whose work failed in part."""
 
-STOPPED = "stopped; the same command goes on where it was"
+STOPPED = "stopped; the same command "
+GOES_ON, BEGINS_ANEW = "goes on where it was", "begins anew"
+KEEPING = ("run", "render", "train")
+"""Commands that keep what is done when they are stopped."""
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -62,14 +72,14 @@ for _command in (
 
 def main() -> None:
     """Run the command line; a user's mistake ends in one line and exit code 2, not a traceback."""
-    signal.signal(signal.SIGTERM, _terminate)
     try:
+        signal.signal(signal.SIGTERM, _terminate)
         cli.main(standalone_mode=False)
     except (click.exceptions.Abort, KeyboardInterrupt):
-        _stop(STOPPED, INTERRUPTED)
+        _stop(_stopped(sys.argv[1:]), INTERRUPTED)
     except SystemExit as leaving:
         if leaving.code == TERMINATED:
-            _stop(STOPPED, TERMINATED)
+            _stop(_stopped(sys.argv[1:]), TERMINATED)
         raise
     except click.exceptions.Exit as leaving:
         sys.exit(leaving.exit_code)
@@ -93,6 +103,13 @@ def main() -> None:
 def _terminate(number: int, frame: object) -> None:
     """Leave as after Ctrl-C: what is half written is removed on the way out."""
     sys.exit(TERMINATED)
+
+
+def _stopped(words: Sequence[str]) -> str:
+    """What the same command does after a stop; most begin anew, as studies do without --rows."""
+    keeps = bool(words) and words[0] in KEEPING and not STUDIES.keys() & set(words[1:2])
+    keeps = keeps or any(word.startswith("--rows") for word in words)
+    return STOPPED + (GOES_ON if keeps else BEGINS_ANEW)
 
 
 def _reason(error: OSError | MemoryError) -> str:

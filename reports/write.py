@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -21,6 +23,21 @@ from malus.reports.tables.rows import ResultsLike, distinct
 from malus.reports.tables.skills import by_light_and_body
 from malus.scenes.core.files import write_whole
 
+_BODY = "(_polarised_body)?"
+_DRAWN = rf"(figure5{_BODY}(_by_light)?|(angles|figure9){_BODY}|ladder)\.(svg|csv|png)"
+_NAMES = re.compile(rf"{_DRAWN}|{re.escape(PAGE)}|summary\.md|metrics\.json|(errors|table1)\.csv")
+
+
+def is_report_file(name: str) -> bool:
+    """Whether the report of some run has a file of that name.
+
+    Examples
+    --------
+    >>> is_report_file("figure9_polarised_body.svg"), is_report_file("figure9_of_mine.svg")
+    (True, False)
+    """
+    return _NAMES.fullmatch(name) is not None
+
 
 def write_report(
     results: ResultsLike,
@@ -31,8 +48,8 @@ def write_report(
 ) -> list[Path]:
     """Write the report of a run into its folder: page, summary, figures, the CSV behind each.
 
-    Every file is written whole or not at all. The images in its `examples/` are shown on
-    the page.
+    Every file is written whole or not at all; those of an earlier report that this one lacks are
+    removed. The images in its `examples/` are shown on the page.
 
     Parameters
     ----------
@@ -81,6 +98,7 @@ def write_report(
     files.keep("summary.md", text)
     suite = run["suite"]
     files.keep(PAGE, page(suite["name"], suite.get("description", ""), sections))
+    files.remove_others(is_report_file)
     return files.written
 
 
@@ -105,6 +123,7 @@ def write_study(out: Path, png: bool = False) -> list[Path]:
         if png:
             files.keep(f"{drawing.name}.png", picture(drawing.draw, with_png=True).png or b"")
     files.keep(PAGE, page(study.run["study"], study.run["description"], of_study(study)))
+    files.remove_others({f"{drawing.name}.png" for drawing in study.drawings}.__contains__)
     return files.written
 
 
@@ -135,3 +154,11 @@ class _Files:
         if drawing.picture.png is not None:
             self.keep(f"{drawing.name}.png", drawing.picture.png)
         self.keep(f"{drawing.name}.csv", drawing.numbers.to_csv(index=False))
+
+    def remove_others(self, could_write: Callable[[str], bool]) -> None:
+        """Remove what an earlier report wrote under such a name and this one did not."""
+        written = {path.name for path in self.written}
+        for path in list(self.folder.iterdir()):
+            if could_write(path.name) and path.name not in written and path.is_file():
+                with contextlib.suppress(FileNotFoundError):  # of two reports one comes too late
+                    path.unlink()

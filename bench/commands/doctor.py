@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from malus.bench.commands.options import backend_option, command
 
@@ -14,7 +15,8 @@ from malus.bench.commands.options import backend_option, command
 @click.option("--check", is_flag=True, help="Render small scenes of every kind, and judge them.")
 @backend_option
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
-def doctor_command(check: bool, backend: str, as_json: bool) -> None:
+@click.pass_context
+def doctor_command(ctx: click.Context, /, check: bool, backend: str, as_json: bool) -> None:
     """Say what this machine renders with, what is missing, and the command that mends it.
 
     With --check it renders small scenes of every kind, compares them with stored values and with
@@ -25,6 +27,8 @@ def doctor_command(check: bool, backend: str, as_json: bool) -> None:
       malus doctor
       malus doctor --check
     """
+    if not check and ctx.get_parameter_source("backend") is not ParameterSource.DEFAULT:
+        raise click.UsageError("--backend is of --check")
     from malus.bench.commands.printing import print_json
     from malus.bench.public.doctor import doctor
 

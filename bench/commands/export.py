@@ -27,11 +27,12 @@ FORMATS = (
 @click.option(
     "--pixels",
     type=click.Choice(["exr", "png"]),
-    default="exr",
-    help="Of polanalyser's images: lossless floats, or 16 bits.",
+    help="Of polanalyser's images: lossless floats, or 16 bits [default: exr].",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print what was done as JSON.")
-def export_command(dataset: Path, layout: str, out: Path, pixels: str, as_json: bool) -> None:
+def export_command(
+    dataset: Path, layout: str, out: Path, pixels: str | None, as_json: bool
+) -> None:
     """Write DATASET in the format of other tools; conventions.json beside it says what is what.
 
     \b
@@ -49,6 +50,8 @@ def export_command(dataset: Path, layout: str, out: Path, pixels: str, as_json: 
     Example:
       malus export quick-dataset --format numpy --out quick-numpy
     """
+    if pixels is not None and layout != "polanalyser":
+        raise click.UsageError("--pixels is of --format polanalyser")
     from rich.console import Console
 
     from malus.bench.commands.printing import print_json
@@ -59,11 +62,17 @@ def export_command(dataset: Path, layout: str, out: Path, pixels: str, as_json: 
     opened = open_dataset(dataset)
     missing = max(0, opened.record.planned - len(opened))
     console = Console(stderr=True)
-    count = with_progress(console, "scenes", lambda show: export(opened, layout, out, pixels, show))
+    count = with_progress(
+        console, "scenes", lambda show: export(opened, layout, out, pixels or "exr", show)
+    )
     if as_json:
         print_json({"out": str(out), "scenes": count, "missing": missing})
     else:
         if missing:
-            lacking = f"{missing} more of the suite are not rendered; see `malus status {dataset}`"
-            console.print(lacking, highlight=False)
+            console.print(not_rendered(missing, dataset), highlight=False, markup=False)
         console.print(f"{count} scenes written to {out}", highlight=False)
+
+
+def not_rendered(missing: int, dataset: Path) -> str:
+    """A sentence on the scenes that a dataset lacks."""
+    return f"{missing} more of the suite are not rendered; see `malus status {dataset}`"

@@ -31,6 +31,8 @@ def gate_command(
       malus gate results/quick --baseline baseline.toml --summary gate.md
     """
     if update:
+        if junit or summary:
+            raise click.UsageError("--junit and --summary are of a comparison: leave out --update")
         _update(results, baseline)
     elif not _compare(results, baseline, junit, summary):
         sys.exit(1)

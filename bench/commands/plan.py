@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from malus.bench.commands.options import backend_option, command
 from malus.bench.studies.registry import STUDIES
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 @command("plan")
 @click.argument("suite")
 @backend_option
-def plan_command(suite: str, backend: str) -> None:
+@click.pass_context
+def plan_command(ctx: click.Context, /, suite: str, backend: str) -> None:
     """Say what a run of SUITE will do, what it leaves out and why, and what it will cost.
 
     A study (`stress`, `precision`) has no scenes to plan: what it does is told instead.
@@ -28,6 +30,8 @@ def plan_command(suite: str, backend: str) -> None:
       malus plan fig5
     """
     if suite in STUDIES:
+        if ctx.get_parameter_source("backend") is not ParameterSource.DEFAULT:
+            raise click.UsageError(f"--backend is of a suite, and {suite} is a study")
         click.echo(STUDIES[suite].plan)
         return
     from rich.console import Console

@@ -24,7 +24,9 @@ from malus.bench.commands.options import (
 @backend_option
 @work_options
 @click.option("--part", metavar="K/N", help="Only part K of N, such as 3/16, for job arrays.")
-@click.option("--workers", type=int, help="Processes to spread over, instead of this one.")
+@click.option(
+    "--workers", type=click.IntRange(min=1), help="Processes to spread over, instead of this one."
+)
 @click.option("--scheduler", help="Address of a Dask cluster, whose workers all see --out.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was done as JSON.")
 def render_command(suite: str, out: Path, as_json: bool, **options: Any) -> None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from malus.bench.running.results import Results
     from malus.bench.running.worker_process import WorkerProcess
+    from malus.scenes.suite import Suite
 
 NEEDED = ("malus.bench.running.scored_family", "malus.reconstruct.builtin_methods")
 """Modules that a worker needs for its first family."""
@@ -45,7 +46,9 @@ SHARED = ("suite", "out", "backend", "timeout")
 @click.option("--method", "methods", multiple=True, help="Methods, instead of the suite's.")
 @metric_options
 @backend_option
-@click.option("--workers", type=int, help="Processes to spread over, instead of this one.")
+@click.option(
+    "--workers", type=click.IntRange(min=1), help="Processes to spread over, instead of this one."
+)
 @click.option("--scheduler", help="Address of a Dask cluster to spread over.")
 @work_options
 @json_option
@@ -129,6 +132,7 @@ def _run_with(
     if worker is not None:
         worker.begin(mitsuba, variant)
     suite = chosen_suite(name, variant, **changes)
+    _check_names(suite)
 
     from rich.console import Console
 
@@ -149,6 +153,17 @@ def _run_with(
         lambda show: run(suite, folder, backend=variant, progress=show, worker=worker, **options),
     )
     return _tell(results, folder, as_json, console)
+
+
+def _check_names(suite: Suite) -> None:
+    """Refuse methods and metrics that there are not, before a line is printed."""
+    from malus.reconstruct.methods import by_name, get_method
+
+    by_name((get_method(reference).name, reference) for reference in suite.methods)
+    if suite.metrics:  # what scores takes its time to import
+        from malus.bench.scoring.extra_metrics import get_metrics
+
+        get_metrics(suite.metrics)
 
 
 def _tell(results: Results, folder: Path, as_json: bool, console: Console) -> int:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     nargs=2,
     help="Of a test set in the layout rgb2pol: what the codes of s1 and s2 stand for, as -1 1.",
 )
-@click.option("--name", default="predictions", help="What the predictions are called in tables.")
+@click.option("--name", help="What the predictions are called in tables [default: predictions].")
 @click.option("--out", type=FOLDER, help="Folder of the results [default: results/scores].")
 @json_option
 def score_command(dataset: Path | None, out: Path | None, as_json: bool, **options: Any) -> None:
@@ -64,6 +64,8 @@ def score_command(dataset: Path | None, out: Path | None, as_json: bool, **optio
     folder = out if out is not None else Path("results") / "scores"
     console = Console(stderr=True, soft_wrap=True)
     options["metrics"] = asked_metrics(options["metrics"], options.pop("profiles"))
+    _check_of_predictions(options)
+    options["name"] = options["name"] or "predictions"
     if options["truth"] is not None:
         _tell(_score_published(dataset, folder, console, options), folder, console, as_json)
         return
@@ -74,7 +76,27 @@ def score_command(dataset: Path | None, out: Path | None, as_json: bool, **optio
     for suspicion in results.run.get("predictions", {}).get("suspicions", []):
         name = options["name"]
         console.print(f"{name}: {suspicion}", style="yellow", highlight=False, markup=False)
+    if not as_json:
+        _tell_missing(dataset, results, console)
     _tell(results, folder, console, as_json)
+
+
+def _check_of_predictions(options: dict[str, Any]) -> None:
+    """Refuse options of predictions where there are none."""
+    if options["predictions"] is None and options["truth"] is None:
+        for key in ("name", "layout"):
+            if options[key] is not None:
+                raise click.UsageError(f"--{key} is of --predictions, or of --truth")
+
+
+def _tell_missing(dataset: Path, results: Results, console: Any) -> None:
+    """Say how many scenes of the suite the dataset lacks."""
+    from malus.bench.commands.export import not_rendered
+    from malus.renderers.datasets.dataset_record import read_dataset
+
+    missing = read_dataset(dataset)[0].planned - results.run["scenes"]
+    if missing > 0:
+        console.print(not_rendered(missing, dataset), highlight=False, markup=False)
 
 
 def _score(dataset: Path, folder: Path, console: Any, options: dict[str, Any]) -> Results:

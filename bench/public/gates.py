@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from malus.bench.gates import gate as comparison
 from malus.bench.gates import gate_report
@@ -15,8 +19,23 @@ from malus.bench.gates.baseline import (
     write_baseline,
 )
 from malus.bench.gates.gate import Comparison, passed, updated
+from malus.bench.running.output_folder import CAPTURES
+from malus.bench.running.parts import PLAN
 from malus.bench.running.results import Results, read_results
-from malus.scenes.core.remote import as_path
+from malus.scenes.core.errors import InputError
+from malus.scenes.core.remote import as_path, is_here
+from malus.scenes.core.result_files import EXAMPLES, HEADLINES, PARTS, RUN, TABLE
+
+_OF_A_RUN = frozenset({RUN, TABLE, HEADLINES, PLAN, PARTS, EXAMPLES, CAPTURES})
+
+_BEGINNINGS = {
+    "junit": re.compile(rb"(<\?xml[^>]*\?>\s*)?<testsuites?\b"),
+    "summary": re.compile(rb"[#|<>*!:-]"),
+}
+"""How a file begins that a gate may replace: JUnit's XML, or Markdown of any kind."""
+
+_MARKDOWN = ("", ".md", ".markdown")
+"""Suffixes of Markdown: the file behind $GITHUB_STEP_SUMMARY has none."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +98,8 @@ def gate(
     results : Results, or the path or URL of a run's folder
     baseline : Baseline, or the path of its TOML file
     junit, summary : path, optional
-        Files to write the comparisons to, as JUnit's XML and as Markdown.
+        Files to write the comparisons to, as JUnit's XML and as Markdown: new ones, empty ones, or
+        such files of an earlier gate.
 
     Returns
     -------
@@ -90,7 +110,7 @@ def gate(
     ------
     InputError
         Results or a baseline that cannot be read, a run of other scenes than the baseline's, a
-        file that cannot be written.
+        file that cannot be written, or in whose place something else lies.
 
     Examples
     --------
@@ -103,6 +123,7 @@ def gate(
     >>> gate(folder, f"{folder}/baseline.toml").passed
     True
     """
+    _check_targets({"junit": junit, "summary": summary}, results, baseline)
     held = baseline if isinstance(baseline, Baseline) else read_baseline(Path(baseline))
     compared = GateResult(tuple(comparison.gate(_results(results), held)))
     if junit is not None:
@@ -182,3 +203,54 @@ def update_baseline(results: Results | Path | str, baseline: Path | str) -> Base
 
 def _results(results: Results | Path | str) -> Results:
     return results if isinstance(results, Results) else read_results(as_path(results))
+
+
+def _check_targets(
+    named: Mapping[str, Path | str | None], results: Results | Path | str, baseline: Any
+) -> None:
+    """Refuse to write a report over the baseline, the run, or a file that is none of a gate."""
+    targets = {name: Path(path) for name, path in named.items() if path is not None}
+    taken = {} if isinstance(baseline, Baseline) else {"the baseline": Path(baseline)}
+    folder = None if isinstance(results, Results) else as_path(results)
+    for name, path in targets.items():
+        for what, other in taken.items():
+            if _is_same(path, other):
+                _refuse(name, "a file of its own", f"{path}, {what}")
+        if folder is not None and is_here(folder) and _is_of_run(path, folder):
+            _refuse(name, "a file that no run writes", f"{path}, of the run itself")
+        if path.exists() and not _is_replaceable(name, path):
+            kind = "JUnit's XML" if name == "junit" else "Markdown, such as gate.md"
+            _refuse(name, f"a new file, or {kind}", f"{path}, which is none")
+        taken[f"the same as `{name}`"] = path
+
+
+def _refuse(name: str, expected: str, found: str) -> None:
+    raise InputError(name, expected, found, "choose another name; nothing was written")
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    if one.exists() and other.exists():
+        return one.samefile(other)
+    return one.resolve() == other.resolve()
+
+
+def _is_of_run(path: Path, folder: Path) -> bool:
+    """Whether a path is that of a file of a run or of its report, there already or not."""
+    try:
+        first, *others = path.resolve().relative_to(folder.resolve()).parts
+    except ValueError:  # elsewhere, or the folder itself
+        return False
+    # Imported here: only who writes into the run's own folder waits for it.
+    from malus.reports.write import is_report_file
+
+    return first in _OF_A_RUN or (not others and is_report_file(first))
+
+
+def _is_replaceable(name: str, path: Path) -> bool:
+    """Whether a file is empty, or begins as one that a gate writes there."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        beginning = file.read(1000).removeprefix(codecs.BOM_UTF8).lstrip()
+    is_kind = name == "junit" or path.suffix.lower() in _MARKDOWN
+    return not beginning or (is_kind and _BEGINNINGS[name].match(beginning) is not None)

@@ -16,7 +16,13 @@ from malus.renderers.datasets.dataset_record import (
     FailedScene,
     SceneEntry,
 )
-from malus.renderers.datasets.listed_scenes import folder_size, listed_of, remove_unneeded
+from malus.renderers.datasets.listed_scenes import (
+    check_same_dataset,
+    folder_size,
+    has_record_of_scenes,
+    listed_of,
+    remove_unneeded,
+)
 from malus.renderers.datasets.part_list import Part, PartList, PlannedScene
 from malus.renderers.datasets.scene_folder import (
     is_whole,
@@ -40,8 +46,8 @@ class DatasetWriter:
     folder : path
         Created if it is missing.
     planned : mapping of scene id to PlannedScene, optional
-        Scenes that the dataset shall hold, or a part of it. Others in the folder, and those of
-        another origin, are left out. Without it every scene in the folder is kept.
+        Scenes that the dataset shall hold, or a part of it. A dataset of others in the folder is
+        refused, and what is of another origin is left out. Without it every scene there is kept.
     about : mapping
         Keys 'suite', 'versions' and 'variant' of `dataset.json`.
     part : Part, optional
@@ -70,9 +76,18 @@ class DatasetWriter:
         self.done: dict[str, SceneEntry] = {}
         self.failed: dict[str, FailedScene] = {}
         self._list: PartList | None = None
+        self._earlier_stands = False
 
     def __enter__(self) -> Self:
-        """Keep the scenes that the folder already holds."""
+        """Keep the scenes that the folder already holds.
+
+        Raises
+        ------
+        InputError
+            If it holds another dataset, which would be lost.
+        """
+        if self.planned is not None:
+            check_same_dataset(self.folder, self.planned, self.about, self.part)
         self.folder.mkdir(parents=True, exist_ok=True)
         remove_abandoned(self.folder)
         listed = listed_of(self.folder)
@@ -87,7 +102,11 @@ class DatasetWriter:
             for name, entry in self.done.items():
                 if self.part.count > 1 and self._list.earlier.done.get(name) != entry:
                     self._list.add(entry)
-        self._write_record()
+        # The record of an earlier version's renders stands until the first of them is replaced.
+        nothing = not self.done and not self.failed and self.part.count == 1
+        self._earlier_stands = nothing and has_record_of_scenes(self.folder)
+        if not self._earlier_stands:
+            self._write_record()
         return self
 
     def __exit__(
@@ -99,7 +118,8 @@ class DatasetWriter:
         """List the scenes that are done, also after an error."""
         if self._list is not None:
             self._list.__exit__(error_type, error, trace)
-        self._write_record()
+        if not self._earlier_stands:
+            self._write_record()
         if self._list is not None:
             remove_unneeded(self.folder, self.part)
 
@@ -113,6 +133,9 @@ class DatasetWriter:
         """
         name = truth.scene.id
         folder = self.folder / name
+        if self._earlier_stands:
+            self._earlier_stands = False
+            self._write_record()
         write_scene(folder, truth, origin)
         keep_files(truth.scene, self.folder)
         self.done[name] = self._entry(truth.scene, read_record(folder)[1], origin)
@@ -122,6 +145,7 @@ class DatasetWriter:
 
     def fail(self, failed: FailedScene) -> None:
         """Record a scene that could not be rendered."""
+        self._earlier_stands = False
         self.failed[failed.scene] = failed
         if self._list is not None:
             self._list.add(failed)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import json
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
-from malus.renderers.datasets.dataset_record import read_dataset
+from malus.renderers.datasets.dataset_record import DatasetRecord, SceneEntry, read_dataset
 from malus.renderers.datasets.part_list import Part, PartContent, read_parts, remove_lists
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.remote import lstat
@@ -17,14 +20,98 @@ def listed_of(folder: Path, renders: str | None = None) -> PartContent:
     With `renders` only those of that hash.
     """
     found = PartContent(Part())
-    with contextlib.suppress(InputError):  # none yet, or damaged: scenes are looked at
-        record = read_dataset(folder)[0]
-        if renders in (None, record.renders):
-            found.add_all(record.failed, record.scenes)
+    record = _record_of(folder)
+    if record is not None and renders in (None, record.renders):
+        found.add_all(record.failed, record.scenes)
     for content in read_parts(folder):
         if renders in (None, content.part.renders):
             found.add_all(content.failed.values(), content.done.values())
     return found
+
+
+def _record_of(folder: Path) -> DatasetRecord | None:
+    with contextlib.suppress(InputError):  # none yet, or damaged: scenes are looked at
+        return read_dataset(folder)[0]
+    return None
+
+
+def has_record_of_scenes(folder: Path) -> bool:
+    """Whether a folder's `dataset.json` lists scenes."""
+    record = _record_of(folder)
+    return record is not None and bool(record.scenes)
+
+
+def check_same_dataset(
+    folder: Path, planned: Collection[str], about: Mapping[str, Any], part: Part
+) -> None:
+    """Refuse a folder with scenes that a dataset would lose: others, or of other samples.
+
+    Those of another version of malus are rendered anew. `about` is as for `DatasetWriter`.
+
+    Raises
+    ------
+    InputError
+        If the folder holds such a dataset; nothing is changed.
+    """
+    record = _record_of(folder)
+    earlier = _suite(None if record is None else record.suite)
+    replaced = _is_other_render(earlier, _suite(about.get("suite")))
+    may_differ = part.count == 1 or (record is not None and _is_other_version(record, about))
+    lost = any(
+        (folder / entry.scene).exists()
+        for renders, entries in _all_listed(folder, record)
+        for entry in entries
+        if replaced
+        or not (may_differ or renders == part.renders)
+        or (entry.scene not in planned if part.count == 1 else (entry.index or 0) >= part.in_all)
+    )
+    if lost:
+        same = "scenes, samples and seed" + (", rendered alike" if part.count > 1 else "")
+        expected = f"a new folder, or a dataset of the same {same}"
+        hint = "choose another `out`, or delete that folder; nothing was changed"
+        raise InputError(f"output folder {folder}", expected, _described(earlier), hint)
+
+
+def _all_listed(
+    folder: Path, record: DatasetRecord | None
+) -> Iterator[tuple[str, Iterable[SceneEntry]]]:
+    """Hash of the renders, and the scenes that are done, of `dataset.json` and of every list."""
+    if record is not None:
+        yield record.renders, record.scenes
+    for content in read_parts(folder):
+        yield content.part.renders, content.done.values()
+
+
+def _is_other_render(earlier: Mapping[str, Any], suite: Mapping[str, Any]) -> bool:
+    """Whether a suite has other samples, or lacks maps or a sensor that an earlier one has."""
+    maps = earlier.get("maps")
+    return any(
+        earlier.get(key) not in (None, suite.get(key)) for key in ("sampling", "renderer", "sensor")
+    ) or (isinstance(maps, list) and not all(name in suite.get("maps", ()) for name in maps))
+
+
+def _is_other_version(record: DatasetRecord, about: Mapping[str, Any]) -> bool:
+    """Whether nothing but malus, or a program it uses, can differ from what made a dataset."""
+    earlier, suite = _suite(record.suite), _suite(about.get("suite"))
+    for each in (earlier, suite):
+        if isinstance(each.get("random"), dict):
+            each["random"].pop("count", None)  # a larger one goes on with a smaller
+    variants = [record.variant.get("name"), (about.get("variant") or {}).get("name")]
+    return earlier == suite and variants[0] == variants[1]
+
+
+def _suite(content: Mapping[str, Any] | None) -> dict[str, Any]:
+    """A copy of a suite's content as it stands in JSON: lists, where a record has tuples."""
+    return dict(json.loads(json.dumps(content or {})))
+
+
+def _described(suite: Mapping[str, Any]) -> str:
+    """A suite in a few words, of a record that may hold anything."""
+    camera, sampling = (
+        part if isinstance(part := suite.get(key), dict) else {} for key in ("camera", "sampling")
+    )
+    side, samples, seed = camera.get("resolution"), sampling.get("samples"), sampling.get("seed")
+    return f"{side}² pixels, {samples} samples, seed {seed}, suite {suite.get('name')}"
 
 
 def folder_size(folder: Path) -> int | None:

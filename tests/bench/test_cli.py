@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from importlib.metadata import version
 from pathlib import Path
 
@@ -100,6 +102,12 @@ def bad_mesh(folder: Path, content: str) -> str:
         (["run", "quick", "--out", ""], "expected a path, found an empty text"),
         (["bench", "reconstruct", "--megapixels", "nan"], "a number in 1e-5..1000, found nan"),
         (["bench", "render", "--samples", "3"], "key samples: expected a multiple of 2, found 3"),
+        (["run", "quick", "--workers", "0"], "--workers': 0 is not in the range x>=1"),
+        (["score", "data", "--name", "mine"], "--name is of --predictions, or of --truth"),
+        (["score", "data", "--layout", "pol"], "--layout is of --predictions, or of --truth"),
+        (["export", "data", "--format", "png", "--out", "o", "--pixels", "png"], "polanalyser"),
+        (["doctor", "--backend", "llvm"], "--backend is of --check"),
+        (["plan", "precision", "--backend", "llvm"], "and precision is a study"),
         (["list", "sandwiches"], "materials"),
         (["frobnicate"], "frobnicate"),
         (["run", "quick", "--frobnicate"], "--frobnicate"),
@@ -110,6 +118,52 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], says: str) 
     done = run_malus(*arguments)
     assert done.returncode == 2
     assert says in one_line(done.stderr)
+
+
+@pytest.mark.parametrize(
+    "option", [("--method", "nosuch"), ("--metric", "nosuch"), ("--workers", "0")]
+)
+def test_a_mistake_is_all_that_is_printed(option: tuple[str, str]) -> None:
+    """The suite's description stood before it."""
+    done = run_malus("run", "quick", *option)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert not done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("run", "quick", "--out", "paper"), "goes on where it was"),
+        (("run", "stress"), "begins anew"),
+        (("export", "data"), "begins anew"),
+        ((), "begins anew"),
+    ],
+)
+def test_a_stop_tells_what_the_same_command_does(
+    words: tuple[str, ...], says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(**_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("malus.bench.cli.cli.main", stopped)
+    done = run_malus(*words)
+    assert (done.returncode, done.stderr) == (130, f"malus: stopped; the same command {says}\n")
+
+
+def test_a_stop_while_commands_are_imported_is_one_line(tmp_path: Path) -> None:
+    script = (
+        "import sys\n"
+        "class Stops:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'malus.bench.commands.train': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Stops())\n"
+        "from malus.bench.cli import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stderr) == (130, "malus: stopped; nothing was written\n")
 
 
 def test_a_process_ends_with_one_line_and_exit_code_2() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 from rooms import needs_arrays
-from runs import SUITE
+from runs import SUITE, run_malus
 
 from malus.bench.commands.plan import plan_command
 from malus.bench.commands.status import status_command
@@ -147,13 +147,32 @@ def test_status_counts_parts_while_they_are_made(tmp_path: Path) -> None:
     assert len(open_dataset(tmp_path)) == 7
 
 
-def test_a_part_of_other_renders_is_not_listed(tmp_path: Path) -> None:
+def test_a_part_of_other_renders_is_refused(tmp_path: Path) -> None:
     render_dataset(drawn(), tmp_path, NOBODY, part="1/2")
-    other = drawn(sampling={"seed": 5})
-    render_dataset(other, tmp_path, NOBODY, part="2/2")
-    dataset = open_dataset(tmp_path)
-    assert len(dataset) == 5
+    before = content_of(tmp_path)
+    others = (drawn(sampling={"seed": 5}), NOBODY), (drawn(), Variant("other", "not used"))
+    for suite, variant in others:
+        with pytest.raises(InputError, match="a dataset of the same scenes, samples and seed, "):
+            render_dataset(suite, tmp_path, variant, part="2/2")
+    assert content_of(tmp_path) == before
+    assert len(open_dataset(tmp_path)) == 5
     assert status(tmp_path).left == 5
+
+
+def test_scores_of_half_a_dataset_say_so(whole: Path, tmp_path: Path) -> None:
+    render_dataset(drawn(), tmp_path / "half", NOBODY, part="1/2")
+    for folder, says in ((tmp_path / "half", "5 more of the suite are not rendered"), (whole, "")):
+        out = ("--out", str(tmp_path / "scores"))
+        done = run_malus("score", str(folder), "--method", "unpolarised", *out)
+        assert done.returncode == 0, done.stderr
+        assert says in done.stderr
+        assert ("not rendered" in done.stderr) == bool(says)
+
+
+def test_a_part_into_the_whole_leaves_it_whole(whole: Path, tmp_path: Path) -> None:
+    shutil.copytree(whole, tmp_path / "again")
+    render_dataset(drawn(), tmp_path / "again", NOBODY, part="1/2")
+    assert len(open_dataset(tmp_path / "again")) == status(tmp_path / "again").total == 10
 
 
 def test_resuming_and_status_read_no_scene(

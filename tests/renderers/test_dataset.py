@@ -18,7 +18,7 @@ import OpenEXR
 import pytest
 from click.testing import CliRunner
 from made_up import BANDS, made_up_truth, stored
-from runs import NOBODY, SUITE
+from runs import NOBODY, SUITE, one_line, run_malus
 
 from malus.bench.commands.render import render_command
 from malus.bench.datasets.render import render_dataset
@@ -27,7 +27,8 @@ from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.planes import FIELDS, MAPS
 from malus.renderers.datasets.spectral_exr import write_exr
-from malus.scenes import Camera, InputError
+from malus.scenes import Camera, InputError, Suite
+from malus.scenes.core.remote import as_path
 
 
 def assert_same(found: Truth, expected: Truth) -> None:
@@ -201,6 +202,60 @@ def test_a_render_that_was_stopped_goes_on(tmp_path: Path) -> None:
     assert set(open_dataset(tmp_path).scenes) == {scene.id for scene in SUITE.scenes()}
 
 
+def sampled(**changes: int) -> Suite:
+    return SUITE.model_copy(update={"sampling": SUITE.sampling.model_copy(update=changes)})
+
+
+@pytest.mark.parametrize("kept", ["here", "store"])
+@pytest.mark.parametrize(
+    "other",
+    [
+        sampled(samples=2),
+        sampled(seed=9),
+        SUITE.model_copy(update={"camera": Camera(resolution=12)}),
+        SUITE.model_copy(update={"materials": SUITE.materials[1:]}),
+    ],
+    ids=["samples", "seed", "size", "fewer scenes"],
+)
+def test_a_dataset_is_not_replaced_by_another(tmp_path: Path, kept: str, other: Suite) -> None:
+    """All truths were overwritten, or left as folders that nothing lists."""
+    folder = as_path(tmp_path if kept == "here" else f"memory://{tmp_path.name}")
+    render_dataset(SUITE, folder, NOBODY)
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    with pytest.raises(InputError, match="found 8² pixels, 32 samples, seed 1, suite quick"):
+        render_dataset(other, folder, NOBODY)
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_more_scenes_are_added_to_a_dataset(tmp_path: Path) -> None:
+    few = SUITE.model_copy(update={"surfaces": SUITE.surfaces[1:], "methods": ("eq8",)})
+    render_dataset(few, tmp_path, NOBODY)
+    done = render_dataset(SUITE, tmp_path, NOBODY)
+    assert (done["rendered"], done["taken_over"]) == (2, 2)
+
+
+@pytest.mark.parametrize("parts", [(None,), ("1/2", "2/2")])
+def test_another_version_renders_anew_and_stopped_leaves_the_old(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parts: tuple[str | None, ...]
+) -> None:
+    """Stopped before its first scene, it left a dataset of none."""
+
+    def stop(done: int, total: int, label: str) -> None:
+        raise KeyboardInterrupt
+
+    render_dataset(SUITE, tmp_path, NOBODY)
+    monkeypatch.setattr("malus.bench.datasets.planned.made_by", lambda _: "malus of tomorrow")
+    if parts == (None,):
+        before = open_dataset(tmp_path).record
+        with pytest.raises(KeyboardInterrupt):
+            render_dataset(SUITE, tmp_path, NOBODY, progress=stop)
+        assert open_dataset(tmp_path).record == before
+        assert len(list(open_dataset(tmp_path))) == 4
+    done = [render_dataset(SUITE, tmp_path, NOBODY, part=part) for part in parts]
+    assert sum(each["rendered"] for each in done) == 4
+    assert len(list(open_dataset(tmp_path))) == 4
+
+
 def test_a_kill_leaves_nothing_that_lasts(tmp_path: Path) -> None:
     script = (
         "import sys; sys.path[:0] = [sys.argv[2]]\n"
@@ -234,6 +289,9 @@ def test_the_command_renders_with_mitsuba_and_takes_over(tmp_path: Path) -> None
         counts.append(json.loads(done.stdout))
     assert [count["rendered"] for count in counts] == [16, 0]
     assert counts[0]["bytes"] > 0
+    other = run_malus("render", *arguments[:3], "--samples", "4", "--out", str(tmp_path))
+    assert other.returncode == 2
+    assert "suite quick; choose another --out, or delete that folder" in one_line(other.stderr)
     dataset = open_dataset(tmp_path)
     assert dataset.record.variant["name"].endswith("_polarized")
     truth = dataset.truth(dataset.scenes[0])
