@@ -21,7 +21,6 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from malus.scenes.camera import Camera, Views
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
-from malus.scenes.core.named_file import digest_of
 from malus.scenes.core.registry import FolderName
 from malus.scenes.core.validation import near
 from malus.scenes.lights.lights import Environment, Light
@@ -318,7 +317,7 @@ def _suite_text(name_or_path: str | Path) -> tuple[str, str]:
 
 
 def _with_files(surroundings: Surroundings, folder: Path) -> Surroundings:
-    """Surroundings whose files have their paths from here and their digests."""
+    """Surroundings whose files have their folders and their digests."""
 
     def with_files(placed: Placed) -> Placed:
         files = {"shape": _with_mesh(placed.shape, folder)}
@@ -329,42 +328,33 @@ def _with_files(surroundings: Surroundings, folder: Path) -> Surroundings:
 
 
 def _with_mesh(shape: AnyShape, folder: Path) -> AnyShape:
-    """A shape whose mesh file, if any, has a path from here and its digest."""
+    """A shape whose mesh file, if any, has its folder and its digest."""
     if not isinstance(shape, MeshFile):
         return shape
-    path, digest = _path_and_digest(folder / shape.path, "mesh file")
-    return shape.model_copy(update={"path": path, "digest": digest})
+    return shape.located(folder)
 
 
 def _with_picture(surface: Any, folder: Path) -> Any:
-    """A surface whose picture, if any, has a path from here and its digest."""
+    """A surface whose picture, if any, has its folder and its digest."""
     pattern = getattr(surface, "pattern", None)
     if not isinstance(pattern, ImageTexture):
         return surface
-    path, digest = _path_and_digest(folder / pattern.path, pattern.file_kind)
-    with_digest = pattern.model_copy(update={"path": path, "digest": digest})
-    return surface.model_copy(update={"pattern": with_digest})
+    return surface.model_copy(update={"pattern": pattern.located(folder)})
 
 
 def _with_measured_table(
     material: SuiteMaterial, folder: Path, wavelengths_nm: Wavelengths
 ) -> SuiteMaterial:
-    """A material whose measured table, if any, has a path from here, its digest, and the bands."""
+    """A material whose measured table, if any, has its folder, its digest, and the bands."""
     if not isinstance(material, Measured):
         return material
-    path, digest = _path_and_digest(folder / material.path, material.file_kind)
-    open_pbrdf(Path(path)).check_bands(wavelengths_nm)
-    return material.model_copy(update={"path": path, "digest": digest})
+    found = material.located(folder)
+    open_pbrdf(found.file).check_bands(wavelengths_nm)
+    return found
 
 
 def _with_map(light: Light, folder: Path) -> Light:
-    """A light whose radiance map, if it is a file, has a path from here and its digest."""
-    if not isinstance(light, Environment) or light.name == "studio":
+    """A light whose radiance map, if it is a file, has its folder and its digest."""
+    if not isinstance(light, Environment) or light.file_name is None:
         return light
-    path, digest = _path_and_digest(folder / light.name, "radiance map")
-    return light.model_copy(update={"name": path, "digest": digest})
-
-
-def _path_and_digest(path: Path, file_kind: str) -> tuple[str, str]:
-    """A file's path, and the hash that makes its content part of the suite's id."""
-    return str(path), digest_of(path, file_kind)
+    return light.located(folder)

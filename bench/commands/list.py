@@ -57,6 +57,10 @@ def list_command(what: str) -> None:
             console.print(make())
 
 
+_UNSHOWN = ("kind", "found_in")
+"""Keys of a model that nobody writes: its name in the table, and the folder of its file."""
+
+
 def _new(title: str, *columns: str) -> Table:
     """An empty table whose first column, the names that one copies, is never broken or cut."""
     from rich.table import Table
@@ -189,7 +193,7 @@ def _kinds(title: str, kinds: dict[str, type[Model]]) -> Table:
 
     table = _new(title, "kind", "keys [default]", "what it is")
     for kind, model in kinds.items():
-        fields = {name: field for name, field in model.model_fields.items() if name != "kind"}
+        fields = {name: field for name, field in model.model_fields.items() if name not in _UNSHOWN}
         keys = ", ".join(
             name if field.is_required() else escape(f"{name} [{_shown(field)}]")
             for name, field in fields.items()

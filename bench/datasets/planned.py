@@ -62,9 +62,9 @@ def _random(
     return sorted((each.family for each in drawn), key=_measured_file), scenes
 
 
-def _measured_file(family: FamilyPlan) -> str:
+def _measured_file(family: FamilyPlan) -> tuple[str, str]:
     surface = family.scenes[0].surface
-    return surface.path if isinstance(surface, Measured) else ""
+    return (surface.path, surface.digest) if isinstance(surface, Measured) else ("", "")
 
 
 def _of_axes(
@@ -91,7 +91,7 @@ def _origin(family: FamilyPlan, suite: Suite, variant: Variant) -> str:
 
 def _renders(suite: Suite, variant: Variant) -> str:
     """Hash of what decides all scenes but their count, and who renders them."""
-    content = suite.model_dump(mode="json")
+    content = suite.identity
     if suite.random is not None:
         del content["random"]["count"]
     return content_id([content, variant.name, made_by(suite.renderer)])

@@ -19,7 +19,7 @@ SHOWN = 8
 
 _ORDER = ("shape", "surface", "light", "camera", "surroundings", "around")
 _SHORT = {"surroundings.objects": "around"}
-_LEFT_OUT = ("digest", "wavelengths_nm")
+_LEFT_OUT = ("digest", "found_in", "wavelengths_nm")
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def plan(suite: Suite) -> list[FamilyPlan]:
     return [_family(key, scenes, suite.sampling) for key, scenes in ordered]
 
 
-def _by_tables(family: FamilyPlan) -> tuple[Facets, str]:
+def _by_tables(family: FamilyPlan) -> tuple[Facets, tuple[str, str]]:
     key = FamilyKey.of(family.scenes[0])
     return key.facets, _measured_file(key)
 
@@ -144,8 +144,8 @@ def by_stage(families: Sequence[FamilyPlan]) -> list[FamilyPlan]:
     return [families[position] for position, _ in numbered]
 
 
-def _measured_file(key: FamilyKey) -> str:
-    return "" if key.measured is None else key.measured.path
+def _measured_file(key: FamilyKey) -> tuple[str, str]:
+    return ("", "") if key.measured is None else (key.measured.path, key.measured.digest)
 
 
 def _family(key: FamilyKey, scenes: Sequence[Scene], sampling: Sampling) -> FamilyPlan:

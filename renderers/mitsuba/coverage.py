@@ -17,8 +17,17 @@ from malus.scenes.core.arrays import BoolArray, Int32Array, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.shapes.shapes import Shape
 
+FAR = 20.0
+"""Distance of a camera beyond which `ray_test` errs at the outline of a sphere of radius 1: in 6 of
+1000 points along it at 50, in a tenth of the picture at 2000; from 9999 on it meets nothing."""
 
-def inside(mi: ModuleType, scene: Any, resolution: int) -> BoolArray:
+
+def meets(scene: Any, ray: Any, far: bool) -> Any:
+    """Whether rays of a camera meet the scene; one that is `far` takes slower, exact ones."""
+    return scene.ray_intersect_preliminary(ray).is_valid() if far else scene.ray_test(ray)
+
+
+def inside(mi: ModuleType, scene: Any, resolution: int, far: bool = False) -> BoolArray:
     """Whether the only shape of `scene` is hit at all four corners of each pixel (resolution²,)."""
     corner = np.linspace(0.0, 1.0, resolution + 1, dtype=np.float32)
     x, y = (grid.ravel() for grid in np.meshgrid(corner, corner))
@@ -28,7 +37,7 @@ def inside(mi: ModuleType, scene: Any, resolution: int) -> BoolArray:
         hit = np.array([scene.ray_test(ray) for ray in rays])
     else:
         ray, _ = sensor.sample_ray(0.0, 0.0, mi.Point2f(x, y), mi.Point2f(0.5))
-        hit = np.asarray(scene.ray_test(ray))
+        hit = np.asarray(meets(scene, ray, far))
     hit = hit.reshape(resolution + 1, resolution + 1)
     return (hit[:-1, :-1] & hit[1:, :-1] & hit[:-1, 1:] & hit[1:, 1:]).ravel()
 

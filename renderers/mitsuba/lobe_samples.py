@@ -7,10 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from malus.scenes.core.arrays import BoolArray, Float32Array, IntArray
+from malus.scenes.core.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 HALVES = 2
 """Independent halves of the samples; the difference of their means shows the Monte Carlo noise."""
+
+MOST_IN_FLOAT32 = 4096
+"""Most samples a pixel that are summed in float32. At these, rounding makes a sum of equal samples
+wrong by 5e-6; at 2^20 samples it would be 5e-3, and no standard error would show it."""
+
+
+def in_float64(samples: int) -> bool:
+    """Whether so many samples a pixel are summed in float64; fewer are faster in float32."""
+    return samples > MOST_IN_FLOAT32
 
 
 @dataclass(frozen=True)
@@ -87,7 +96,7 @@ class Layout:
         """Number of channels of all parts."""
         return 3 * sum(self.counts)
 
-    def split(self, sums: Float32Array) -> list[Float32Array]:
+    def split(self, sums: FloatArray) -> list[FloatArray]:
         """Views (2, count, pixels, 3) of each part of flat sums."""
         ends = HALVES * 3 * np.cumsum(self.counts) * (sums.size // (HALVES * self.channels))
         parts = zip(np.split(sums, ends[:-1]), self.counts, strict=True)
@@ -95,7 +104,7 @@ class Layout:
 
 
 def lobes_from_sums(
-    blocks: Sequence[Float32Array],
+    blocks: Sequence[FloatArray],
     layout: Layout,
     samples: int,
     pixels: IntArray,
@@ -105,7 +114,7 @@ def lobes_from_sums(
 
     Parameters
     ----------
-    blocks : flat arrays
+    blocks : flat arrays of float32 or float64, in which means and variances are computed
         Sums for some of the pixels each, in the order of `layout`; products are the squares of
         both lobes and the products of one with the other. They are divided in place.
     samples : int
@@ -118,30 +127,39 @@ def lobes_from_sums(
         parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
         for parts in zip(*split, strict=True)
     )
-    mean_normals = normal.mean(axis=(0, 1))
+    mean_normals = as_float32(normal.mean(axis=(0, 1)))
     lobes = Lobes(
-        specular=specular,
-        diffuse=diffuse,
+        specular=as_float32(specular),
+        diffuse=as_float32(diffuse),
         pixels=pixels,
         normals=unit(mean_normals),
         normal_spread=spread_of(mean_normals),
         covered=covered,
     )
-    return _with_variances(lobes, products, HALVES * samples) if products else lobes
+    if not products:
+        return lobes
+    return _with_variances(lobes, (specular, diffuse), products, HALVES * samples)
 
 
-def _with_variances(lobes: Lobes, products: list[Float32Array], samples: int) -> Lobes:
-    """The lobes with the variances of their means, from sums of squares and products."""
+def _with_variances(
+    lobes: Lobes, means: tuple[FloatArray, FloatArray], products: list[FloatArray], samples: int
+) -> Lobes:
+    """The lobes with the variances of their means, from means, squares and products of halves."""
     specular, diffuse, both = (product.mean(axis=0) for product in products)
-    mean_specular, mean_diffuse = lobes.specular.mean(axis=0), lobes.diffuse.mean(axis=0)
+    mean_specular, mean_diffuse = (halves.mean(axis=0) for halves in means)
     scale = np.float32(1.0 / (samples - 1))
     return replace(
         lobes,
         # Rounding can leave a tiny negative variance where all samples are equal.
-        specular_variance=np.maximum(specular - mean_specular**2, 0) * scale,
-        diffuse_variance=np.maximum(diffuse - mean_diffuse**2, 0) * scale,
-        covariance=(both - mean_specular * mean_diffuse) * scale,
+        specular_variance=as_float32(np.maximum(specular - mean_specular**2, 0) * scale),
+        diffuse_variance=as_float32(np.maximum(diffuse - mean_diffuse**2, 0) * scale),
+        covariance=as_float32((both - mean_specular * mean_diffuse) * scale),
     )
+
+
+def as_float32(values: FloatArray) -> Float32Array:
+    """The values in float32: the same array where it has them already."""
+    return np.asarray(values, dtype=np.float32)
 
 
 def unit(vectors: Float32Array) -> Float32Array:

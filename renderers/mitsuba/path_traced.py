@@ -22,8 +22,9 @@ from typing import Any, Self
 import numpy as np
 
 from malus.renderers.mitsuba.coverage import covering
+from malus.renderers.mitsuba.distances import camera_distance, scene_radius, view_length
 from malus.renderers.mitsuba.lighting import Sampler, sampler
-from malus.renderers.mitsuba.lobe_samples import HALVES, spread_of, unit
+from malus.renderers.mitsuba.lobe_samples import HALVES, as_float32, in_float64, spread_of, unit
 from malus.renderers.mitsuba.padding import padding
 from malus.renderers.mitsuba.patterns import surface_shares
 from malus.renderers.mitsuba.placed import object_bsdf, parts_of, pattern_on, placed_object
@@ -37,6 +38,7 @@ from malus.scenes.core.arrays import (
     BoolArray,
     Float32Array,
     Float64Array,
+    FloatArray,
     Int32Array,
     NumberArray,
     UInt32Array,
@@ -119,38 +121,44 @@ class RoomImages:
     s3_variance: Float32Array | None = None
 
     @classmethod
-    def of_sums(cls, sums: Float32Array, owner: Int32Array, samples: int) -> Self:
-        """From sums over samples (channels, halves, pixels, settings), and owners of pixels."""
+    def of_sums(cls, sums: FloatArray, owner: Int32Array, samples: int, bounced: bool) -> Self:
+        """From sums over samples (channels, halves, pixels, settings), and owners of pixels.
+
+        Where light has `bounced`, it may come by rare paths, and variances are `pooled`.
+        """
         side = math.isqrt(len(owner))
 
-        def mean(part: slice) -> Float32Array:
+        def mean(part: slice) -> FloatArray:
             # (channels, halves, pixels, settings) -> (halves, height, width, settings, channels)
             channels = np.moveaxis(sums[part], 0, -1)
-            means: Float32Array = channels.reshape(HALVES, side, side, *channels.shape[2:])
+            means: FloatArray = channels.reshape(HALVES, side, side, *channels.shape[2:])
             return means / np.float32(samples // HALVES)
 
         specular, diffuse, squares = (mean(part) for part in (_SPECULAR, _DIFFUSE, _SQUARES))
         hits = sums[_HITS, :, :, 0].sum(axis=0)
         owner = np.where((owner >= 0) & (hits == samples), owner, -1).reshape(side, side)
-        normals = sums[_NORMAL, :, :, 0].sum(axis=1).T
+        normals = as_float32(sums[_NORMAL, :, :, 0].sum(axis=1).T)
 
-        def variance(squares: Float32Array, means: Float32Array) -> Float32Array:
+        def variance(squares: FloatArray, means: FloatArray) -> Float32Array:
             # Rounding can leave a tiny negative variance where all samples are equal.
             of_one = np.maximum(squares.mean(axis=0) - means.mean(axis=0) ** 2, 0)
-            return np.asarray(pooled(of_one, owner) / np.float32(samples - 1), np.float32)
+            of_pixel = pooled(of_one, owner) if bounced else of_one
+            return np.asarray(of_pixel / np.float32(samples - 1), np.float32)
 
         images = cls(
-            specular=specular,
-            diffuse=diffuse,
+            specular=as_float32(specular),
+            diffuse=as_float32(diffuse),
             variance=variance(squares, specular + diffuse),
             normals=normals,
             owner=owner,
-            touched=normals.any(axis=-1),
+            touched=np.asarray(normals.any(axis=-1)),
         )
         if len(sums) == _CHANNELS:
             return images
         s3, s3_squares = mean(_S3), mean(_S3_SQUARE)
-        return replace(images, s3=s3[..., 0], s3_variance=variance(s3_squares, s3)[..., 0])
+        return replace(
+            images, s3=as_float32(s3[..., 0]), s3_variance=variance(s3_squares, s3)[..., 0]
+        )
 
 
 @dataclass(frozen=True)
@@ -187,12 +195,11 @@ class Room:
         self.spare = padding(mi, [bsdfs for _, bsdfs in object_bsdfs])
         parts = {f"object{i}": shape for i, shape in enumerate(self.shapes)}
         reach = scene_radius(scene)
-        away = scene.camera.distance or 2 * reach
         # One scene, because a kernel on CUDA traces rays in one scene only. Rays of the camera and
         # shadow rays end before the lamp, which is an object too; paths of light reach it.
         # Opaque, so that scenes of equal structure share a kernel.
-        self.ray_length = dr.opaque(mi.Float, away + 2 * reach)
-        lamp = max(LAMP_DISTANCE * reach, 10 * away)
+        self.ray_length = dr.opaque(mi.Float, view_length(scene))
+        lamp = max(LAMP_DISTANCE * reach, 10 * camera_distance(scene))
         self.scene = mi.load_dict(
             {"type": "scene", "sensor": sensor(mi, scene.camera, 2 * reach)}
             | room_emitters(mi, scene.light, reach, lamp)
@@ -252,7 +259,8 @@ class Room:
         All settings share their random numbers, so that images are smooth functions of them.
         """
         sums = np.stack([self._sums(of_surfaces) for of_surfaces in settings], axis=-1)
-        return RoomImages.of_sums(sums, self.owner, self.sampling.samples)
+        bounced = self.path is not None
+        return RoomImages.of_sums(sums, self.owner, self.sampling.samples, bounced)
 
     def _of_band(self, band: int) -> list[Setting]:
         """Index and albedo of every surface in a band."""
@@ -280,19 +288,20 @@ class Room:
             alpha[here] = shares[here] @ [part.isotropic_alpha for part in parts[number]]
         return eta.reshape(side, side, -1), alpha.reshape(side, side)
 
-    def _sums(self, settings: Sequence[Setting]) -> Float32Array:
+    def _sums(self, settings: Sequence[Setting]) -> FloatArray:
         """Sums over the samples of every half and pixel, (channels, halves, pixels)."""
         for bsdf, (eta, albedo) in zip(self.bsdfs, settings, strict=True):
             bsdf.set_band(eta, albedo)
         light = sampler(self.mi, self.described.light, self.scene)
         total = self.described.camera.resolution**2
-        sums = np.empty((self.channels, HALVES, total), dtype=np.float32)
+        number = np.float64 if in_float64(self.sampling.samples) else np.float32
+        sums = np.empty((self.channels, HALVES, total), dtype=number)
         for start in range(0, total, PIXELS_A_LAUNCH):
             pixels = np.arange(start, min(start + PIXELS_A_LAUNCH, total), dtype=np.uint32)
             self._launch(pixels, light, sums[:, :, pixels[0] : pixels[-1] + 1])
         return sums
 
-    def _launch(self, pixels: UInt32Array, light: Sampler, result: Float32Array) -> None:
+    def _launch(self, pixels: UInt32Array, light: Sampler, result: FloatArray) -> None:
         """Write the sums of some pixels to `result`, by one kernel."""
         import drjit as dr
 
@@ -315,7 +324,8 @@ class Room:
             return i + 1, sums, rays, draws, path_sampler
 
         samples = dr.opaque(mi.UInt32, self.sampling.samples // HALVES)
-        zeros = [dr.zeros(mi.Float, count) for _ in range(self.channels)]
+        number = mi.Float64 if result.dtype == np.float64 else mi.Float
+        zeros = [dr.zeros(number, count) for _ in range(self.channels)]
         state = (dr.zeros(mi.UInt32, count), zeros, rays, draws, path_sampler)
         # Dr.Jit would trace the loop twice to find what does not change in it: hardly anything.
         with dr.scoped_set_flag(dr.JitFlag.OptimizeLoops, False):
@@ -384,8 +394,3 @@ def _path(mi: ModuleType, max_depth: int, roulette: bool) -> Any:
         return None
     path = {"type": "path", "max_depth": max_depth - 1, "hide_emitters": True}
     return mi.load_dict(path if roulette else path | {"rr_depth": max_depth})
-
-
-def scene_radius(scene: Scene) -> float:
-    """Radius of a sphere around the origin that holds all objects."""
-    return max(math.hypot(*p.position) + 2 * p.scale for p in scene.objects)

@@ -171,6 +171,8 @@ class Threads:
         Numbers of the random streams; each gives pixel and half.
     pixels, seed, samples : opaque
         Number of pixels, seed, and samples of a thread.
+    double : bool
+        Whether samples are summed in float64, see `lobe_samples.in_float64`.
     hits : KeptHits or None
         Where rays are not traced again.
     hidden : (rays,) or None
@@ -182,6 +184,7 @@ class Threads:
     pixels: Any
     seed: Any
     samples: Any
+    double: bool = False
     hits: KeptHits | None = None
     hidden: Any = None
 
@@ -205,6 +208,7 @@ def shade(
 
     rays, draws = streams(mi, threads.stream, threads.seed)
     pixel, layout = threads.stream // HALVES, shading.layout
+    number, vector = (mi.Float64, mi.Vector3d) if threads.double else (mi.Float, mi.Vector3f)
 
     def step(i: Any, sums: list[Any], rays: Any, draws: Any) -> tuple[Any, ...]:
         ray = view.film.ray(mi, pixel, rays)
@@ -212,17 +216,17 @@ def shade(
         values = _sample(mi, view, ray, (hit, hidden), light, shading, draws)
         return i + 1, [s + v for s, v in zip(sums, values, strict=True)], rays, draws
 
-    state = (mi.UInt32(0), [mi.Float(0.0) for _ in range(layout.channels)], rays, draws)
+    state = (mi.UInt32(0), [number(0.0) for _ in range(layout.channels)], rays, draws)
     # Looking for loop invariants needs a second trace, which costs more than it saves.
     with dr.scoped_set_flag(dr.JitFlag.OptimizeLoops, False):
         _, sums, _, _ = dr.while_loop(state, lambda i, *_: i < threads.samples, step)
     thread = dr.arange(mi.UInt32, threads.count)
     half = threads.stream % HALVES
-    result = dr.empty(mi.Float, layout.channels * threads.count)
-    for number, (before, count, node) in enumerate(layout.vectors):
+    result = dr.empty(number, layout.channels * threads.count)
+    for index, (before, count, node) in enumerate(layout.vectors):
         position = threads.pixels * (HALVES * before + half * (count - 1) + node) + thread
         # As writes do not overlap, one kernel can do them all.
-        triple = mi.Vector3f(*sums[3 * number : 3 * number + 3])
+        triple = vector(*sums[3 * index : 3 * index + 3])
         dr.scatter(result, triple, position, mode=dr.ReduceMode.NoConflicts)
     return result
 

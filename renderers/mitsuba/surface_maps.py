@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from malus.renderers.mitsuba.distances import camera_distance, view_length
 from malus.renderers.mitsuba.lobe_samples import unit
-from malus.renderers.mitsuba.path_traced import scene_radius
 from malus.renderers.mitsuba.patterns import SurfaceNumber, spherical_coordinates
 from malus.renderers.mitsuba.placed import pattern_on, placed_object, to_own_frame
 from malus.renderers.mitsuba.rays import Film
@@ -91,6 +91,8 @@ class _Tracer:
     """A Mitsuba scene with the objects of a scene, whose surfaces and lights do not matter."""
 
     def __init__(self, mi: ModuleType, scene: Scene, variant: Variant) -> None:
+        import drjit as dr
+
         self.mi, self.described = mi, scene
         self.objects = scene.objects
         if scene.surroundings is None:
@@ -98,12 +100,14 @@ class _Tracer:
             self.scene, self.film = staged.scene, staged.view.film
             self.shapes = self.scene.shapes()
         else:
-            plain, away = mi.load_dict({"type": "diffuse"}), 2 * scene_radius(scene)
+            plain = mi.load_dict({"type": "diffuse"})
             self.shapes = [placed_object(mi, placed, plain) for placed in self.objects]
             parts = {f"object{i}": shape for i, shape in enumerate(self.shapes)}
-            lens = {"sensor": sensor(mi, scene.camera, away)}
+            lens = {"sensor": sensor(mi, scene.camera, camera_distance(scene))}
             self.scene = mi.load_dict({"type": "scene"} | lens | parts)
-            self.film = Film.of(self.scene.sensors()[0], scene.camera.resolution)
+            # As long as in a render, whose mask these maps go with: Mitsuba's own end earlier.
+            far = dr.opaque(mi.Float, view_length(scene))
+            self.film = Film.of(self.scene.sensors()[0], scene.camera.resolution, far)
         self.patterns: dict[int, tuple[SurfaceNumber, int]] = {
             index: (pattern_on(mi, placed), len(placed.surface.surfaces))
             for index, placed in enumerate(self.objects)

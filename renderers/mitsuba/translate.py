@@ -33,6 +33,8 @@ from malus.scenes.shapes.shapes import (
 )
 
 ORTHOGRAPHIC_DISTANCE = 3.0
+FAR_CLIP = 1e4
+"""Where rays of Mitsuba's cameras end if nothing else is said."""
 LAMP_DISTANCE = 1000.0
 """Distance of a lamp in radii of the objects: its direction differs by 0.06° at most."""
 
@@ -46,6 +48,8 @@ def sensor(
     """
     if camera.distance is not None:
         distance, lens = camera.distance, {"type": "perspective", "fov": camera.fov_deg}
+        # The far end enters the rounding of all rays: it stays where it is for cameras nearby.
+        lens["far_clip"] = max(FAR_CLIP, 2 * distance)
     else:
         lens = {"type": "orthographic"}
     to_world = mi.ScalarTransform4f().look_at(
@@ -110,7 +114,7 @@ def check_tangents(scene: Scene) -> None:
         if tessellated(shape).uv is None:
             hint = "export them with the mesh, or give one number as alpha"
             expected = "texture coordinates, as two alphas need them"
-            raise InputError(shape.path, expected, "a mesh without", hint)
+            raise InputError(str(shape.file), expected, "a mesh without", hint)
 
 
 @contextlib.contextmanager

@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from malus.renderers.mitsuba.coverage import check_seen, inside
+from malus.renderers.mitsuba.coverage import FAR, check_seen, inside, meets
 from malus.renderers.mitsuba.lighting import (
     Sampler,
     environment_emitter,
     radiance_map_of,
     sampler,
 )
-from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, lobes_from_sums
+from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, in_float64, lobes_from_sums
 from malus.renderers.mitsuba.rays import Film, stream_number, streams
 from malus.renderers.mitsuba.shading import CameraView, KeptHits, Shading, Threads, shade
 from malus.renderers.mitsuba.translate import sensor, shape_object
@@ -112,7 +112,8 @@ class Stage:
         )
         film = Film.of(self.scene.sensors()[0], camera.resolution)
         self.view = CameraView(self.scene, film, shape.kind in CONVEX)
-        self.inside = inside(mi, self.scene, self.resolution)
+        self.far = (camera.distance or 0.0) > FAR
+        self.inside = inside(mi, self.scene, self.resolution, self.far)
         # On CUDA, replaying a recording of Mitsuba 3.9's `envmap` ends the process.
         recordable = around is None or not mi.variant().startswith("cuda")
         # Dr.Jit would warn of each new kind of light or body.
@@ -132,11 +133,12 @@ class Stage:
         touched, lit_by = self._hits(sampling), sampler(self.mi, light, self.scene)
         half_samples, shading = sampling.samples // HALVES, shading_of()
         hidden = self._hidden(light, lit_by, touched, sampling)
+        double = in_float64(sampling.samples)
 
         def launch(stream: Any) -> Any:
             count = self.dr.width(stream)
             pixels, seed, samples = self._opaque(count // HALVES, sampling.seed, half_samples)
-            threads = Threads(count, stream, pixels, seed, samples, touched.hits, hidden)
+            threads = Threads(count, stream, pixels, seed, samples, double, touched.hits, hidden)
             return self._shade(lit_by, shading, threads)
 
         first, *others = touched.streams
@@ -215,7 +217,7 @@ class Stage:
         def step(i: Any, hits: Any, random: Any) -> tuple[Any, Any, Any]:
             ray = self.view.film.ray(mi, pixel, random)
             if kept is None:
-                hit = self.scene.ray_test(ray)
+                hit = meets(self.scene, ray, self.far)
             else:
                 hit = kept.keep(self.scene.ray_intersect_preliminary(ray), i, stream)
             return i + 1, hits + dr.select(hit, mi.UInt32(1), mi.UInt32(0)), random

@@ -18,7 +18,13 @@ from malus.scenes.core.arrays import Float32Array, Float64Array
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.quiet import quiet
 from malus.scenes.lights import interior, sky
-from malus.scenes.lights.lights import Interior, MapLight, Sky
+from malus.scenes.lights.lights import (
+    LEAST_STRENGTH,
+    MOST_STRENGTH,
+    Interior,
+    MapLight,
+    Sky,
+)
 
 HEIGHT = 128
 """Rows of the map that malus brings."""
@@ -229,7 +235,13 @@ def check_size(path: Path, width: int, height: int) -> None:
 
 
 def _valid_radiance(values: Float32Array, path: Path) -> Float32Array:
-    """The values themselves; raises InputError unless they are finite, >= 0 and not all zero."""
+    """The values themselves.
+
+    Raises
+    ------
+    InputError
+        Unless they are finite and not negative, and the largest is a `Strength`.
+    """
     if values.size < 2 or not np.isfinite(values).all() or values.min() < 0 or values.max() <= 0:
         raise InputError(
             str(path),
@@ -237,4 +249,7 @@ def _valid_radiance(values: Float32Array, path: Path) -> Float32Array:
             f"values from {values.min(initial=0)} to {values.max(initial=0)}",
             "repair the map",
         )
+    if not LEAST_STRENGTH <= values.max() <= MOST_STRENGTH:
+        expected = f"a largest radiance of {LEAST_STRENGTH:g} to {MOST_STRENGTH:g}"
+        raise InputError(str(path), expected, f"{values.max():g}", "scale the map")
     return values

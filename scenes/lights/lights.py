@@ -21,7 +21,8 @@ from malus.scenes.lights.angles import (
 )
 from malus.scenes.polarisation import polariser_angle_deg, polariser_axis
 
-Strength = Annotated[float, Field(ge=1e-9, le=1e9)]
+LEAST_STRENGTH, MOST_STRENGTH = 1e-9, 1e9
+Strength = Annotated[float, Field(ge=LEAST_STRENGTH, le=MOST_STRENGTH)]
 """Radiance or irradiance of a light; its square and its inverse must fit into float32."""
 
 
@@ -230,6 +231,7 @@ class Environment(NamedFile, AllAround):
     kind: Literal["environment"] = "environment"
     name: str = Field(default="studio", min_length=1)
     file_kind: ClassVar[str] = "radiance map"
+    file_key: ClassVar[str] = "name"
 
     @property
     def file_name(self) -> str | None:

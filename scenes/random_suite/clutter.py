@@ -1,4 +1,4 @@
-"""Objects placed at random around a scene's own shape, none of which touches another."""
+"""Objects placed at random around a scene's own shape, apart from each other where they float."""
 
 from __future__ import annotations
 
@@ -36,9 +36,12 @@ class Clutter(Model):
 
     Their shapes, materials and surfaces are drawn from the axes of the suite. Each has a radius
     between the two of `scale` and stands on a floor at the height `floor`, at most `within` from
-    the origin, turned about the vertical. Bounding spheres do not overlap; an object that finds no
-    room is left out. Where they `rest`, every object touches the floor with its lowest point, and
-    so does the scene's own shape: all surroundings are lifted to it.
+    the origin, turned about the vertical. Bounding spheres do not overlap where they are placed, at
+    their radius above the floor; an object that finds no room is left out. Where they `rest`, every
+    object is then lowered to touch the floor with its lowest point, and so does the scene's own
+    shape: all surroundings are lifted to it. As each is lowered by another amount, flat objects may
+    then reach into others: among 20 spheres and discs of radius 0.15 to 1.5 some did in 55 of 200
+    scenes.
 
     Examples
     --------

@@ -9,11 +9,11 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from malus.scenes.camera import Camera
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.model import Model
+from malus.scenes.core.model import PARSED, Model
 from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.materials.surface import Body, Surface
 from malus.scenes.random_suite.clutter import Clutter, place, rested
@@ -96,6 +96,18 @@ class RandomScenes(Model):
     @classmethod
     def _all_surfaces(cls, value: Any) -> Any:
         return tuple(surfaces()) if value == "all" else value
+
+    @field_validator(*AXES.values())
+    @classmethod
+    def _files_from_here(cls, value: Templates, info: ValidationInfo) -> Templates:
+        # A suite that is read has its files in its own folder: see `with_files`.
+        if info.context == PARSED:
+            return value
+        try:
+            found: Templates = with_files(value, Path())
+        except InputError:  # told when it is read
+            return value
+        return found
 
     @model_validator(mode="after")
     def _ranges(self) -> Self:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.model import FOUND_IN
 from malus.scenes.core.named_file import digest_of
 
 KINDS = ("uniform", "log_uniform", "integers", "choice", "folder")
@@ -137,7 +138,7 @@ def _choice(template: Mapping[str, Any]) -> Distribution:
 
 
 def _folder(template: Mapping[str, Any]) -> Distribution:
-    """Choice of a folder's files, each (path, digest); before they are known, the folder itself."""
+    """Choice of a folder's files, each (name, digest); before they are known, the folder itself."""
     return _of_options(template.get("files") or ((template["folder"], ""),))
 
 
@@ -266,7 +267,7 @@ def _most_values(template: Any) -> int:
 
 
 def with_files(template: Any, folder: Path) -> Any:
-    """A template whose files have their paths from here and their digests, and folders their files.
+    """A template whose files have their folders and their digests, and folders their files.
 
     Raises
     ------
@@ -284,17 +285,20 @@ def with_files(template: Any, folder: Path) -> Any:
         case "studio" if kind == "environment":
             pass
         case str(name):
-            found |= {key: str(folder / name), "digest": digest_of(folder / name, f"{kind} file")}
+            file = folder / str(template.get(FOUND_IN, "")) / name
+            found |= {key: file.name, "digest": digest_of(file, f"{kind} file")}
+            found[FOUND_IN] = str(file.parent)
         case {"choice": _}:
             hint = 'put the files into a folder: { folder = "…" }, or write an item for each'
             raise InputError(f"key {key}", "a file, or a folder of files", "a choice", hint)
         case {"folder": str(name)} if not template[key].get("files"):
             found[key] = {"folder": name, "files": _files(folder / name, kind)}
+            found[FOUND_IN] = str(folder / name)
     return found
 
 
 def _files(folder: Path, kind: str) -> tuple[tuple[str, str], ...]:
-    """Path and digest of every file of a kind in a folder, in order of their names."""
+    """Name and digest of every file of a kind in a folder, in order of their names."""
     suffixes = _SUFFIXES.get(kind, (".pbsdf",))
     try:
         names = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes)
@@ -304,4 +308,4 @@ def _files(folder: Path, kind: str) -> tuple[tuple[str, str], ...]:
     if not names:
         expected = f"files for kind {kind} ({', '.join(suffixes)})"
         raise InputError(str(folder), expected, "none", "check the path")
-    return tuple((str(path), digest_of(path, f"{kind} file")) for path in names)
+    return tuple((path.name, digest_of(path, f"{kind} file")) for path in names)

@@ -9,6 +9,7 @@ from scipy import ndimage
 from malus.bench import score
 from malus.renderers import Truth
 from malus.renderers.families.family import render_family
+from malus.renderers.mitsuba import wavefront
 from malus.renderers.mitsuba.translate import sensor
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
@@ -164,6 +165,46 @@ def test_far_away_a_perspective_camera_is_orthographic() -> None:
         assert truth.view_direction is not None
         assert 1 - truth.view_direction[..., 2].min() < (1.05 / distance) ** 2 * 1.01
     assert deviation[0] > 5 * deviation[1] > 25 * deviation[2]
+
+
+@pytest.mark.parametrize("kept", [True, False], ids=["hits kept", "hits found again"])
+@pytest.mark.parametrize("distance", [2000.0, 9999.0, 1e4])
+def test_from_the_farthest_camera_a_ball_covers_the_pixels_that_its_equation_says(
+    distance: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All corners of a pixel lie on lines that pass the origin at less than the radius."""
+    if not kept:
+        monkeypatch.setattr(wavefront, "MOST_KEPT_HITS", 0)
+    wavefront.cached_stage.cache_clear()
+    side, edge = 24, 1.1 / distance
+    fov = float(2 * np.degrees(np.arctan(edge)))
+    camera = Camera(resolution=side, projection="perspective", fov_deg=fov, distance=distance)
+    truth = truth_of(camera, Uniform(), samples=16)
+    across = edge * np.hypot(*np.meshgrid(*[np.linspace(-1, 1, side + 1)] * 2))
+    passes = distance * across / np.sqrt(1 + across**2)
+
+    def of_corners(corner: np.ndarray) -> np.ndarray:
+        return np.stack([corner[:-1, :-1], corner[1:, :-1], corner[:-1, 1:], corner[1:, 1:]])
+
+    # Directions in float32 are wrong by 1e-7 or less, and points at 1e4 therefore by 1e-3.
+    clear = (np.abs(of_corners(passes) - 1) > 2e-3).all(axis=0)
+    assert clear.mean() > 0.95
+    assert np.array_equal(truth.mask[clear], (of_corners(passes) < 1).all(axis=0)[clear])
+
+
+@pytest.mark.parametrize("shape", [Sphere(), Torus(tilt_deg=50)], ids=lambda s: s.kind)
+def test_the_farthest_camera_sees_what_an_orthographic_one_sees(shape: Shape) -> None:
+    distance, light = 1e4, Uniform()
+    fov = float(2 * np.degrees(np.arctan(1.1 / distance)))
+    camera = Camera(resolution=24, projection="perspective", fov_deg=fov, distance=distance)
+    far = truth_of(camera, light, shape)
+    flat = truth_of(Camera(resolution=24, half_width=1.1), light, shape)
+    # Points on the object are wrong by 1e-3, a hundredth of a pixel: of all outlines' pixels, one.
+    assert (far.mask != flat.mask).sum() <= 1
+    # Of 32 random rays of a pixel one at an outline may hit or miss, in a few pixels.
+    difference = np.abs(far.image - flat.image)[..., 0]
+    assert np.median(difference[flat.mask]) < 2e-3 * flat.image.max()
+    assert (difference > 0.05 * flat.image.max()).sum() <= 3
 
 
 @pytest.mark.parametrize(

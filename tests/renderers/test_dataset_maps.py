@@ -59,7 +59,8 @@ def test_a_foreign_scene_opens_no_file_outside_its_dataset(
     """Not even one of the right content, whatever its hashes say."""
     truth, light = with_map(tmp_path / "a.exr", tmp_path / "data")
     monkeypatch.chdir(tmp_path / "data")
-    named = light.model_copy(update={"name": name.format(outside=tmp_path / "a.exr")})
+    content = {"name": name.format(outside=tmp_path / "a.exr"), "digest": light.digest}
+    named = Environment.parse(content, "test")
     evil = dataclasses.replace(truth, scene=truth.scene.model_copy(update={"light": named}))
     stored(tmp_path / "evil", evil)
     shutil.rmtree(tmp_path / "evil" / "maps")
@@ -70,7 +71,7 @@ def test_a_foreign_scene_opens_no_file_outside_its_dataset(
 
 @pytest.mark.parametrize("digest", ["../../../../a", "", "0123456789ABCDEF"])
 def test_a_digest_leads_out_of_no_dataset(tmp_path: Path, digest: str) -> None:
-    light = Environment(name="/etc/passwd", digest=digest)
+    light = Environment.parse({"name": "/etc/passwd", "digest": digest}, "test")
     scene = made_up_truth().scene.model_copy(update={"light": light})
     found = with_own_files(scene, tmp_path, set()).light
     assert isinstance(found, Environment)

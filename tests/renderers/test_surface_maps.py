@@ -20,10 +20,13 @@ from malus.scenes import (
     InputError,
     MeshFile,
     Patterned,
+    Placed,
+    Plane,
     Sampling,
     Scene,
     Sphere,
     Stripes,
+    Surroundings,
     Torus,
     Uniform,
 )
@@ -187,6 +190,25 @@ def test_pixels_at_an_outline_are_of_one_object() -> None:
     truth = render(described, Sampling(samples=4))
     same = truth.mask & (maps["coverage"] == 1)
     assert np.abs(maps["eta"] - truth.eta_map)[same].max() < 1e-6
+
+
+@needs_arrays
+@pytest.mark.parametrize("distance", [3.0, 9500.0])
+def test_maps_reach_as_far_as_the_render(distance: float) -> None:
+    """A ball before a wall that is far behind it: the mask has it, and so must all maps."""
+    fov = float(2 * np.degrees(np.arctan(2.2 / distance)))
+    camera = Camera(resolution=16, projection="perspective", fov_deg=fov, distance=distance)
+    wall = Placed(shape=Plane(), surface=PAINT, position=(0, 0, -900), tilt_deg=90, scale=1000)
+    around = Surroundings(name="far wall", objects=(wall,))
+    described = scene(camera).model_copy(update={"surroundings": around})
+    truth = render(described, Sampling(samples=4, max_depth=2))
+    maps = render_maps(described, ("depth", "coverage", "object_id"), choose())
+    assert truth.mask.sum() > 100
+    assert (maps["coverage"][truth.mask] == 1).all()
+    assert set(np.unique(maps["object_id"][truth.mask])) == {1, 2}
+    # float32 at 1e4: a step is 1e-3, and the mean of 16 depths is a few of them.
+    on_wall = maps["object_id"] == 2
+    assert maps["depth"][on_wall] == pytest.approx(distance + 900, abs=5e-3)
 
 
 @needs_arrays

@@ -11,7 +11,7 @@ import pytest
 
 from malus.scenes import InputError
 from malus.scenes.lights.environment import radiance_map
-from malus.scenes.lights.lights import Environment
+from malus.scenes.lights.lights import Environment, Uniform
 from malus.scenes.shapes.patterns import ImageTexture
 
 CASES = Path(__file__).parents[1] / "cases" / "exr"
@@ -51,6 +51,23 @@ def test_the_shape_of_another_layout_is_refused(
         path.write_bytes(head + bytes([128, 128, 128, 128]) * (size[0] * size[1]))
     with pytest.raises(InputError, match=says):
         radiance_map(Environment(name=str(path)))
+
+
+@pytest.mark.parametrize("largest", [1e-12, 2e-9, 9e8, 1e12, 1e30])
+def test_a_map_is_as_bright_as_other_lights_may_be(tmp_path: Path, largest: float) -> None:
+    """A square or an inverse beyond float32 would make standard errors that are no numbers."""
+    path = tmp_path / "a.exr"
+    plane = np.zeros((4, 8), np.float32)
+    plane[0, 0] = largest
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Y": plane}).write(str(path))
+    light = Environment(name=str(path))
+    try:
+        Uniform(radiance=float(plane.max()))
+    except InputError:
+        with pytest.raises(InputError, match="a largest radiance of 1e-09 to 1e"):
+            radiance_map(light)
+    else:
+        assert radiance_map(light).max() == plane.max()
 
 
 def test_a_square_map_may_say_that_it_is_one(tmp_path: Path) -> None:

@@ -124,9 +124,34 @@ def test_impossible_wavelengths_are_refused(wavelength: float) -> None:
 
 
 def test_wavelength_between_poles_has_no_real_index() -> None:
-    # Below its pole at 142 nm the one-term Sellmeier formula of polystyrene gives n² < 0.
+    # Below its pole at 500 nm this one-term Sellmeier formula gives n² < 0.
+    pole = Material(
+        "x", "x", "liquid", "-", (450.0, 700.0), "sellmeier_direct_poles", (0.0, 0.75, 0.25)
+    )
     with pytest.raises(InputError, match="real index"):
-        material("polystyrene").eta(120.0)
+        pole.eta(450.0)
+
+
+@pytest.mark.parametrize("name", REFERENCE)
+def test_an_index_is_given_near_its_data_only(name: str) -> None:
+    """Where it was measured and where people see: no formula has run off there, none is trusted
+    beyond.
+
+    Of these media all indices lie between 1.3 and 2.1 there, that of carbon disulfide at 300 nm
+    being the largest, and fall towards the red over the visible. The data of carbon disulfide go on
+    over a band of absorption at 6.5 µm.
+    """
+    substance = material(name)
+    is_table = substance.dispersion == "table"
+    low, high = substance.valid_range_nm if is_table else substance.formula_range_nm
+    assert is_table or (low <= 360 and high >= 830)
+    eta = substance.eta(np.geomspace(low, min(high, 2800), 200))
+    assert ((eta > 1.3) & (eta < 2.1)).all()
+    if not is_table:
+        assert (np.diff(substance.eta(np.linspace(360, 830, 48))) < 0).all()
+    for outside in (low * 0.999, high * 1.001):
+        with pytest.raises(InputError, match=rf"material {name}: expected .*wavelengths .* nm"):
+            substance.eta([550.0, outside])
 
 
 def test_formulas_against_hand_computed_values() -> None:

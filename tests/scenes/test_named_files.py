@@ -34,17 +34,21 @@ OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
 def naming(kind: str, path: str, digest: str) -> Scene:
-    """A scene that names a file: its mesh, pattern's picture, material, a mesh beside it."""
+    """A scene that names a file: its mesh, pattern's picture, material, a mesh beside it.
+
+    Parsed, as what comes from elsewhere is: nothing of it is changed or opened.
+    """
     scene = made_up_truth().scene
+    named = {"path": path, "digest": digest}
     if kind == "material":
-        return scene.model_copy(update={"surface": Measured(path=path, digest=digest)})
-    mesh = MeshFile(path=path, digest=digest, shading="flat")
+        return scene.model_copy(update={"surface": Measured.parse(named, "test")})
+    mesh = MeshFile.parse(named | {"shading": "flat"}, "test")
     if kind == "mesh":
         return scene.model_copy(update={"shape": mesh})
     if kind == "picture":
         paint = scene.surface
         assert isinstance(paint, Dielectric)
-        texture = ImageTexture(path=path, digest=digest)
+        texture = ImageTexture.parse(named, "test")
         patterned = Patterned(pattern=texture, surfaces=(paint, paint))
         return scene.model_copy(update={"surface": patterned})
     beside = (Placed(shape=Sphere(), surface=scene.surface),)

@@ -207,7 +207,7 @@ disjoint = ["shape"]
     meshes: dict[str, set[str]] = {"train": set(), "test": set()}
     for index, scene in enumerate(made.scenes()):
         meshes[str(made.draws.split(index))].add(scene.shape.digest)
-        assert Path(scene.surface.pattern.path).is_file()
+        assert scene.surface.pattern.file.is_file()
     assert len(meshes["train"]) == len(meshes["test"]) == 3
     assert not meshes["train"] & meshes["test"]
     (tmp_path / "meshes" / "0.obj").write_text("# other\n" + text, "utf-8")

@@ -1,0 +1,69 @@
+"""Models made in Python: a mistake is told in one line, and equal content has one id."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from malus.scenes import Dielectric, Distant, InputError, Scene, Sphere, Uniform
+from malus.scenes.camera import Camera
+from malus.scenes.core.model import Model, content_id
+from malus.scenes.shapes.shapes import Plane
+from malus.scenes.surroundings import Placed
+
+PAINT = Dielectric(eta=1.5, alpha=0.3)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Dielectric(material="plastik", alpha=0.3), "Dielectric, .*material"),
+        (lambda: Camera(resolution=16.5), "Camera, key resolution: expected a valid integer"),
+        (lambda: Scene(wavelengths_nm=550), "Scene, key"),
+        (lambda: Distant(), "Distant, key incidence_deg: expected this key, found nothing"),
+        (lambda: Dielectric(etta=1.5, alpha=0.3), "did you mean eta"),
+        (
+            lambda: Scene(
+                shape={"kind": "sphere"},
+                surface={"kind": "dielectric", "eta": 1.5, "alpha": -1},
+                light={"kind": "uniform"},
+            ),
+            r"Scene, key surface\.alpha: expected greater than 0, found -1",
+        ),
+        (
+            lambda: Placed(shape=Plane(), surface=PAINT, position=(0, "up", 0)),
+            r"Placed, key position\.1: expected a valid number",
+        ),
+    ],
+)
+def test_a_mistake_in_python_is_told_in_one_line(make: Callable[[], Model], says: str) -> None:
+    """Of data inside data it tells the place in the outermost."""
+    with pytest.raises(InputError, match=says) as told:
+        make()
+    assert len(str(told.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda zero: Camera(roll_deg=zero),
+        lambda zero: Distant(incidence_deg=30, azimuth_deg=zero),
+        lambda zero: Placed(shape=Plane(), surface=PAINT, position=(zero, -1.0, zero)),
+        lambda zero: Placed(shape=Plane(), surface=PAINT, position=[0.0, -1.0, zero]),
+        lambda zero: Scene(
+            shape=Sphere(), surface=PAINT, light=Uniform(), camera={"roll_deg": zero}
+        ),
+    ],
+)
+def test_a_zero_has_no_sign(make: Callable[[float], Model]) -> None:
+    """Equal scenes have equal ids: in mathematics -0.0 is 0.0, in JSON it is another text."""
+    assert make(-0.0) == make(0.0)
+    assert make(-0.0).id == make(0.0).id
+
+
+def test_what_is_parsed_keeps_its_zeros() -> None:
+    """Scenes that are drawn or stored with -0.0 have ids of it, which stay."""
+    content = Distant(incidence_deg=30, azimuth_deg=0.0).model_dump(mode="json")
+    signed = content | {"azimuth_deg": -0.0}
+    assert Distant.parse(signed, "test").id == content_id(signed) != content_id(content)
