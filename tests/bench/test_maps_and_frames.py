@@ -27,7 +27,7 @@ from malus.renderers.variant import choose
 from malus.scenes import Camera, InputError
 from malus.scenes.maps import MAPS
 from malus.scenes.polarisation import dolp
-from malus.scenes.sensor import Sensor
+from malus.scenes.sensor import SensitivityFile, Sensor
 from malus.scenes.sensor_frame import expose
 from malus.scenes.suite import Suite
 
@@ -148,7 +148,7 @@ def test_a_file_of_sensitivities_is_not_looked_for_by_readers(tmp_path: Path) ->
     """What a dataset from elsewhere names is not opened; the record has the channels."""
     curves = tmp_path / "curves.csv"
     curves.write_text("nm,all\n400,1\n700,2\n", "utf-8")
-    sensor = Sensor.parse({"sensitivities": {"path": str(curves)}}, "test")
+    sensor = Sensor(sensitivities=SensitivityFile(path=str(curves)))
     render_dataset(with_sensor(sensor, 12), tmp_path / "dataset", NOBODY)
     curves.unlink()
     dataset = open_dataset(tmp_path / "dataset")
