@@ -63,6 +63,22 @@ def plan_command(ctx: click.Context, /, suite: str, backend: str) -> None:
         f"{Additions.of(planned.suite).label}",
         highlight=False,
     )
+    _tell_thin_highlights(planned, console)
+
+
+def _tell_thin_highlights(planned: Plan, console: Console) -> None:
+    """Print how many scenes have highlights that samples may miss."""
+    from malus.bench.running.thin_highlights import ENOUGH, thin_highlights
+
+    scenes = (scene for family in planned.families for scene in family.scenes)
+    if count := thin_highlights(scenes, planned.suite.sampling.samples):
+        console.print(
+            f"{count} scenes have highlights that fewer than {ENOUGH:g} samples see: renders may "
+            "miss them, and no standard error tells; take more samples or pixels, or a larger "
+            "alpha",
+            style="yellow",
+            highlight=False,
+        )
 
 
 def _tell_distributions(planned: Plan, console: Console) -> None:

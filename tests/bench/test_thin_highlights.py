@@ -1,0 +1,73 @@
+"""Highlights that samples may miss are counted, and told by `malus plan`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from malus.bench.commands.plan import plan_command
+from malus.bench.running.thin_highlights import ENOUGH, highlight_samples, thin_highlights
+from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere, Uniform
+from malus.scenes.lights.lights import Light
+
+
+def ball(alpha: float, camera: Camera, light: Light | None = None) -> Scene:
+    surface = Dielectric(eta=1.5, alpha=alpha)
+    return Scene(
+        shape=Sphere(), surface=surface, light=light or Distant(incidence_deg=30), camera=camera
+    )
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Camera(resolution=64),
+        Camera(resolution=64, half_width=2.0),
+        Camera(resolution=64, projection="perspective", fov_deg=20, distance=12.0),
+    ],
+)
+def test_samples_on_the_highlight_are_those_that_fall_there(camera: Camera) -> None:
+    """Points where the normal is within α of the half vector, of light from behind the viewer."""
+    alpha, samples, fine = 0.1, 16, 4096
+    half = camera.half_width
+    if camera.distance is not None and camera.fov_deg is not None:
+        half = camera.distance * math.tan(math.radians(0.5 * camera.fov_deg))
+    x = half * (np.arange(fine) + 0.5) / fine * 2 - half
+    share = np.count_nonzero(np.hypot(x, x[:, None]) < math.sin(alpha)) / fine**2
+    # sin α for α costs α²/3, perspective (12 − 1)/12 of the radius: under a tenth of the area each.
+    falling = share * camera.resolution**2 * samples
+    assert highlight_samples(ball(alpha, camera), samples) == pytest.approx(falling, rel=0.1)
+
+
+def test_light_from_everywhere_has_no_highlight_to_miss() -> None:
+    scenes = [
+        ball(1e-3, Camera(resolution=48), light) for light in (Uniform(), Distant(incidence_deg=30))
+    ]
+    assert highlight_samples(scenes[0], 16) == math.inf
+    assert highlight_samples(scenes[1], 16) < ENOUGH
+    assert thin_highlights(scenes, 16) == 1
+
+
+@pytest.mark.parametrize(("alpha", "says"), [(0.003, "1 scenes have highlights"), (0.3, "")])
+def test_a_plan_tells_of_them(tmp_path: Path, alpha: float, says: str) -> None:
+    suite = f"""
+name = "smooth"
+shapes = [{{ kind = "sphere" }}]
+materials = ["water"]
+surfaces = [{{ alpha = {alpha} }}]
+bodies = ["polarised"]
+lights = [{{ kind = "uniform" }}, {{ kind = "distant", incidence_deg = 60 }}]
+wavelengths_nm = [550]
+methods = ["unpolarised"]
+camera = {{ resolution = 24 }}
+sampling = {{ samples = 16 }}
+"""
+    (tmp_path / "s.toml").write_text(suite, "utf-8")
+    told = CliRunner().invoke(plan_command, [str(tmp_path / "s.toml"), "--backend", "scalar"])
+    assert told.exit_code == 0, told.output
+    assert says in told.output
+    assert ("highlights" in told.output) == bool(says)
