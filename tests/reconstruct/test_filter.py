@@ -232,6 +232,15 @@ def test_bad_options_end_in_one_line_and_no_output(tmp_path: Path) -> None:
         assert not out.exists()
 
 
+@pytest.mark.parametrize("value", [0.0, np.nan, -1.0])
+def test_normals_of_which_none_is_one_are_told_by_their_file(tmp_path: Path, value: float) -> None:
+    """The picture is not to blame: it would be called dark."""
+    path, normals = saved_dome(tmp_path)
+    np.save(normals, np.full((*dome()[0].shape[:2], 3), value))
+    result = CliRunner().invoke(filter_command, [str(path), "--normals", str(normals)])
+    assert "normals.npy: expected unit vectors, z towards the camera" in str(result.exception)
+
+
 def test_a_failure_half_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     linear, normals = dome()
 

@@ -9,15 +9,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from malus.bench.running.results import Results
 from malus.reports.figures.drawings import drawings
 from malus.reports.summary import summary
 from malus.reports.tables import sample
 from malus.reports.tables.captures import by_group as captured_by_group
 from malus.reports.tables.colour_errors import table1, table1_text
+from malus.reports.tables.compared_runs import means_table
 from malus.reports.tables.figure_numbers import angle_numbers, numbers
 from malus.reports.tables.headline import best_method, headline_tiles
 from malus.reports.tables.paper_table import paper_table
 from malus.reports.tables.rows import coverage
+from malus.reports.tables.sentences import interpolation
 from malus.reports.tables.skills import (
     by_light_and_body,
     median_skills,
@@ -95,6 +98,21 @@ def test_an_estimate_that_is_not_finite_is_not_a_guess_inside_the_noise(
     assert best_method(broken(table)) != "eq8"
     captures = captured_by_group(broken(sample.captured()))
     assert next(line for line in captures.lines if line[1] == "eq8")[3].startswith("–")
+
+
+def test_comparisons_tell_how_many_scenes_have_a_skill(table: pd.DataFrame) -> None:
+    run = sample.run()
+    hidden = with_skill(table, math.nan, method="eq8", light="uniform", surface="carbon")
+    tables = [table, hidden, broken(table)]
+    lines = means_table(("whole", "part", "broken"), [Results(each, run) for each in tables]).lines
+    eq8 = next(line for line in lines if line[0] == "eq8")
+    assert [eq8[3], eq8[6]] == ["12", "12, 9 with a skill"]
+    assert eq8[7:9] == ["–", "–"]
+
+
+def test_an_error_of_interpolation_is_told_where_there_is_one() -> None:
+    assert "nothing was interpolated" in interpolation({"interpolation_rms": 0.0})
+    assert "1.2e-6 of the peak" in interpolation({"interpolation_rms": 1.2e-6})
 
 
 def test_negative_skills_are_listed_with_their_place_and_number(table: pd.DataFrame) -> None:

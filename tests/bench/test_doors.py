@@ -1,0 +1,65 @@
+"""What is no scene, truth or method is told in one line; one name is a list of one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+from runs import NOBODY, formula_dataset
+
+import malus
+from malus.bench.running.overrides import chosen_suite
+from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
+
+SCENE = Scene(
+    shape=Sphere(),
+    surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
+    light=Distant(incidence_deg=60),
+    camera=Camera(resolution=8),
+)
+ANYTHING = cast(Any, malus)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: ANYTHING.render("quick"), "scene: expected a malus.Scene, found str"),
+        (lambda: ANYTHING.render(SCENE, 32), "sampling: expected a malus.Sampling, found int"),
+        (lambda: ANYTHING.score("eq8", SCENE), "truth: expected a malus.Truth, found str"),
+        (lambda: ANYTHING.compare("results"), "a list of folders of runs, found results"),
+    ],
+)
+def test_what_is_of_another_kind_is_told(call: Callable[[], Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        call()
+
+
+def test_a_score_needs_a_method() -> None:
+    truth = malus.render(SCENE, renderer="torrance-sparrow")
+    with pytest.raises(InputError, match="a Method or the name of one, found None"):
+        malus.score(truth, cast(Any, None))
+
+
+def test_a_method_that_is_given_as_an_object_is_held_to_the_picture() -> None:
+    """A phase without its last axis is broadcast to another picture."""
+    truth = malus.render(SCENE, renderer="torrance-sparrow")
+
+    def flat(observation: malus.Observation) -> malus.Components:
+        image = observation.image
+        return malus.Components.from_extremes(0.6 * image, 0.4 * image, 0 * image[..., 0])
+
+    with pytest.raises(InputError, match=r"expected image of shape .* found shape \(8, 8, 8\)"):
+        malus.score(truth, malus.Method("flat", frozenset(), flat, "without its last axis"))
+
+
+def test_one_name_is_a_list_of_one(tmp_path: Path) -> None:
+    """To Python a string is a sequence of letters."""
+    suite = chosen_suite("quick", NOBODY, methods="eq8", metrics="psnr")
+    assert "eq8" in suite.methods
+    assert set(suite.methods) <= {"eq8", "unpolarised"}
+    assert suite.metrics == ("psnr",)
+    dataset = formula_dataset(tmp_path / "dataset")
+    table = malus.score_dataset(dataset, "eq8").table
+    assert table.method.unique().tolist() == ["eq8"]
