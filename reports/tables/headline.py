@@ -160,7 +160,7 @@ def _skills(rows: pd.DataFrame, best: str) -> Iterator[Tile]:
             yield f"{broken} of {len(values)}", f"scenes on which {method} gave what is not finite"
             continue
         paper = method == PAPER_METHOD
-        note = "; the paper reports none" if paper else ", the best on most scenes"
+        note = "; the paper reports none" if paper else ", the best that left out fewest scenes"
         yield skill_text(float(values.median())), f"median skill of {method}{note}"
         if paper or (values < 0).any():
             share = f"{int((values < 0).sum())} of {len(values)}"
