@@ -47,7 +47,7 @@ def image_viewer(source: Source) -> Section | None:
     """The viewer, where the run kept images."""
     if not any(example.methods for example in source.examples):
         return None
-    return Section("look", "Turn the polariser", viewer(source.examples, source.table))
+    return Section("look", "Turn the polariser", viewer(*source.shown, source.table))
 
 
 def maps(source: Source) -> Section | None:
@@ -106,7 +106,7 @@ def pairs(source: Source) -> Section | None:
 
 def skill(source: Source) -> Section:
     """Maps of the skill, and where that of the paper's method is negative."""
-    examples = example_scenes(source.examples, source.table)
+    examples = example_scenes(source.shown[0], source.table)
     negative = text_tables.negatives(source.table, PAPER_METHOD)
     content = render(
         "skill.html",

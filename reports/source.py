@@ -19,6 +19,7 @@ from malus.reports.figures.study_drawings import (
 )
 from malus.reports.tables.colour_errors import table1
 from malus.reports.viewer.examples import Example, read_examples
+from malus.reports.viewer.pack import Shown, fitted
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.result_files import EXAMPLES, RUN
 
@@ -72,6 +73,11 @@ class Source:
         order = {scene: number for number, scene in enumerate(self.table["scene"].unique())}
         examples = read_examples(self.folder / EXAMPLES)
         return tuple(sorted(examples, key=lambda example: order.get(example.scene, len(order))))
+
+    @cached_property
+    def shown(self) -> tuple[list[Shown], int]:
+        """Those with images of methods that fit a page, and the number of those left out."""
+        return fitted([example for example in self.examples if example.methods])
 
 
 @dataclass(frozen=True)

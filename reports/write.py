@@ -18,6 +18,7 @@ from malus.reports.sections import of_run, of_study
 from malus.reports.source import Source, read_study
 from malus.reports.summary import summary
 from malus.reports.tables.compared_runs import RunComparison
+from malus.reports.tables.formats import as_csv
 from malus.reports.tables.metric_definitions import definition_of
 from malus.reports.tables.rows import ResultsLike, distinct
 from malus.reports.tables.skills import by_light_and_body
@@ -84,10 +85,10 @@ def write_report(
     budget = tuple(ladders(table))
     drawn = Draughtsman([*drawings(table), *budget], png, elsewhere).drawings
     figures = drawn[: len(drawn) - len(budget)]
-    files.keep("errors.csv", by_light_and_body(table).to_csv(index=False))
+    files.keep("errors.csv", as_csv(by_light_and_body(table)))
     source = Source(table, run, out, figures, drawn[len(figures) :], tuple(beside))
     if len(source.colours):
-        files.keep("table1.csv", source.colours.to_csv(index=False))
+        files.keep("table1.csv", as_csv(source.colours))
     known = [asdict(definition_of(name)) for name in distinct(table["metric"])]
     files.keep("metrics.json", json.dumps(known, indent=1, ensure_ascii=False) + "\n")
     summarise, parts = (capture_summary, of_captures) if "captures" in run else (summary, of_run)
@@ -153,7 +154,7 @@ class _Files:
         self.keep(f"{drawing.name}.svg", drawing.picture.svg)
         if drawing.picture.png is not None:
             self.keep(f"{drawing.name}.png", drawing.picture.png)
-        self.keep(f"{drawing.name}.csv", drawing.numbers.to_csv(index=False))
+        self.keep(f"{drawing.name}.csv", as_csv(drawing.numbers))
 
     def remove_others(self, could_write: Callable[[str], bool]) -> None:
         """Remove what an earlier report wrote under such a name and this one did not."""

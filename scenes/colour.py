@@ -17,6 +17,7 @@ import numpy as np
 
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import Float32Array, Float64Array, FloatArray
+from malus.scenes.core.colour_science import colour_science
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
@@ -27,6 +28,16 @@ Application 19, 1994)."""
 _OBSERVER = "CIE 1931 2 Degree Standard Observer"
 _FAINT = 1e-3
 """Least sum of a colour matching function over the bands: bands below it show no such colour."""
+
+_XYZ_TO_SRGB = np.array(
+    [
+        [3.1462980624321326, -0.995187803032164, 0.06366240363778476],
+        [-1.6662654804053003, 1.9555754230400555, -0.21458887554061587],
+        [-0.4801892993520599, 0.03971152892827865, 1.1510009095928009],
+    ]
+)
+"""Linear sRGB (IEC 61966-2-1) of X, Y and Z, whose equal-energy white Bradford adaptation turns
+into that of sRGB, as colour-science has it: its import takes a second."""
 
 DifferenceMaps = Iterator[tuple[str, float | None, Float64Array]]
 """Suffix of a column, polariser angle in degrees or None, and differences (pixels,)."""
@@ -49,11 +60,9 @@ def matching_functions(
     wavelengths = np.asarray(wavelengths_nm, dtype=np.float64)
     visible = (wavelengths >= table_nm[0]) & (wavelengths <= table_nm[-1])
     responses = np.zeros((len(wavelengths), 3))
-    if between == "sprague":
-        # colour-science takes a second to import, and most of malus never needs it.
-        import colour
-
-        responses[visible] = colour.MSDS_CMFS[_OBSERVER][wavelengths[visible]]
+    at_rows = bool(np.equal(wavelengths % 1, 0).all())
+    if between == "sprague" and not at_rows:
+        responses[visible] = colour_science().MSDS_CMFS[_OBSERVER][wavelengths[visible]]
         return responses
     for axis, values in enumerate(functions):
         responses[visible, axis] = np.interp(wavelengths[visible], table_nm, values)
@@ -148,9 +157,7 @@ def channel_weights(channels: tuple[str, ...]) -> Float64Array:
     if channels not in (RGB, GREY):
         expected = "red, green and blue, or grey"
         raise InputError("channels", expected, ", ".join(channels), "score without colours")
-    import colour
-
-    of_primaries = 100.0 * colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ.T
+    of_primaries = 100.0 * colour_science().RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ.T
     return np.asarray(of_primaries if channels == RGB else of_primaries.sum(axis=0)[None])
 
 
@@ -214,9 +221,7 @@ def differences_from(
 def _difference(true: Float64Array, estimated: Float64Array, method: str) -> Float64Array:
     if method == "CIE 1976":
         return np.sqrt(np.square(true - estimated).sum(axis=-1))
-    import colour
-
-    return np.asarray(colour.delta_E(true, estimated, method=method))
+    return np.asarray(colour_science().delta_E(true, estimated, method=method))
 
 
 def _compared_images() -> Iterator[tuple[str, float | None, Callable[[FloatArray], FloatArray]]]:
@@ -256,14 +261,10 @@ def srgb_weights(wavelengths_nm: tuple[float, ...]) -> Float64Array:
     grey = np.full((bands, 3), 1.0 / bands)
     if bands < 3:
         return grey
-    import colour
-
     # Previews are files: the smoother interpolation is the one that they were written with.
     responses = matching_functions(wavelengths_nm, between="sprague")
     responses *= cell_widths(wavelengths_nm)[:, None]
     sums = responses.sum(axis=0)
     if sums.min() < _FAINT:
         return grey
-    white = colour.CCS_ILLUMINANTS[_OBSERVER]["E"]
-    rgb = colour.XYZ_to_RGB(responses / sums, "sRGB", white, "Bradford")
-    return np.asarray(rgb, dtype=np.float64)
+    return np.asarray(responses / sums @ _XYZ_TO_SRGB)

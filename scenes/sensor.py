@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 
 from malus.scenes.colour import cell_widths
 from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.colour_science import colour_science
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile, digest_of
@@ -293,9 +294,7 @@ class Sensor(Model):
         if isinstance(self.sensitivities, SensitivityFile):
             table_ = self.sensitivities.curves()
         else:
-            import colour
-
-            curves = colour.MSDS_CAMERA_SENSITIVITIES[SETS[self.sensitivities]]
+            curves = colour_science().MSDS_CAMERA_SENSITIVITIES[SETS[self.sensitivities]]
             table_ = np.column_stack([curves.wavelengths, curves.values])
         sampled = [
             np.interp(wavelengths_nm, table_[:, 0], curve, left=0.0, right=0.0)

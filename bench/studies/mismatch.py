@@ -22,6 +22,7 @@ from malus.reconstruct import Inapplicable, Observation, get_method
 from malus.renderers.families.family import render_family
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, choose
+from malus.reports.tables.formats import as_csv
 from malus.reports.tables.prices import price_cells, prices
 from malus.scenes import (
     Blob,
@@ -130,7 +131,7 @@ class Assumption:
 def findings(folder: Path, resolution: int, samples: int, backend: str) -> Findings:
     """Run the study and write its table into a folder."""
     table = mismatch_table(Effort.of(resolution, samples, backend))
-    write_whole(folder / "mismatch.csv", lambda path: table.to_csv(path, index=False))
+    write_whole(folder / "mismatch.csv", lambda path: path.write_text(as_csv(table), "utf-8"))
     cells = price_cells(prices(table))
     lines = (f"{line[0]}, {line[1]}: {line[4]} (pairs: {line[6]})" for line in cells.lines)
     return Findings(("price of each assumption, loss of skill:", *lines, f"written to {folder}"))

@@ -27,6 +27,7 @@ from malus.renderers.families.family import render_family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, choose
+from malus.reports.tables.formats import as_csv
 from malus.reports.tables.readings import by_dataset, verdicts
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import Float64Array
@@ -77,7 +78,7 @@ class _Scored:
 def findings(folder: Path, every: int, resolution: int, backend: str) -> Findings:
     """Run the study and write its table into a folder."""
     table = paper_readings(choose(backend), every, resolution)
-    write_whole(folder / "readings.csv", lambda path: table.to_csv(path, index=False))
+    write_whole(folder / "readings.csv", lambda path: path.write_text(as_csv(table), "utf-8"))
     return Findings((*verdicts(by_dataset(table)), f"written to {folder}"))
 
 

@@ -94,10 +94,11 @@ def _stress(folder: Path) -> Findings:
 def _precision(folder: Path, backend: str) -> Findings:
     from malus.bench.studies.precision import precision
     from malus.renderers.variant import choose
+    from malus.reports.tables.formats import as_csv
     from malus.scenes.core.files import write_whole
 
     table = precision(choose(backend))
-    write_whole(folder / "precision.csv", lambda path: table.to_csv(path, index=False))
+    write_whole(folder / "precision.csv", lambda path: path.write_text(as_csv(table), "utf-8"))
     return Findings((f"written to {folder}",), table=table, cells=_precision_cells)
 
 

@@ -29,6 +29,7 @@ from malus.bench.studies.stress_images import (
 from malus.bench.studies.stress_surfaces import surface_cases
 from malus.reconstruct import get_method, specular_dolp
 from malus.reconstruct.facets.breakpoints import Measure
+from malus.reports.tables.formats import as_csv
 from malus.reports.tables.text_tables import stress_cells
 from malus.scenes.core.cores import usable_cores
 from malus.scenes.core.files import write_whole
@@ -209,7 +210,7 @@ def stress_table(
 
 def write_table(out: Path, table: pd.DataFrame) -> None:
     """Write the table as stress.csv and stress.md to a folder."""
-    write_whole(out / "stress.csv", lambda path: table.to_csv(path, index=False))
+    write_whole(out / "stress.csv", lambda path: path.write_text(as_csv(table), "utf-8"))
     write_whole(out / "stress.md", lambda path: path.write_text(markdown(table), encoding="utf-8"))
 
 

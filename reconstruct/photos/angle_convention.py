@@ -173,7 +173,7 @@ def check_outlines(fit: CaptureFit, objects: Sequence[BoolArray], known: BoolArr
         return OutlineTurn(0.0, 0.0, 0.0, 0.0)
     sizes, rotations = np.abs(shares) / total, np.degrees(np.angle(shares)) / 4
     # Reversed, s1 − i s2 turns as it should, by minus the angle of c.
-    return OutlineTurn(sizes[0], rotations[0], sizes[1], -rotations[1])
+    return OutlineTurn(*map(float, (sizes[0], rotations[0], sizes[1], -rotations[1])))
 
 
 def _polarised_light(fit: CaptureFit, chosen: BoolArray | tuple[slice, slice]) -> Complex128Array:

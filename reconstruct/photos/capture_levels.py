@@ -10,6 +10,7 @@ import numpy as np
 from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.photos.read_picture import SUFFIXES
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
+from malus.scenes.core.colour_science import colour_science
 from malus.scenes.core.errors import InputError
 
 _PILE = 0.0005
@@ -174,17 +175,14 @@ def level_hints(
 
 def linearity_hints(pictures: Float32Array, clipped: BoolArray, matrix: Float64Array) -> list[str]:
     """A hint that values taken for sRGB fit a sinusoid much better as linear light."""
-    from colour.models import eotf_inverse_sRGB
-
     thinned, left_out = _thinned(pictures, clipped)
     good = thinned[:, ~left_out].reshape(len(pictures), -1)
     sample: Float64Array = good[:, :: max(1, good.shape[1] // 20_000)].astype(np.float64)
     if len(pictures) < 4 or good.size == 0:
         return []
     as_srgb = _residual(sample, matrix)
-    as_light = _residual(
-        np.asarray(eotf_inverse_sRGB(np.clip(sample, 0, 1)), dtype=np.float64), matrix
-    )
+    light = colour_science().models.eotf_inverse_sRGB(np.clip(sample, 0, 1))
+    as_light = _residual(np.asarray(light, dtype=np.float64), matrix)
     if as_srgb < _SRGB_DOUBT or as_light > 0.5 * as_srgb:
         return []
     return [

@@ -10,11 +10,11 @@ from __future__ import annotations
 import struct
 from typing import Any, NamedTuple
 
-import colour
 import numpy as np
 from numpy.typing import NDArray
 
 from malus.scenes.core.arrays import Float32Array, Float64Array, FloatArray
+from malus.scenes.core.colour_science import colour_science
 from malus.scenes.core.errors import InputError
 
 Codes = NDArray[np.integer[Any]]
@@ -117,7 +117,7 @@ def _nearest_codes(light: Float32Array, curve: Float64Array) -> Codes:
 def srgb_transfer(bits: int) -> Transfer:
     """The curve of sRGB (IEC 61966-2-1) for codes of that many bits."""
     codes = np.linspace(0.0, 1.0, 1 << bits)
-    return Transfer(np.asarray(colour.models.eotf_sRGB(codes))[None], "sRGB")
+    return Transfer(np.asarray(colour_science().models.eotf_sRGB(codes))[None], "sRGB")
 
 
 def linear_transfer(bits: int) -> Transfer:

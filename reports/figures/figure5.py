@@ -17,7 +17,8 @@ from malus.reports.tables.figure_numbers import X_ALPHA, X_ETA, numbers, own_ran
 from malus.reports.tables.rows import (
     PAPER_METHOD,
     TRIVIAL,
-    coverage,
+    Coverage,
+    coverages,
     distinct,
     is_of_captures,
     rows_of_body,
@@ -163,7 +164,8 @@ def legend(
     `over` is what means are over, such as "the pixels of ", in place of one value a scene.
     """
     column = int(_LETTERS_AN_INCH * (0.5 * figure.get_figwidth() - _HANDLE_INCHES))
-    labels = [textwrap.fill(_legend_label(content.rows, entry), column) for entry in entries]
+    covered = coverages(content.rows)
+    labels = [textwrap.fill(_legend_label(covered, entry), column) for entry in entries]
     # The caption is the legend's title, so that the layout keeps both apart from the panels.
     caption = textwrap.fill(
         _caption(content.rows, over), int(_LETTERS_AN_INCH * figure.get_figwidth())
@@ -174,11 +176,11 @@ def legend(
     )  # fmt: skip
 
 
-def _legend_label(rows: pd.DataFrame, method: str) -> str:
-    if method not in scored_methods(rows):
+def _legend_label(covered: Mapping[str, Coverage], method: str) -> str:
+    if method not in covered:
         return method  # what is no method: the noise, and the second curve
     guess = " (trivial guess, I/2)" if method == TRIVIAL else ""
-    partial = str(coverage(rows, method))
+    partial = str(covered[method])
     return drawable(f"{method}{guess}{f': {partial}' if partial else ''}")
 
 

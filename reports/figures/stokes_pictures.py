@@ -18,6 +18,7 @@ from malus.reports.templates.render import asset
 from malus.scenes import polarisation
 from malus.scenes.colour import band_weights, preview
 from malus.scenes.core.arrays import AnyArray, Float64Array, FloatArray
+from malus.scenes.core.colour_science import colour_science
 
 Codes: TypeAlias = NDArray[np.uint8]
 
@@ -107,10 +108,8 @@ def encoded(linear: AnyArray) -> Codes:
     >>> encoded(np.array([0.0, 0.5, 2.0])).tolist()
     [0, 188, 255]
     """
-    # colour-science takes a second to import, and most of malus never needs it.
-    import colour
-
-    return np.rint(255 * colour.cctf_encoding(np.clip(linear, 0.0, 1.0), "sRGB")).astype(np.uint8)
+    light = np.clip(linear, 0.0, 1.0)
+    return np.rint(255 * colour_science().cctf_encoding(light, "sRGB")).astype(np.uint8)
 
 
 def _coloured(share: AnyArray, table: str) -> Codes:

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from malus.scenes.core.errors import printable
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _MARKDOWN = r"\`*[]|~$"
 _MARKDOWN_FIRST = _MARKDOWN + "#+-=_"
@@ -12,6 +16,21 @@ _REFERENCES = {"<": "&lt;", ">": "&gt;", "&": "&amp;"}
 
 NO_NUMBER = "–"
 """Stands where a table has no number."""
+
+
+def as_csv(table: pd.DataFrame) -> str:
+    """A table as CSV with every digit, however NumPy is set to print numbers.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> as_csv(pd.DataFrame({"error": [1 / 3]})).splitlines()
+    ['error', '0.3333333333333333']
+    """
+    import numpy as np
+
+    with np.printoptions(legacy=False):
+        return table.to_csv(index=False, lineterminator="\n")
 
 
 def markdown(name: str) -> str:

@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 import pandas as pd
 
-from malus.reports.tables.formats import NO_NUMBER, markdown
+from malus.reports.tables.formats import NO_NUMBER, as_csv, markdown
 from malus.reports.tables.metric_definitions import (
     DEFINITIONS,
     MetricDefinition,
@@ -252,7 +252,7 @@ def _csv(table: PaperTable) -> str:
         for metric in table.metrics
         if (cell := table.cells.get((method, metric.name)))
     ]  # fmt: skip
-    return pd.DataFrame(lines).to_csv(index=False, lineterminator="\n")
+    return as_csv(pd.DataFrame(lines))
 
 
 def _texts(table: PaperTable, method: str) -> list[tuple[str, bool]]:

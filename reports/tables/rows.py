@@ -156,21 +156,27 @@ class Coverage:
         return f"only {', '.join(covered)}" if covered else "no scene"
 
 
-def coverage(table: pd.DataFrame, method: str) -> Coverage:
-    """On which lights a method has an error, compared with all scenes of the table.
+def coverages(table: pd.DataFrame) -> dict[str, Coverage]:
+    """On which lights each method with an error has one, compared with all scenes of the table.
 
     Examples
     --------
     >>> table = pd.DataFrame({"metric": ["nmse", "inapplicable"], "light": ["distant", "uniform"],
     ...     "scene": ["a", "b"], "method": ["half_vector"] * 2, "knowledge": ["everything"] * 2,
     ...     "band_nm": [None] * 2, "angle_deg": [None] * 2})
-    >>> str(coverage(table, "half_vector"))
-    'only distant'
+    >>> {method: str(covered) for method, covered in coverages(table).items()}
+    {'half_vector': 'only distant'}
     """
-    errors = overall_rows(table, "nmse")
-    errors = errors[errors["method"] == method]
     scenes = table.groupby("light", sort=False)["scene"].nunique()
-    scored = errors.groupby("light")["scene"].nunique().reindex(scenes.index, fill_value=0)
+    errors = overall_rows(table, "nmse").groupby(["method", "light"])["scene"].nunique()
+    return {
+        method: _covered(scenes, errors[method].reindex(scenes.index, fill_value=0))
+        for method in scored_methods(table)
+    }
+
+
+def _covered(scenes: pd.Series[int], scored: pd.Series[int]) -> Coverage:
+    """Coverage from the numbers of scenes, and of those with an error, under each light."""
     return Coverage(
         complete_lights=tuple(map(str, scenes.index[scored == scenes])),
         partial_lights=tuple(map(str, scenes.index[(scored > 0) & (scored < scenes)])),

@@ -22,6 +22,7 @@ from malus.reports.viewer.examples import Example
 from malus.scenes import polarisation
 from malus.scenes.colour import JUST_NOTICEABLE, differences_from, weighted_colours
 from malus.scenes.core.arrays import AnyArray, BoolArray, Float64Array
+from malus.scenes.core.colour_science import colour_science
 from malus.scenes.core.errors import InputError
 
 WHITE = 10.0 * JUST_NOTICEABLE
@@ -184,9 +185,7 @@ def _pictures(name: str, stokes: AnyArray) -> Iterator[dict[str, str]]:
 
 def _jpeg_url(light: AnyArray) -> str:
     """Linear light (height, width, 1 or 3), 1 is white, as the data URL of a JPEG."""
-    import colour
-
-    encoded = colour.cctf_encoding(np.clip(light, 0.0, 1.0), "sRGB")
+    encoded = colour_science().cctf_encoding(np.clip(light, 0.0, 1.0), "sRGB")
     codes = np.rint(255 * np.broadcast_to(encoded, (*light.shape[:2], 3))).astype(np.uint8)
     buffer = io.BytesIO()
     Image.fromarray(codes).save(buffer, "JPEG", quality=85)

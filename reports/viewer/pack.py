@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -70,12 +69,15 @@ class Shown:
         there, and the page makes the colour of them.
     with_surroundings : bool
         Whether the light beside the object is packed.
+    stored : dict of str to list of int
+        Of every method the Stokes components that are neither the truth's nor all zero.
     """
 
     example: Example
     bands: Sequence[int]
     with_colour: bool
     with_surroundings: bool
+    stored: Mapping[str, list[int]]
 
     @property
     def size(self) -> int:
@@ -86,22 +88,21 @@ class Shown:
             numbers += 3 * int(example.beyond.sum())
         return (len(self.bands) + 3 * self.with_colour) * numbers * 2 * 4 // 3
 
-    @cached_property
-    def stored(self) -> dict[str, list[int]]:
-        """Of every method the Stokes components that are neither the truth's nor all zero."""
-        mask = self.example.mask
-        truth = self.example.truth[mask]
-        return {
-            name: _own_components(stokes[mask], truth)
-            for name, stokes in self.example.methods.items()
-        }
-
     @property
     def colours(self) -> Float64Array:
         """Matrix (3, planes) from what is packed to linear red, green and blue."""
         if self.with_colour:
             return np.concatenate([np.zeros((3, len(self.bands))), np.eye(3)], axis=1)
         return self.example.screen_weights.T
+
+
+def _stored(example: Example) -> dict[str, list[int]]:
+    """Of every method the Stokes components that are neither the truth's nor all zero."""
+    truth = example.truth[example.mask]
+    return {
+        name: _own_components(stokes[example.mask], truth)
+        for name, stokes in example.methods.items()
+    }
 
 
 def _own_components(stokes: AnyArray, truth: AnyArray) -> list[int]:
@@ -115,9 +116,13 @@ def fitted(examples: Sequence[Example], budget: int = BUDGET) -> tuple[list[Show
 
     Where all bands are too many, surroundings go first, then bands; colour stays.
     """
+    stored = [_stored(example) for example in examples]
     chosen: list[Shown] = []
     for few, with_surroundings in _WAYS:
-        chosen = [_shown(example, few, with_surroundings) for example in examples]
+        chosen = [
+            _shown(example, few, with_surroundings, components)
+            for example, components in zip(examples, stored, strict=True)
+        ]
         if sum(shown.size for shown in chosen) <= budget:
             break
     kept: list[Shown] = []
@@ -129,13 +134,15 @@ def fitted(examples: Sequence[Example], budget: int = BUDGET) -> tuple[list[Show
     return kept, len(examples) - len(kept)
 
 
-def _shown(example: Example, few: int | None, with_surroundings: bool) -> Shown:
+def _shown(
+    example: Example, few: int | None, with_surroundings: bool, stored: dict[str, list[int]]
+) -> Shown:
     """All bands, or so few and the colour of all where that is less."""
     count = len(example.band_names)
     if few is None or few + 3 >= count:
-        return Shown(example, range(count), False, with_surroundings)
+        return Shown(example, range(count), False, with_surroundings, stored)
     kept = np.linspace(0, count - 1, few + 2)[1:-1]  # those at the ends are the darkest
-    return Shown(example, kept.round().astype(int).tolist(), True, with_surroundings)
+    return Shown(example, kept.round().astype(int).tolist(), True, with_surroundings, stored)
 
 
 @dataclass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -11,8 +12,7 @@ from markupsafe import Markup
 from malus.reports.tables.formats import counted, scientific, skill_text
 from malus.reports.tables.rows import overall_rows
 from malus.reports.templates.render import asset, render
-from malus.reports.viewer.examples import Example
-from malus.reports.viewer.pack import Packer, fitted
+from malus.reports.viewer.pack import Packer, Shown
 
 _PANELS = (
     ("truth", "Truth, I(ϑ)", "grey"),
@@ -25,9 +25,8 @@ _PANELS = (
 )
 
 
-def viewer(examples: tuple[Example, ...], table: pd.DataFrame) -> Markup:
-    """The viewer with its data; `examples` holds at least one scene with a method."""
-    shown, left_out = fitted([example for example in examples if example.methods])
+def viewer(shown: Sequence[Shown], left_out: int, table: pd.DataFrame) -> Markup:
+    """The viewer with its data: at least one scene; so many have been left out."""
     packer = Packer()
     skills, unmixed, errors = (
         overall_rows(table, metric) for metric in ("skill", "skill_unmixed", "nmse")
@@ -71,11 +70,9 @@ def _colour_maps() -> dict[str, str]:
     return tables
 
 
-def example_scenes(
-    examples: tuple[Example, ...], table: pd.DataFrame
-) -> dict[tuple[str, str, str], str]:
+def example_scenes(shown: Sequence[Shown], table: pd.DataFrame) -> dict[tuple[str, str, str], str]:
     """For every (light, surface, body) of the viewer's scenes, one of them."""
-    ids = {one.example.scene for one in fitted([e for e in examples if e.methods])[0]}
+    ids = {one.example.scene for one in shown}
     rows = table[table["scene"].isin(ids)].drop_duplicates("scene")
     columns = zip(rows["light"], rows["surface"], rows["body"], rows["scene"], strict=True)
     return {(light, surface, body): scene for light, surface, body, scene in columns}

@@ -174,6 +174,18 @@ def test_report_is_written_whole(table: pd.DataFrame, tmp_path: Path) -> None:
     np.testing.assert_allclose(behind.loc[behind["panel"] == "eta", "mean"], eta["mean"])
 
 
+def test_files_are_the_same_whatever_was_imported(table: pd.DataFrame, tmp_path: Path) -> None:
+    """Tables had 12 digits where colour-science had been imported, which sets NumPy to these."""
+    results = SimpleNamespace(table=table.assign(value=table["value"] / 3), run=sample.run())
+    plain = {path.name: path.read_bytes() for path in write_report(results, tmp_path / "plain")}
+    with np.printoptions(legacy="1.13"):
+        written = write_report(results, tmp_path / "other")
+    assert {path.name: path.read_bytes() for path in written} == plain
+    behind = pd.read_csv(tmp_path / "other" / "figure5.csv")
+    eta = numbers(results.table, "eta")
+    np.testing.assert_array_equal(behind.loc[behind["panel"] == "eta", "mean"], eta["mean"])
+
+
 def test_a_report_keeps_nothing_of_an_earlier_one(table: pd.DataFrame, tmp_path: Path) -> None:
     """Table I and Figure 9 of a run with colours stood beside the page of one without."""
     results = SimpleNamespace(table=table, run=sample.run())

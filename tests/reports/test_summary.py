@@ -19,7 +19,7 @@ from malus.reports.tables.compared_runs import means_table
 from malus.reports.tables.figure_numbers import angle_numbers, numbers
 from malus.reports.tables.headline import best_method, headline_tiles
 from malus.reports.tables.paper_table import paper_table
-from malus.reports.tables.rows import coverage
+from malus.reports.tables.rows import coverages
 from malus.reports.tables.sentences import interpolation
 from malus.reports.tables.skills import (
     by_light_and_body,
@@ -38,7 +38,7 @@ def with_skill(table: pd.DataFrame, value: float, **where: Any) -> pd.DataFrame:
 
 def test_coverage_of_part_of_a_light(table: pd.DataFrame) -> None:
     first = table["scene"] == f"{0:016x}"
-    covered = coverage(table[~(first & (table["metric"] == "nmse"))], "eq8")
+    covered = coverages(table[~(first & (table["metric"] == "nmse"))])["eq8"]
     assert (covered.partial_lights, covered.missing_lights) == (("uniform",), ())
     assert str(covered) == "only distant 60°, part of uniform"
 

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import colour
 import numpy as np
+import pytest
 
-from malus.scenes.colour import RGB, band_weights, cell_widths, channel_weights, lab, preview
+from malus.scenes.colour import (
+    RGB,
+    band_weights,
+    cell_widths,
+    channel_weights,
+    lab,
+    preview,
+    srgb_weights,
+)
 from malus.scenes.colour import matching_functions as matching
 
 BANDS = (450.0, 512.5, 550.25, 610.0, 650.0)
@@ -42,6 +54,28 @@ def test_grey_is_grey_in_every_colorimetry() -> None:
 def test_the_table_of_the_observer_is_that_of_colour_science() -> None:
     observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     np.testing.assert_array_equal(matching(tuple(observer.wavelengths)), observer.values)
+
+
+@pytest.mark.parametrize("bands", [BANDS, (450.0, 550.0, 650.0), tuple(np.arange(360.0, 840.0, 5))])
+def test_the_colour_of_a_preview_is_that_of_colour_science(bands: tuple[float, ...]) -> None:
+    observer = "CIE 1931 2 Degree Standard Observer"
+    responses = colour.MSDS_CMFS[observer][np.minimum(bands, 830.0)] * np.gradient(bands)[:, None]
+    responses[np.array(bands) > 830.0] = 0.0
+    white = colour.CCS_ILLUMINANTS[observer]["E"]
+    expected = colour.XYZ_to_RGB(responses / responses.sum(axis=0), "sRGB", white, "Bradford")
+    # A matrix of 17 digits, and the rounding of the polynomial between the table's rows.
+    np.testing.assert_allclose(srgb_weights(bands), expected, rtol=0, atol=1e-14)
+
+
+def test_colour_science_leaves_how_numpy_prints_numbers() -> None:
+    """Its import sets the format of NumPy 1.13: 12 digits, in every table written afterwards."""
+    code = (
+        "import numpy as np; before = np.get_printoptions();"
+        "from malus.scenes.core.colour_science import colour_science;"
+        "assert colour_science().__name__ == 'colour'; print(before == np.get_printoptions())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"
 
 
 def test_lab_is_that_of_colour_science() -> None:
