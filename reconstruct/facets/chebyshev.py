@@ -5,14 +5,18 @@ Trefethen, *Approximation Theory and Approximation Practice*, chapters 2 to 4 an
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Generator, Sequence
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.arrays import Float64Array, IndexArray
 
 Function = Callable[[Float64Array], Float64Array]
+
+_Found = TypeVar("_Found")
+Search: TypeAlias = Generator[Float64Array, Float64Array, _Found]
+"""Yields points, is sent the values of a function there, and returns what it found of it."""
 
 _FEWEST_SAMPLES = 25
 # Points at which a series is compared with the function, as fractions of the interval: spaced
@@ -61,7 +65,44 @@ def _on_unit(x: Float64Array, low: float, high: float) -> Float64Array:
 
 
 def chebyshev_series(function: Function, low: float, high: float, tolerance: float) -> Series:
-    """Series of a function on [low, high] within about `tolerance`.
+    """Series of a function on [low, high] within about `tolerance`, see `series_search`."""
+    (series,) = together([series_search(low, high, tolerance)], lambda x, _: function(x))
+    return series
+
+
+def together(
+    searches: Sequence[Search[_Found]],
+    function: Callable[[Float64Array, IndexArray], Float64Array],
+) -> list[_Found]:
+    """What each of several searches finds; they go on side by side.
+
+    One call of the function has the points that all of them ask for: many small calls would take
+    several times as long. It is told the number of the search that each point belongs to.
+
+    Examples
+    --------
+    >>> powers = [series_search(0.0, 1.0, 1e-9) for _ in range(2)]
+    >>> [one.coefficients.round(6).tolist() for one in together(powers, lambda x, n: x ** (1 + n))]
+    [[0.5, 0.5], [0.375, 0.5, 0.125]]
+    """
+    found: dict[int, _Found] = {}
+    asked = {number: next(search) for number, search in enumerate(searches)}
+    while asked:
+        sizes = [points.size for points in asked.values()]
+        owners = np.repeat(np.array(list(asked), dtype=np.intp), sizes)
+        values = function(np.concatenate(list(asked.values())), owners)
+        answers = zip(list(asked), np.split(values, np.cumsum(sizes)[:-1]), strict=True)
+        asked = {}
+        for number, answer in answers:
+            try:
+                asked[number] = searches[number].send(answer)
+            except StopIteration as end:
+                found[number] = end.value
+    return [found[number] for number in range(len(searches))]
+
+
+def series_search(low: float, high: float, tolerance: float) -> Search[Series]:
+    """Find the series of a function on [low, high] within about `tolerance`.
 
     Samples are doubled, keeping the old ones, until the last two coefficients (two, because in a
     nearly even or odd function every other one is small) are within `tolerance`, and so are the
@@ -70,7 +111,8 @@ def chebyshev_series(function: Function, low: float, high: float, tolerance: flo
     centre, half = 0.5 * (high + low), 0.5 * (high - low)
     test_points = low + (high - low) * _TEST_POINTS
     samples = np.clip(centre + half * lobatto(_FEWEST_SAMPLES), low, high)
-    values, expected = np.split(function(np.concatenate([samples, test_points])), [_FEWEST_SAMPLES])
+    first = yield np.concatenate([samples, test_points])
+    values, expected = np.split(first, [_FEWEST_SAMPLES])
     while True:
         series = coefficients(values)
         settled = bool(np.abs(series[-2:]).sum() <= tolerance)
@@ -83,25 +125,24 @@ def chebyshev_series(function: Function, low: float, high: float, tolerance: flo
         count = 2 * values.size - 1
         denser = np.empty(count)
         denser[::2] = values
-        denser[1::2] = function(centre + half * lobatto(count)[1::2])
+        denser[1::2] = yield centre + half * lobatto(count)[1::2]
         values = denser
 
 
-def chebyshev_pieces(
-    function: Function, low: float, high: float, tolerance: float, narrowest: float
-) -> list[Series]:
-    """Series on pieces of [low, high] in ascending order, halved where one series is not enough.
+def pieces_search(
+    low: float, high: float, tolerance: float, narrowest: float
+) -> Search[list[Series]]:
+    """Find series on pieces of [low, high] in ascending order, halved where one is not enough.
 
     Pieces are not halved below the width `narrowest`.
     """
-    piece = chebyshev_series(function, low, high, tolerance)
+    piece = yield from series_search(low, high, tolerance)
     if piece.settled or high - low < 2.0 * narrowest:
         return [piece]
     middle = 0.5 * (low + high)
-    return [
-        *chebyshev_pieces(function, low, middle, tolerance, narrowest),
-        *chebyshev_pieces(function, middle, high, tolerance, narrowest),
-    ]
+    lower = yield from pieces_search(low, middle, tolerance, narrowest)
+    upper = yield from pieces_search(middle, high, tolerance, narrowest)
+    return [*lower, *upper]
 
 
 def evaluate_pieces(pieces: list[Series], x: Float64Array) -> Float64Array:

@@ -18,15 +18,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from malus.reconstruct.facets.chebyshev import (
     Function,
-    chebyshev_pieces,
+    Search,
+    Series,
     coefficients,
     evaluate_pieces,
     lobatto,
+    pieces_search,
+    together,
 )
 from malus.reconstruct.facets.integrals import integrate_dolp
 from malus.reconstruct.facets.ratio import Measure, checked_measure, checked_sigma
 from malus.reconstruct.fresnel import checked_eta, excess, smooth_dolp, transmission_dolp
-from malus.scenes.core.arrays import Float64Array, FloatArray
+from malus.scenes.core.arrays import Float64Array, FloatArray, IndexArray
 
 _PART_ERROR = 3e-7  # of the series, and as much of the straight lines: together below 1e-6
 _ORDINARY = (1.25, 1.85)  # indices of liquids, glasses and plastics
@@ -76,20 +79,35 @@ def _specular(
 ) -> _Interpolant:
     """Specular ρ of microfacets, cached: a surface is tabulated once a process."""
     index = eta if eta.imag else eta.real
+    (table,) = _specular_together(np.array([index]), sigma, measure, part_error)
+    return table
 
-    def rho(x: Float64Array) -> Float64Array:
+
+def _specular_together(
+    eta: NDArray[Any], sigma: float, measure: Measure, part_error: float
+) -> list[_Interpolant]:
+    """Specular ρ of microfacets of one roughness, a table for each of some indices."""
+
+    def rho(x: Float64Array, number: IndexArray) -> Float64Array:
         zenith = np.where(x == 1.0, 0.0, np.arccos(np.square(x)))
-        filled = np.full(x.shape, index)
         tolerance = 1e-6 * part_error / _PART_ERROR
-        return integrate_dolp(zenith, filled, np.full(x.shape, sigma), measure, tolerance)
+        return integrate_dolp(zenith, eta[number], np.full(x.shape, sigma), measure, tolerance)
 
-    kink = max(0.0, -float(excess(np.asarray(index)).real)) ** 0.25  # √cos θ at the critical angle
+    searches = [_between_kinks(index, part_error) for index in eta]
+    return [_of_pieces(pieces) for pieces in together(searches, rho)]
+
+
+def _between_kinks(eta: Any, part_error: float) -> Search[list[Series]]:
+    """Find the series of ρ of one index, on either side of the critical angle if there is one."""
+    kink = max(0.0, -float(excess(np.asarray(eta)).real)) ** 0.25  # √cos θ at the critical angle
     ends = [0.0, kink, 1.0] if _NARROWEST < kink < 1.0 - _NARROWEST else [0.0, 1.0]
-    pieces = [
-        piece
-        for low, high in pairwise(ends)
-        for piece in chebyshev_pieces(rho, low, high, part_error, _NARROWEST)
-    ]
+    pieces: list[Series] = []
+    for low, high in pairwise(ends):
+        pieces += yield from pieces_search(low, high, part_error, _NARROWEST)
+    return pieces
+
+
+def _of_pieces(pieces: list[Series]) -> _Interpolant:
     count = sum(piece.coefficients.size for piece in pieces)
     return _tabulated(lambda x: evaluate_pieces(pieces, x), count)
 
@@ -103,12 +121,17 @@ def _specular_by_index(sigma: float, measure: Measure) -> Float64Array | None:
     low, high = _ORDINARY
     nodes = 0.5 * (low + high) + 0.5 * (high - low) * lobatto(_NODES)
     # Interpolation may triple an error of its nodes.
-    tables = [_specular(complex(node), sigma, measure, _PART_ERROR / 3) for node in nodes]
+    tables = _specular_together(nodes, sigma, measure, _PART_ERROR / 3)
     grids = [table.grid for table in tables if table.grid is not None]
     if len(grids) < _NODES:
         return None
-    root = np.linspace(0.0, 1.0, max(grid.size for grid in grids))
-    return coefficients(np.stack([table.function(root) for table in tables]), axis=0)
+    finest = max(grid.size for grid in grids)
+    root = np.linspace(0.0, 1.0, finest)
+    values = [
+        grid if grid.size == finest else table.function(root)
+        for table, grid in zip(tables, grids, strict=True)
+    ]
+    return coefficients(np.stack(values), axis=0)
 
 
 def specular_columns(eta: NDArray[Any], sigma: float, measure: Measure) -> Float64Array | None:

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from malus.reconstruct.facets import table
-from malus.reconstruct.facets.chebyshev import chebyshev_series, needed
+from malus.reconstruct.facets.chebyshev import (
+    chebyshev_series,
+    evaluate_pieces,
+    needed,
+    pieces_search,
+    together,
+)
 from malus.reconstruct.facets.ratio import Measure, specular_dolp
 from malus.reconstruct.facets.table import DiffuseTable, DolpTable, SmoothTable
 from malus.reconstruct.fresnel import smooth_dolp, transmission_dolp
+from malus.scenes.core.arrays import Float64Array, IndexArray
 
 MEASURES = ("eq8", "visible", "shadowed", "shadowed_ggx")
 PROMISED = 1e-6  # of a table against the integral
@@ -100,6 +107,26 @@ def test_series_length_follows_from_the_function() -> None:
     assert smooth.settled
     assert smooth.coefficients.size == 9
     assert not chebyshev_series(lambda x: np.abs(x - 0.4), 0.0, 1.0, 1e-9).settled
+
+
+def test_searches_together_find_what_each_finds_alone() -> None:
+    """They end at different times, and halve their intervals at different places."""
+    functions = (np.exp, lambda x: np.abs(x - 0.4), np.cos, lambda x: np.sqrt(x + 1e-3))
+
+    def values(x: Float64Array, number: IndexArray) -> Float64Array:
+        return np.choose(number, [function(x) for function in functions])
+
+    found = together([pieces_search(0.0, 1.0, 1e-9, 1e-4) for _ in functions], values)
+    for function, pieces in zip(functions, found, strict=True):
+        (alone,) = together([pieces_search(0.0, 1.0, 1e-9, 1e-4)], lambda x, _, f=function: f(x))
+        assert [(one.low, one.high) for one in pieces] == [(one.low, one.high) for one in alone]
+        for one, other in zip(pieces, alone, strict=True):
+            np.testing.assert_array_equal(one.coefficients, other.coefficients)
+        x = np.linspace(0.0, 1.0, 1001)
+        # Pieces around the kink of |x − 0.4| stay wider than 1e-4: there the error is of that size.
+        near = np.abs(x - 0.4) > 1e-3
+        np.testing.assert_allclose(evaluate_pieces(pieces, x)[near], function(x)[near], atol=1e-8)
+    assert len({len(pieces) for pieces in found}) > 1
 
 
 def test_needed_keeps_what_matters() -> None:
