@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from malus.bench.scoring.metric_value import MetricValue
+from malus.bench.scoring.metric_value import MetricColumns, MetricValue, Place
+from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError, first_line
 from malus.scenes.core.files import open_regular, write_whole
 from malus.scenes.core.remote import as_path
@@ -111,19 +112,19 @@ class Record(NamedTuple):
     """Rows of the table that share all columns but those of a MetricValue."""
 
     common: Mapping[str, Any]
-    values: Sequence[MetricValue]
+    values: MetricColumns
 
 
 def record(
     scene_columns: Mapping[str, Any],
     method: str,
-    values: Iterable[MetricValue],
+    values: Iterable[MetricValue] | MetricColumns,
     note: str = "",
     knowledge: str = "everything",
 ) -> Record:
     """Scores of one method on one scene; `scene_columns` are those of `describe`."""
     common = {**scene_columns, "method": method, "knowledge": knowledge, "note": note}
-    return Record(common, tuple(values))
+    return Record(common, values if isinstance(values, MetricColumns) else MetricColumns.of(values))
 
 
 def inapplicable(
@@ -159,24 +160,36 @@ def table_of(records: Sequence[Record]) -> pd.DataFrame:
     Examples
     --------
     >>> values = [MetricValue("nmse", 0.1), MetricValue("skill", 0.9)]
-    >>> table = table_of([Record({"scene": "a"}, values)])
+    >>> table = table_of([record({"scene": "a"}, "eq8", values)])
     >>> table.scene.tolist(), table.metric.tolist()
     (['a', 'a'], ['nmse', 'skill'])
     """
     import pandas as pd
 
-    counts = [len(record.values) for record in records]
+    counts = [len(record.values.value) for record in records]
     columns: dict[str, Any] = {}
     for name in records[0].common:
         floats = "float64" if name in _FLOATS else None
         column = pd.Series([record.common[name] for record in records], dtype=floats)
         columns[name] = column.repeat(counts).array
-    by_field = zip(*(value for record in records for value in record.values), strict=True)
-    values = dict(zip(MetricValue._fields, by_field, strict=True))
-    columns["metric"] = values["metric"]
-    for name in ("band_nm", "angle_deg", "value", "noise"):
-        columns[name] = np.array(values[name], dtype=np.float64)
+    kinds = {record.values.places for record in records}
+    by_kind = {places: _place_columns(places) for places in kinds}
+    places = [by_kind[record.values.places] for record in records]
+    for name in ("metric", "band_nm", "angle_deg"):
+        columns[name] = np.concatenate([kind[name] for kind in places])
+    columns["value"] = np.concatenate([record.values.value for record in records])
+    columns["noise"] = np.concatenate([record.values.noise for record in records])
     return pd.DataFrame(columns)
+
+
+def _place_columns(places: Sequence[Place]) -> dict[str, AnyArray]:
+    """Columns that say what numbers are; a band or an angle that is None is missing."""
+    metrics, bands, angles = ([place[column] for place in places] for column in range(3))
+    return {
+        "metric": np.array(metrics, dtype=object),
+        "band_nm": np.array(bands, dtype=np.float64),
+        "angle_deg": np.array(angles, dtype=np.float64),
+    }
 
 
 def write_results(out: Path, results: Results) -> None:

@@ -137,6 +137,10 @@ class FamilyPixels:
         return estimate
 
 
+_Pair = tuple[Residuals, Residuals]
+"""Of an estimate, and of its response to one draw of the noise."""
+
+
 class FamilyJudge:
     """Scores methods on some scenes of a family; the same numbers as a `Judge` of each."""
 
@@ -158,8 +162,9 @@ class FamilyJudge:
         self.mixed = MixedPixels.of(
             pixels.first, (image, pixels.true, pixels.draw), angle_form(), count
         )
-        self.guess_unmixed = None if self.mixed is None else self.mixed.without(moments, guess)
-        self.guesses = [self._residuals(moments, scene) for scene in range(count)]
+        unmixed = None if self.mixed is None else self.mixed.without(moments, guess)
+        self.guesses = self._residuals(moments)
+        self.unmixed_guesses = self._unmixed(unmixed)
         # The guess lacks the whole field: its product with that is minus the field's energy.
         self.totals = np.stack([-totals[:, 0], totals[:, 2]], axis=1)
         self.draws[:, ENERGY], self.draws[:, TRIVIAL] = -self.draws[:, ALONG], self.draws[:, ERROR]
@@ -171,38 +176,35 @@ class FamilyJudge:
         unmixed = None if self.mixed is None else self.mixed.without(moments, components)
         violations, own_range = self._violations(estimate), self.own_range.errors(estimate)
         return [
-            replace(
-                self._score(moments, totals[scene], int(violations[scene]), scene),
-                unmixed=self._unmixed(unmixed, scene),
+            Score(
+                *residuals,
+                *self.guesses[scene],
+                int(violations[scene]),
+                0,
+                self.pixels.scenes[scene].wavelengths_nm,
+                self._agreement(totals[scene], scene),
+                unmixed=self._unmixed_of(of_unmixed, scene),
                 own_range=float(own_range[scene]),
             )
-            for scene in range(len(self.pixels.scenes))
+            for scene, (residuals, of_unmixed) in enumerate(
+                zip(self._residuals(moments), self._unmixed(unmixed), strict=True)
+            )
         ]
 
-    def _score(
-        self, moments: Float64Array, totals: Float64Array, violations: int, scene: int
-    ) -> Score:
+    def _agreement(self, totals: Float64Array, scene: int) -> Agreement:
         scale = self.peaks[scene] ** 2
-        return Score(
-            *self._residuals(moments, scene),
-            *self.guesses[scene],
-            violations,
-            0,
-            self.pixels.scenes[scene].wavelengths_nm,
-            Agreement(
-                np.array([*totals, *self.totals[scene]]) / scale,
-                products(self.draws[scene]) / scale**2,
-                self.pixels.true.shape[1] * self.bands,
-            ),
+        return Agreement(
+            np.array([*totals, *self.totals[scene]]) / scale,
+            products(self.draws[scene]) / scale**2,
+            self.pixels.true.shape[1] * self.bands,
         )
 
-    def _unmixed(self, moments: Float64Array | None, scene: int) -> Unmixed | None:
+    def _unmixed_of(self, method: _Pair | None, scene: int) -> Unmixed | None:
         """Residuals of one scene over the pixels of one normal; None where these are unknown."""
-        if self.mixed is None or moments is None or self.guess_unmixed is None:
+        guess = self.unmixed_guesses[scene]
+        if self.mixed is None or method is None or guess is None:
             return None
-        count = len(self.mixed.indices)
-        method = self._residuals(moments, scene, count)
-        return Unmixed(count, (*method, *self._residuals(self.guess_unmixed, scene, count)))
+        return Unmixed(len(self.mixed.indices), (*method, *guess))
 
     def _sums_of(self, estimate: Components) -> tuple[Float64Array, Float64Array]:
         """As `_sums`; those of the trivial guess are known."""
@@ -220,14 +222,17 @@ class FamilyJudge:
         image, s1, s2 = (np.ascontiguousarray(component) for component in estimate)
         return difference_sums((image, s1, s2), truth, self.facing, angle_form(), self.draws)
 
-    def _residuals(
-        self, moments: Float64Array, scene: int, left_out: int = 0
-    ) -> tuple[Residuals, Residuals]:
-        """Error moments of one scene's estimate, and of its response to one draw of the noise."""
-        own = slice(scene * self.bands, (scene + 1) * self.bands)
-        count, peak = self.pixels.true.shape[1] - left_out, self.peaks[scene]
-        error, response = (Residuals.of_products(m[:, own], peak, count) for m in moments)
-        return error, response
+    def _residuals(self, moments: Float64Array, left_out: int = 0) -> list[_Pair]:
+        """Error moments of every scene's estimate, and of its response to one noise draw."""
+        count = self.pixels.true.shape[1] - left_out
+        error, response = (Residuals.of_several(m, self.peaks, count) for m in moments)
+        return list(zip(error, response, strict=True))
+
+    def _unmixed(self, moments: Float64Array | None) -> Sequence[_Pair | None]:
+        """The same over the pixels of one normal, from their moments; None where unknown."""
+        if self.mixed is None or moments is None:
+            return [None] * len(self.peaks)
+        return self._residuals(moments, len(self.mixed.indices))
 
     def _violations(self, estimate: Components) -> Any:
         counts = np.empty(len(self.pixels.scenes), np.int64)

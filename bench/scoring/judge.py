@@ -13,7 +13,7 @@ import numpy as np
 from malus.bench.scoring.calibration import calibration_values
 from malus.bench.scoring.field_agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreement
 from malus.bench.scoring.masked_pixels import MaskedPixels
-from malus.bench.scoring.metric_value import MetricValue
+from malus.bench.scoring.metric_value import MetricColumns, MetricValue, Place
 from malus.bench.scoring.metrics import (
     Error,
     Residuals,
@@ -118,14 +118,14 @@ class Score:
 
     def values(self) -> Iterator[MetricValue]:
         """All rows of this score in the results table."""
-        yield from values_of([self])[0]
+        yield from values_of([self])[0].each()
 
     @property
     def _four(self) -> tuple[Residuals, Residuals, Residuals, Residuals]:
         return self.residuals, self.noise, self.trivial, self.trivial_noise
 
 
-def values_of(scores: Sequence[Score]) -> list[list[MetricValue]]:
+def values_of(scores: Sequence[Score]) -> list[MetricColumns]:
     """All rows of each score in the results table; the scores are of the same pixels.
 
     Errors and skills of all scores are computed at once.
@@ -133,31 +133,40 @@ def values_of(scores: Sequence[Score]) -> list[list[MetricValue]]:
     errors = _errors([score._four for score in scores])
     skill = _skills(errors, scores[0].residuals.pixels)
     nmse, noise, *_ = errors
-    rows = zip(scores, nmse.tolist(), noise.tolist(), skill.tolist(), strict=True)
     unmixed = _skills_unmixed(scores, skill[:, 0])
-    return [
-        [
-            *_values_by_group(score.wavelengths_nm, *numbers),
-            *_values_over_all(score),
-            *_values_unmixed(score, skill_unmixed),
-            *score.extra,
-        ]
-        for (score, *numbers), skill_unmixed in zip(rows, unmixed, strict=True)
-    ]
+    # Of every group first the error, then the skill.
+    by_group = np.stack([nmse, skill], axis=-1).reshape(len(scores), -1)
+    noise_by_group = np.stack([noise, np.zeros_like(noise)], axis=-1).reshape(len(scores), -1)
+    rows = zip(scores, by_group, noise_by_group, unmixed, strict=True)
+    return [_columns(*row) for row in rows]
 
 
-def _values_by_group(
-    wavelengths_nm: Sequence[float],
-    nmse: Sequence[float],
-    noise: Sequence[float],
-    skill: Sequence[float],
-) -> Iterator[MetricValue]:
+def _columns(
+    score: Score, by_group: Float64Array, noise_by_group: Float64Array, skill_unmixed: float
+) -> MetricColumns:
+    """All rows of one score, from errors and skills by group and their noise."""
+    once = MetricColumns.of(
+        [*_values_over_all(score), *_values_unmixed(score, skill_unmixed), *score.extra]
+    )
+    return MetricColumns(
+        _joined(_group_places(score.wavelengths_nm), once.places),
+        np.concatenate([by_group, once.value]),
+        np.concatenate([noise_by_group, once.noise]),
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _joined(first: tuple[Place, ...], second: tuple[Place, ...]) -> tuple[Place, ...]:
+    """Both, as the same object for scores of the same kind."""
+    return first + second
+
+
+@functools.lru_cache(maxsize=64)
+def _group_places(wavelengths_nm: tuple[float, ...]) -> tuple[Place, ...]:
     """NMSE and skill over all, for every angle, and for every band."""
     angles = [(None, angle) for angle in PAPER_ANGLES_DEG]
     groups = [(None, None), *angles, *((band, None) for band in wavelengths_nm)]
-    for (band, angle), error, of_noise, value in zip(groups, nmse, noise, skill, strict=True):
-        yield MetricValue("nmse", error, of_noise, band, angle)
-        yield MetricValue("skill", value, 0.0, band, angle)
+    return tuple((name, *group) for group in groups for name in ("nmse", "skill"))
 
 
 def _values_over_all(score: Score) -> Iterator[MetricValue]:

@@ -135,6 +135,14 @@ class Residuals:
         """Moments from the six distinct products (00 01 02 11 12 22, bands) of `pixel_kernels`."""
         return cls(products.T[:, _SYMMETRIC] / peak**2, pixels)
 
+    @classmethod
+    def of_several(
+        cls, products: Float64Array, peaks: Sequence[float], pixels: int
+    ) -> list[Residuals]:
+        """The same of scenes whose bands stand side by side, each with its own peak."""
+        moments = products.T[:, _SYMMETRIC].reshape(len(peaks), -1, 3, 3)
+        return [cls(own / peak**2, pixels) for own, peak in zip(moments, peaks, strict=True)]
+
     def nmse(self, angles_deg: tuple[float, ...] = PAPER_ANGLES_DEG) -> float:
         """Normalised mean squared error over pixels, bands and polariser angles.
 
