@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,28 @@ class Command(click.Command):
             if not isinstance(mistake, InputError):
                 raise
             raise InputError(*in_options(mistake.args, self.params)) from mistake
+
+
+@contextmanager
+def names_in(suite: str, given: Mapping[str, Sequence[str]]) -> Iterator[None]:
+    """Say where a wrong name of a method or a metric stands: in a suite, unless it was `given`.
+
+    Examples
+    --------
+    >>> from malus.scenes.core.errors import InputError
+    >>> with names_in("mine.toml", {"methods": ()}):
+    ...     raise InputError("method", "eq8", "eq9", "correct the name")
+    Traceback (most recent call last):
+        ...
+    malus.scenes.core.errors.InputError: mine.toml, key methods: expected eq8, found eq9; ...
+    """
+    try:
+        yield
+    except ValueError as mistake:
+        key = f"{mistake.args[0] if mistake.args else ''}s"
+        if key not in ("methods", "metrics") or given.get(key):
+            raise
+        raise type(mistake)(f"{suite}, key {key}", *mistake.args[1:]) from None
 
 
 def in_options(parts: tuple[str, ...], params: list[click.Parameter]) -> list[str]:

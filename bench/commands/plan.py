@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from malus.bench.commands.options import backend_option, command
+from malus.bench.commands.options import backend_option, command, names_in
 from malus.bench.studies.registry import STUDIES
 
 if TYPE_CHECKING:
@@ -40,7 +40,8 @@ def plan_command(ctx: click.Context, /, suite: str, backend: str) -> None:
     from malus.bench.datasets.maps_and_frames import Additions
     from malus.bench.public.suites import plan
 
-    planned = plan(suite, backend)
+    with names_in(suite, {}):
+        planned = plan(suite, backend)
     console = Console()
     console.print(
         f"{planned.suite.name}: {planned.scenes} scenes in {len(planned.families)} families, "

@@ -17,6 +17,7 @@ from malus.bench.commands.options import (
     command,
     json_option,
     metric_options,
+    names_in,
     size_options,
     work_options,
 )
@@ -131,8 +132,9 @@ def _run_with(
     variant = chosen_variant(options.pop("backend"))
     if worker is not None:
         worker.begin(mitsuba, variant)
-    suite = chosen_suite(name, variant, **changes)
-    _check_names(suite)
+    with names_in(name, changes):
+        suite = chosen_suite(name, variant, **changes)
+        _check_names(suite)
 
     from rich.console import Console
 

@@ -61,6 +61,8 @@ def score_command(dataset: Path | None, out: Path | None, as_json: bool, **optio
     """
     from rich.console import Console
 
+    from malus.bench.commands.export import not_rendered
+
     folder = out if out is not None else Path("results") / "scores"
     console = Console(stderr=True, soft_wrap=True)
     options["metrics"] = asked_metrics(options["metrics"], options.pop("profiles"))
@@ -76,8 +78,9 @@ def score_command(dataset: Path | None, out: Path | None, as_json: bool, **optio
     for suspicion in results.run.get("predictions", {}).get("suspicions", []):
         name = options["name"]
         console.print(f"{name}: {suspicion}", style="yellow", highlight=False, markup=False)
-    if not as_json:
-        _tell_missing(dataset, results, console)
+    missing = results.run["scenes_missing"]
+    if missing and not as_json:
+        console.print(not_rendered(missing, dataset), highlight=False, markup=False)
     _tell(results, folder, console, as_json)
 
 
@@ -87,16 +90,6 @@ def _check_of_predictions(options: dict[str, Any]) -> None:
         for key in ("name", "layout"):
             if options[key] is not None:
                 raise click.UsageError(f"--{key} is of --predictions, or of --truth")
-
-
-def _tell_missing(dataset: Path, results: Results, console: Any) -> None:
-    """Say how many scenes of the suite the dataset lacks."""
-    from malus.bench.commands.export import not_rendered
-    from malus.renderers.datasets.dataset_record import read_dataset
-
-    missing = read_dataset(dataset)[0].planned - results.run["scenes"]
-    if missing > 0:
-        console.print(not_rendered(missing, dataset), highlight=False, markup=False)
 
 
 def _score(dataset: Path, folder: Path, console: Any, options: dict[str, Any]) -> Results:

@@ -195,6 +195,7 @@ def _score(
     names = [*(method.name for method in methods), *([SENSOR] if sensor else [])]
     run = _run_record(dataset, names, time.perf_counter() - started, worst)
     run["scenes_without_normal_spread"] = unknown
+    run["scenes_missing"] = max(dataset.record.planned - len(dataset), 0)
     if predictions is not None:
         run["suite"]["methods"] = [*names, name]
         run["predictions"] = {

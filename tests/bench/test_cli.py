@@ -120,6 +120,18 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], says: str) 
     assert says in one_line(done.stderr)
 
 
+@pytest.mark.parametrize("key", ["methods", "metrics"])
+@pytest.mark.parametrize("word", ["run", "plan"])
+def test_a_wrong_name_is_told_where_it_stands(tmp_path: Path, key: str, word: str) -> None:
+    """In the suite's file, not in an option that nobody gave."""
+    suite = Path(bad_mesh(tmp_path, ""))
+    lines = [line for line in suite.read_text("utf-8").splitlines() if not line.startswith(key)]
+    suite.write_text("\n".join([*lines, f'{key} = ["nosuch"]\n']), "utf-8")
+    done = run_malus(word, str(suite))
+    assert done.returncode == 2
+    assert one_line(done.stderr).startswith(f"malus: {suite}, key {key}: expected one of")
+
+
 @pytest.mark.parametrize(
     "option", [("--method", "nosuch"), ("--metric", "nosuch"), ("--workers", "0")]
 )

@@ -167,6 +167,8 @@ def test_scores_of_half_a_dataset_say_so(whole: Path, tmp_path: Path) -> None:
         assert done.returncode == 0, done.stderr
         assert says in done.stderr
         assert ("not rendered" in done.stderr) == bool(says)
+        run = json.loads((tmp_path / "scores" / "run.json").read_text("utf-8"))
+        assert run["scenes_missing"] == (5 if says else 0)
 
 
 def test_a_part_into_the_whole_leaves_it_whole(whole: Path, tmp_path: Path) -> None:
