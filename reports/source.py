@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -69,10 +69,18 @@ class Source:
 
     @cached_property
     def examples(self) -> tuple[Example, ...]:
-        """Scenes whose images the run kept, in the order of the suite."""
+        """Scenes whose images the run kept, in the order of the suite; no other run's.
+
+        Earlier runs may have left other scenes in the folder, and images of other methods.
+        """
         order = {scene: number for number, scene in enumerate(self.table["scene"].unique())}
-        examples = read_examples(self.folder / EXAMPLES)
-        return tuple(sorted(examples, key=lambda example: order.get(example.scene, len(order))))
+        methods = set(self.table["method"].unique())
+        own = (
+            replace(example, methods={k: v for k, v in example.methods.items() if k in methods})
+            for example in read_examples(self.folder / EXAMPLES)
+            if example.scene in order
+        )
+        return tuple(sorted(own, key=lambda example: order[example.scene]))
 
     @cached_property
     def shown(self) -> tuple[list[Shown], int]:

@@ -11,7 +11,7 @@ from malus.renderers.datasets.dataset import Dataset
 from malus.renderers.datasets.dataset_record import CONVENTIONS
 from malus.renderers.datasets.hdf5 import OTHER_FORMAT, h5py, write_hdf5
 from malus.renderers.datasets.planes import S3
-from malus.renderers.datasets.samples import WHOLE
+from malus.renderers.datasets.samples import whole
 from malus.renderers.datasets.scene_samples import arrays_of
 from malus.renderers.datasets.shards import ShardScene, write_shards
 from malus.scenes.core.errors import InputError
@@ -74,4 +74,4 @@ def _scenes(dataset: Dataset, progress: Progress) -> Iterator[ShardScene]:
         description: dict[str, Any] = record.scene.model_dump(mode="json")
         if record.sensor is not None:
             description["sensor"] = record.sensor.model_dump(mode="json")
-        yield ShardScene(scene, source.read(number, maps, WHOLE), description)
+        yield ShardScene(scene, source.read(number, maps, whole), description)

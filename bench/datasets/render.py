@@ -33,6 +33,7 @@ from malus.bench.running.worker_process import (
     at_most,
     retried,
 )
+from malus.renderers.datasets.dataset_files import names_files
 from malus.renderers.datasets.dataset_record import FailedScene
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.listed_scenes import listed_of
@@ -195,6 +196,10 @@ def _render_families(
         WritingThread(writer, origins) as writing,
     ):
         taken_over = len(writer.done)
+        if names_files(suite):
+            for scene in (each for family in families for each in family.scenes):
+                if scene.id in writer.done:
+                    writer.keep_files_of(scene)
         tasks = _tasks(families, suite, variant, lambda s: _is_left(s, writer, retry_failed))
         if tasks:
             progress(len(writer.done), len(origins), tasks[0].family.label)

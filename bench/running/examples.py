@@ -47,15 +47,18 @@ def _of_middle_index(scenes: Sequence[Scene]) -> Scene:
     return ordered[len(ordered) // 2]
 
 
-def write_example(folder: Path, truth: Truth, methods: Sequence[Method]) -> None:
-    """Write `examples/<scene id>.npz`: truth, masks, one Stokes image a method, and a label."""
+def write_example(folder: Path, truth: Truth, methods: Sequence[Method], part: str = "") -> None:
+    """Write `examples/<scene id>.npz`: truth, masks, one Stokes image a method, and a label.
+
+    `part` is the id of the part of the run that the scene belongs to.
+    """
     from malus.bench.scoring.unmixed_pixels import mixed_pixels  # with what scores: numba
 
     path = folder / EXAMPLES / f"{truth.scene.id}.npz"
     images: dict[str, Any] = {
         "truth": truth.stokes.astype(np.float32),
         "mask": truth.mask,
-        "meta": np.array(json.dumps(_meta(truth.scene))),
+        "meta": np.array(json.dumps(_meta(truth.scene) | {"part": part})),
     }
     mixed = mixed_pixels(truth)
     if mixed is not None:
@@ -67,6 +70,15 @@ def write_example(folder: Path, truth: Truth, methods: Sequence[Method]) -> None
             continue
         images[f"{_OF}{method.name}"] = estimate.stokes.astype(np.float32)
     write_whole(path, lambda temporary: np.savez_compressed(temporary, **images))
+
+
+def is_example_of(part: str, path: Path) -> bool:
+    """Whether the example in a file is of a part: of the same renders, at as many samples."""
+    try:
+        with open_regular(path) as stored, np.load(stored) as file:
+            return bool(json.loads(str(file["meta"])).get("part") == part)
+    except (InputError, OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return False
 
 
 def with_images_of(methods: Iterable[str], path: Path, content: bytes) -> bytes:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from malus.bench.running.examples import example_ids, with_images_of
+from malus.bench.running.examples import example_ids, is_example_of, with_images_of
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.parts import (
@@ -122,7 +122,8 @@ class SuiteRun:
         examples = example_ids(self.families)
         for family in in_working_order(self.families):
             name = part_id(family, self.suite, self.variant.name)
-            missing = self._missing_methods(name)
+            shown = examples & {scene.id for scene in family.scenes}
+            missing = self._missing_methods(name, shown)
             if not missing:
                 self.finished += 1
                 continue
@@ -134,14 +135,20 @@ class SuiteRun:
                 self.suite.renderer,
                 missing,
                 self.suite.metrics,
-                examples & {scene.id for scene in family.scenes},
+                shown,
                 ladder=self.suite.knowledge == "ladder",
             )
 
-    def _missing_methods(self, name: str) -> dict[str, str]:
-        """Methods that a part lacks, without those whose failure is final."""
+    def _missing_methods(self, name: str, examples: Collection[str]) -> dict[str, str]:
+        """Methods that a part lacks, without those whose failure is final.
+
+        All of them where the images of an example are missing, or of a run at other samples.
+        """
         methods = self._whole_methods(self.parts.table(name))
         if methods >= set(self.methods):
+            files = (self.folder / EXAMPLES / f"{scene}.npz" for scene in examples)
+            if not all(is_example_of(name, path) for path in files):
+                return self.methods
             self.taken_over += 1
             return {}
         failures = self.parts.failures(name)

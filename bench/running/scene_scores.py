@@ -22,11 +22,15 @@ from malus.scenes.scene import Scene
 
 @dataclass(frozen=True)
 class ScoringPlan:
-    """How a scene is scored: methods, metrics, and whether on every rung of the ladder."""
+    """How a scene is scored: methods, metrics, and whether on every rung of the ladder.
+
+    `part` is the id of the part of the run that examples belong to.
+    """
 
     methods: Sequence[Method]
     metrics: Sequence[Metric] = ()
     ladder: bool = False
+    part: str = ""
 
 
 @dataclass
@@ -62,7 +66,7 @@ class SceneResult:
     def keep_example(self, truth: Truth, plan: ScoringPlan) -> None:
         """Keep the images of the truth and of every method that worked."""
         with self.outcome.guard(self.scene), self.outcome.stage("write examples"):
-            self.outcome.examples |= _example(truth, self.outcome.worked(plan.methods))
+            self.outcome.examples |= _example(truth, self.outcome.worked(plan.methods), plan.part)
 
     def _score_methods(self, truth: Truth, plan: ScoringPlan) -> None:
         with self.outcome.stage("score"):
@@ -154,8 +158,8 @@ def _records_of(
         return [record(about, method.name, own) for about, own in zip(columns, values, strict=True)]
 
 
-def _example(truth: Truth, methods: Sequence[Method]) -> dict[str, bytes]:
+def _example(truth: Truth, methods: Sequence[Method], part: str) -> dict[str, bytes]:
     """Content of the scene's file of example images, by file name."""
     with tempfile.TemporaryDirectory() as folder:
-        write_example(Path(folder), truth, methods)
+        write_example(Path(folder), truth, methods, part)
         return {path.name: path.read_bytes() for path in Path(folder).rglob("*.npz")}

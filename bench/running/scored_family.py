@@ -33,7 +33,7 @@ def scored(
     """
     result = FamilyResult()
     methods = [get_method(reference) for reference in task.methods.values()]
-    plan = ScoringPlan(methods, get_metrics(task.metrics), task.ladder)
+    plan = ScoringPlan(methods, get_metrics(task.metrics), task.ladder, task.id)
     scene_results: list[SceneResult] = []
     with result.guard():
         renders = renders_of(task.family, task.renderer, variant, result, False)

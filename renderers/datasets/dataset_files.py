@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable
+import stat
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,11 @@ _DIGEST = re.compile(r"[0-9a-f]{16}")
 _SUFFIX = re.compile(r"\.[a-z0-9]{1,8}")
 
 
-def keep_files(scene: Scene, folder: Path) -> None:
+def keep_files(scene: Scene, folder: Path, kept: set[Path]) -> None:
     """Copy the files that a scene names into the dataset, where their hash is known.
+
+    Copies that are missing or changed are made again. Those in `kept` are not hashed again; those
+    that are there now are added.
 
     Raises
     ------
@@ -40,13 +44,34 @@ def keep_files(scene: Scene, folder: Path) -> None:
 
     def keep(named: NamedFile) -> NamedFile:
         copy = _copy_of(named, folder)
-        if named.digest and not copy.exists():
-            file = named.checked()
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            replace_file(copy, lambda temporary: shutil.copyfile(file, temporary))
+        if named.digest and copy not in kept:
+            if not _is_whole(copy, named.digest):
+                file = named.checked()
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                replace_file(copy, lambda temporary: shutil.copyfile(file, temporary))
+            kept.add(copy)
         return named
 
     _with_files(scene, keep)
+
+
+def names_files(value: Any) -> bool:
+    """Whether a scene or a suite names a file, at any depth."""
+    if isinstance(value, NamedFile) and value.file_name is not None:
+        return True
+    if isinstance(value, Model):
+        return any(names_files(getattr(value, name)) for name in type(value).model_fields)
+    if isinstance(value, Mapping):
+        return any(map(names_files, value.values()))
+    return isinstance(value, tuple | list) and any(map(names_files, value))
+
+
+def _is_whole(copy: Path, expected: str) -> bool:
+    """Whether a copy is there, no link, and has the digest of its name."""
+    try:
+        return stat.S_ISREG(lstat(copy).st_mode) and digest(copy)[1][:16] == expected
+    except (OSError, InputError):
+        return False
 
 
 def with_own_files(scene: Scene, folder: Path, checked: set[Path]) -> Scene:

@@ -77,6 +77,7 @@ class DatasetWriter:
         self.failed: dict[str, FailedScene] = {}
         self._list: PartList | None = None
         self._earlier_stands = False
+        self._kept: set[Path] = set()
 
     def __enter__(self) -> Self:
         """Keep the scenes that the folder already holds.
@@ -136,12 +137,22 @@ class DatasetWriter:
         if self._earlier_stands:
             self._earlier_stands = False
             self._write_record()
+        self.keep_files_of(truth.scene)  # first: no scene is there without them
         write_scene(folder, truth, origin)
-        keep_files(truth.scene, self.folder)
         self.done[name] = self._entry(truth.scene, read_record(folder)[1], origin)
         self.failed.pop(name, None)
         if self._list is not None:
             self._list.add(self.done[name])
+
+    def keep_files_of(self, scene: Scene) -> None:
+        """Copy the files that a scene names, where copies are missing or changed.
+
+        Raises
+        ------
+        InputError
+            If the content of one has changed.
+        """
+        keep_files(scene, self.folder, self._kept)
 
     def fail(self, failed: FailedScene) -> None:
         """Record a scene that could not be rendered."""

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from malus.renderers.datasets.samples import Window
+from malus.renderers.datasets.samples import Cut
 from malus.renderers.datasets.shards import ShardScene
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError, reading
@@ -105,7 +105,7 @@ class Hdf5File:
         """What another process needs: no open file."""
         return self.__dict__ | {"_file": None}
 
-    def read(self, number: int, maps: Sequence[str], window: Window) -> dict[str, AnyArray]:
+    def read(self, number: int, maps: Sequence[str], cut: Cut) -> dict[str, AnyArray]:
         """Arrays of a scene by name.
 
         Raises
@@ -116,7 +116,7 @@ class Hdf5File:
         with reading(str(self.path), f"the arrays of scene {self.ids[number]}", _AGAIN):
             if self._file is None or self._process != os.getpid():
                 self._file, self._process = h5py().File(self.path, "r"), os.getpid()
-            file = self._file
+            file, window = self._file, cut(self.shape)
             return {
                 name: file["stokes"][(number, *window, slice(None), 0)]
                 if name == "image"

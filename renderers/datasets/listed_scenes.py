@@ -8,8 +8,14 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from malus.renderers.datasets.dataset_record import DatasetRecord, SceneEntry, read_dataset
+from malus.renderers.datasets.dataset_record import (
+    DATASET,
+    DatasetRecord,
+    SceneEntry,
+    read_dataset,
+)
 from malus.renderers.datasets.part_list import Part, PartContent, read_parts, remove_lists
+from malus.renderers.datasets.scene_folder import SCENE
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.remote import lstat
 
@@ -51,9 +57,12 @@ def check_same_dataset(
     Raises
     ------
     InputError
-        If the folder holds such a dataset; nothing is changed.
+        If the folder holds such a dataset, one that cannot be read, or a folder of something else
+        by the name of a scene; nothing is changed.
     """
+    _check_readable(folder)
     record = _record_of(folder)
+    _check_own_folders(folder, planned, () if record is None else record.scenes)
     earlier = _suite(None if record is None else record.suite)
     replaced = _is_other_render(earlier, _suite(about.get("suite")))
     may_differ = part.count == 1 or (record is not None and _is_other_version(record, about))
@@ -70,6 +79,34 @@ def check_same_dataset(
         expected = f"a new folder, or a dataset of the same {same}"
         hint = "choose another `out`, or delete that folder; nothing was changed"
         raise InputError(f"output folder {folder}", expected, _described(earlier), hint)
+
+
+def _check_readable(folder: Path) -> None:
+    """Refuse a folder whose `dataset.json` cannot be read: scenes that it lists would be lost."""
+    if not (folder / DATASET).exists():
+        return
+    try:
+        read_dataset(folder)
+    except InputError as damaged:
+        where, expected, found, _ = damaged.args
+        hint = "choose another `out`; if its scenes may be rendered over, delete that file"
+        raise InputError(where, expected, found, f"{hint}; nothing was changed") from None
+
+
+def _check_own_folders(
+    folder: Path, planned: Collection[str], listed: Iterable[SceneEntry]
+) -> None:
+    """Refuse a folder that has a folder by the name of a scene which is none: it would be lost."""
+    if not folder.is_dir():
+        return
+    known = {entry.scene for entry in listed}
+    for name in sorted(entry.name for entry in folder.iterdir()):
+        if name in planned and name not in known and not (folder / name / SCENE).exists():
+            expected, hint = "a new folder, or a dataset", "choose another `out`"
+            found = f"{name}, a folder of something else"
+            raise InputError(
+                f"output folder {folder}", expected, found, f"{hint}; nothing was changed"
+            )
 
 
 def _all_listed(

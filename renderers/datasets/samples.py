@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, SupportsIndex
 
@@ -31,7 +31,13 @@ MOSAIC_STEP = 4
 Window = tuple[slice, slice]
 """Rows and columns of a picture."""
 
-WHOLE: Window = (slice(None), slice(None))
+Cut = Callable[[Sequence[int]], Window]
+"""The window of a picture of some height and width; the same whenever it is asked."""
+
+
+def whole(_shape: Sequence[int]) -> Window:
+    """All rows and columns."""
+    return slice(None), slice(None)
 
 
 class SampleSource(Protocol):
@@ -51,10 +57,10 @@ class SampleSource(Protocol):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Height and width of every picture."""
+        """Height and width of the first picture."""
 
-    def read(self, number: int, maps: Sequence[str], window: Window) -> dict[str, AnyArray]:
-        """Arrays of the scene of that number, by name."""
+    def read(self, number: int, maps: Sequence[str], cut: Cut) -> dict[str, AnyArray]:
+        """Arrays of the scene of that number, by name, in the window of its own size."""
 
 
 @dataclass
@@ -138,13 +144,7 @@ class Samples:
         position %= len(self)
         number = int(self.numbers[position])
         scene = self.source.ids[number]
-        arrays = self.source.read(number, self.maps, self._window(position))
-        if self.crop is not None and any(
-            array.shape[:2] != (self.crop, self.crop) for array in arrays.values()
-        ):
-            expected = f"pictures of {self.source.shape}, as of the first scene"
-            raise InputError(f"scene {scene}", expected, "smaller ones", "choose a smaller crop")
-        return {"scene": scene} | arrays
+        return {"scene": scene} | self.source.read(number, self.maps, self._cut(position))
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """One sample after the other."""
@@ -154,14 +154,24 @@ class Samples:
         """Draw other crops from now on; the same ones for the same epoch."""
         self.epoch = epoch
 
-    def _window(self, position: int) -> Window:
-        if self.crop is None:
-            return WHOLE
-        rng = np.random.default_rng((self.seed, self.epoch, position))
-        step = MOSAIC_STEP if RAW in self.maps else 1
-        free = ((side - self.crop) // step for side in self.source.shape)
-        top, left = (step * int(rng.integers(0, steps + 1)) for steps in free)
-        return slice(top, top + self.crop), slice(left, left + self.crop)
+    def _cut(self, position: int) -> Cut:
+        """The crop of a sample, anywhere in its own picture: others may have other sizes."""
+        crop = self.crop
+        if crop is None:
+            return whole
+
+        def window(shape: Sequence[int]) -> Window:
+            if min(shape) < crop:
+                where = f"scene {self.source.ids[int(self.numbers[position])]}"
+                expected, found = f"at least {crop} × {crop} pixels", f"{shape[0]} × {shape[1]}"
+                raise InputError(where, expected, found, "choose a smaller crop")
+            rng = np.random.default_rng((self.seed, self.epoch, position))
+            step = MOSAIC_STEP if RAW in self.maps else 1
+            free = ((side - crop) // step for side in shape)
+            top, left = (step * int(rng.integers(0, steps + 1)) for steps in free)
+            return slice(top, top + crop), slice(left, left + crop)
+
+        return window
 
 
 def _names(maps: Sequence[str] | str | None, known: Sequence[str]) -> tuple[str, ...]:

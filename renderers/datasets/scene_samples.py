@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from malus.renderers.datasets.planes import ERRORS, LOBES, S3, array_from_planes, channel_names
-from malus.renderers.datasets.samples import RAW, Window
+from malus.renderers.datasets.samples import RAW, Cut
 from malus.renderers.datasets.scene_folder import (
     MASK,
     FileName,
@@ -73,7 +73,7 @@ class SceneFolders:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Height and width of every picture: that of the first."""
+        """Height and width of the first picture."""
         return self._first.shape
 
     @property
@@ -81,7 +81,7 @@ class SceneFolders:
         """Names of the arrays that every scene has."""
         return arrays_of(self._first)
 
-    def read(self, number: int, maps: Sequence[str], window: Window) -> dict[str, AnyArray]:
+    def read(self, number: int, maps: Sequence[str], cut: Cut) -> dict[str, AnyArray]:
         """Arrays of a scene by name.
 
         Raises
@@ -109,6 +109,7 @@ class SceneFolders:
             # Complex for metals, and so that scenes fit into one batch, for all.
             if ETA in arrays:
                 arrays[ETA] = arrays[ETA].astype(np.complex64)
+        window = cut(record.shape)
         return {name: np.ascontiguousarray(arrays[name][window]) for name in maps}
 
 

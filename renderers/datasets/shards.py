@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from malus.renderers.datasets.samples import Window
+from malus.renderers.datasets.samples import Cut
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.files import replace_text, write_whole
@@ -30,6 +30,7 @@ SHARDS = "shards.json"
 SHARD_BYTES = 256 << 20
 """Bytes after which a new shard begins: large enough to stream, small enough to shuffle."""
 
+_FORMAT = "malus shards 1"
 _NPY = ".npy"
 _AGAIN = "export the dataset again"
 
@@ -71,7 +72,7 @@ def write_shards(
             waiting, size = [], 0
     if waiting:
         shards.append(_write_shard(folder, len(shards), waiting))
-    record = {"format": "malus shards 1", "shape": shape, "maps": maps, "shards": shards}
+    record = {"format": _FORMAT, "shape": shape, "maps": maps, "shards": shards}
     replace_text(folder / SHARDS, json.dumps(record | dict(about), indent=1) + "\n")
 
 
@@ -122,6 +123,8 @@ class Shards:
         self.folder = folder
         with reading(str(folder / SHARDS), "shards of a dataset", _AGAIN):
             record = json.loads((folder / SHARDS).read_text("utf-8"))
+            if record["format"] != _FORMAT:
+                raise ValueError(f"the format {record['format']}; {_FORMAT} is known")
             self.shape: tuple[int, int] = tuple(record["shape"])
             self.maps: tuple[str, ...] = (*record["maps"], "image")
             self.splits: dict[str, list[str]] = record.get("splits", {})
@@ -132,13 +135,14 @@ class Shards:
         self.ids: tuple[str, ...] = tuple(scene for scenes in of_shard for scene in scenes)
         self._shard_of = np.repeat(np.arange(len(of_shard)), [len(scenes) for scenes in of_shard])
 
-    def read(self, number: int, maps: Sequence[str], window: Window) -> dict[str, AnyArray]:
+    def read(self, number: int, maps: Sequence[str], cut: Cut) -> dict[str, AnyArray]:
         """Arrays of a scene by name; only the rows of a crop are read.
 
         Raises
         ------
         InputError
-            If the shard is cut or changed.
+            If the shard is cut, or lacks an array where its index has it; or if a crop is larger
+            than the picture.
         """
         shard, scene = self._files[self._shard_of[number]], self.ids[number]
         path, index = self.folder / shard, self.folder / f"{shard}.index.json"
@@ -146,7 +150,7 @@ class Shards:
         with reading(str(path), expected, _AGAIN), path.open("rb", buffering=0) as file:
             offsets = _index(index, index.stat().st_mtime_ns)[scene]
             stored = dict.fromkeys("stokes" if name == "image" else name for name in maps)
-            arrays = {name: _array(file.fileno(), offsets[name], window) for name in stored}
+            arrays = {name: _array(file.fileno(), offsets[name], cut) for name in stored}
         return {
             name: arrays["stokes"][..., 0] if name == "image" else arrays[name] for name in maps
         }
@@ -163,7 +167,7 @@ _HEADER = 256
 """Bytes that hold the header of any array here: NumPy pads it to a multiple of 64."""
 
 
-def _array(descriptor: int, offset: int, window: Window) -> AnyArray:
+def _array(descriptor: int, offset: int, cut: Cut) -> AnyArray:
     """Rows and columns of the array that begins at an offset of a file."""
     header = io.BytesIO(os.pread(descriptor, _HEADER, offset))
     if np.lib.format.read_magic(header) != (1, 0):
@@ -171,7 +175,7 @@ def _array(descriptor: int, offset: int, window: Window) -> AnyArray:
     shape, fortran, dtype = np.lib.format.read_array_header_1_0(header)
     if fortran or dtype.hasobject:
         raise ValueError("an array that is not in rows of plain numbers")
-    rows, columns = window
+    rows, columns = cut(shape[:2])
     top, bottom, _ = rows.indices(shape[0])
     row_bytes = dtype.itemsize * math.prod(shape[1:])
     begin = offset + header.tell() + top * row_bytes

@@ -95,11 +95,18 @@ def put_file(final: Path, write: Callable[[Path], object]) -> None:
 
 
 def put_folder(final: Path, write: Callable[[Path], None]) -> None:
-    """Call `write` with a temporary local folder, then copy its files to the store, `LAST` last."""
+    """Call `write` with a temporary local folder, then copy its files to the store, `LAST` last.
+
+    Files of an older folder that the new one lacks are removed.
+    """
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder))
         files = [path for path in sorted(Path(folder).rglob("*")) if path.is_file()]
         (final / LAST).unlink(missing_ok=True)
+        names = {file.relative_to(folder).as_posix() for file in files}
+        for old in final.iterdir() if final.is_dir() else ():
+            if old.is_file() and old.name not in names:
+                old.unlink()
         for file in sorted(files, key=lambda path: path.name == LAST):
             _put(file, final / file.relative_to(folder).as_posix())
 

@@ -43,7 +43,7 @@ def scored(truth: Truth, names: tuple[str, ...]) -> dict[tuple[str, str], dict[s
     return {
         (record.common["method"], record.common["knowledge"]): {
             value.metric: value.value
-            for value in record.values
+            for value in record.values.each()
             if value.band_nm is None and value.angle_deg is None
         }
         for record in result.records
