@@ -104,8 +104,8 @@ def put_folder(final: Path, write: Callable[[Path], None]) -> None:
         files = [path for path in sorted(Path(folder).rglob("*")) if path.is_file()]
         (final / LAST).unlink(missing_ok=True)
         names = {file.relative_to(folder).as_posix() for file in files}
-        for old in final.iterdir() if final.is_dir() else ():
-            if old.is_file() and old.name not in names:
+        for old in list(final.rglob("*")) if final.is_dir() else ():
+            if old.is_file() and old.relative_to(final).as_posix() not in names:
                 old.unlink()
         for file in sorted(files, key=lambda path: path.name == LAST):
             _put(file, final / file.relative_to(folder).as_posix())
