@@ -38,7 +38,7 @@ def headline(source: Source) -> Section:
         body=body,
         tiles=list(headline_tiles(source.table, source.colours, suite)),
         explanation=sentences.SKILL,
-        doubts=list(sentences.doubts(source.table)),
+        doubts=[*sentences.failures(source.run), *sentences.doubts(source.table)],
     )
     return Section("headline", "In short", content)
 

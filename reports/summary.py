@@ -42,6 +42,7 @@ def summary(
     blocks = [
         f"# Results of the suite {markdown(run['suite']['name'])}",
         markdown(run["suite"].get("description", "")),
+        *(f"**{markdown(sentence)}**" for sentence in sentences.failures(run)),
         *(f"![{markdown(name)}]({name})" for name in figures),
         "## Beside the paper",
         sentences.PAPER,

@@ -49,4 +49,4 @@ def status_command(folder: Path, as_json: bool) -> None:
         hint = ", and --part those that have not begun" if progress.parts else ""
         console.print(f"The command that made the folder, given again, goes on where it was{hint}.")
     elif progress.failed:
-        console.print("`malus run … --retry-failed` tries the failed ones again.")
+        console.print("The same command with --retry-failed tries the failed ones again.")

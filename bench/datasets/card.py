@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Literal
@@ -95,6 +95,12 @@ def write_documents(folder: Path, suite: Suite) -> None:
     replace_text(folder / CROISSANT, json.dumps(content, indent=1) + "\n")
 
 
+def remove_documents(folder: Path) -> None:
+    """Remove what tells of all scenes: it is wrong while more are rendered, and written again."""
+    for name in (CARD, CROISSANT, SPLITS):
+        (folder / name).unlink(missing_ok=True)
+
+
 def _scenes(suite: Suite) -> Iterator[tuple[Scene, str]]:
     for scene in suite.scenes():
         yield scene, scene.id
@@ -156,7 +162,7 @@ def card(record: DatasetRecord, suite: Suite, scenes: list[Scene]) -> str:
     """The card of a dataset, in Markdown."""
     parts = [
         f"# {suite.name}\n\n{_about(suite)}\n",
-        _how(record, suite),
+        _how(record, suite, scenes),
         _files(record, suite),
         _splits(record, suite),
         _distributions(scenes),
@@ -175,8 +181,10 @@ def _about(suite: Suite) -> str:
     )
 
 
-def _how(record: DatasetRecord, suite: Suite) -> str:
-    side, sampling = suite.camera.resolution, suite.sampling
+def _how(record: DatasetRecord, suite: Suite, scenes: Sequence[Scene]) -> str:
+    sampling, sides = suite.sampling, sorted({scene.camera.resolution for scene in scenes})
+    least, side = (sides[0], sides[-1]) if sides else 2 * (suite.camera.resolution,)
+    smallest = "" if least == side else f"{least} × {least} to "
     bands = ", ".join(f"{nm:g}" for nm in suite.wavelengths_nm)
     versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
     samples = f"{sampling.samples} samples a pixel"
@@ -191,7 +199,7 @@ def _how(record: DatasetRecord, suite: Suite) -> str:
     failed = f"; {len(record.failed)} could not be rendered" if record.failed else ""
     return (
         f"## How it was made\n\n{len(record.scenes)} scenes{failed}: {how}.\n"
-        f"{side} × {side} pixels, bands at {bands} nm, {samples}, seed {sampling.seed}.\n"
+        f"{smallest}{side} × {side} pixels, bands at {bands} nm, {samples}, seed {sampling.seed}.\n"
         f"Rendered with {versions} ({record.variant.get('name', suite.renderer)}). The whole suite,"
         f" with every range, is the key `suite` of `dataset.json`; `malus render` of the same suite"
         " makes the same scenes.\n"

@@ -19,6 +19,7 @@ from malus.renderers.truth import Truth
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import write_whole
 from malus.scenes.scene import Scene
 
 FROM_HORIZONTAL_DEG = (0, 45, 90, 135)
@@ -44,7 +45,8 @@ def save_png(path: Path, codes: NDArray[np.uint16]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     grey = codes.ndim == 3 and codes.shape[2] == 1
     content = np.ascontiguousarray(codes[..., 0] if grey else codes)
-    path.write_bytes(imagecodecs.png_encode(content))
+    encoded = imagecodecs.png_encode(content)
+    write_whole(path, lambda temporary: temporary.write_bytes(encoded))
 
 
 def check_bands(scene: Scene) -> None:

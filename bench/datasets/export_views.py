@@ -8,6 +8,7 @@ the camera's down, right and back in the world, t is where it stands.
 from __future__ import annotations
 
 from collections import defaultdict
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from malus.renderers.datasets.spectral_exr import write_exr
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import write_whole
 from malus.scenes.core.model import content_id
 from malus.scenes.scene import Scene
 
@@ -73,7 +75,7 @@ def write_neisf(dataset: Dataset, folder: Path, progress: Progress) -> None:
             progress(done, len(dataset), scene_id)
             _write_view(folder / name, f"img_{number:03}", dataset, scene_id)
             done += 1
-        np.save(folder / name / "poses_bounds.npy", poses)
+        write_whole(folder / name / "poses_bounds.npy", partial(np.save, arr=poses))
 
 
 def _object_of(scene: Scene) -> str:
@@ -118,6 +120,7 @@ def _write_view(folder: Path, name: str, dataset: Dataset, scene_id: str) -> Non
         path = folder / f"images_s{k}" / f"{name}.exr"
         path.parent.mkdir(parents=True, exist_ok=True)
         planes = {channel: stokes[:, :, c, k] for c, channel in enumerate("RGB")}
-        write_exr(path, {channel: plane.astype(np.float32) for channel, plane in planes.items()})
+        floats = {channel: plane.astype(np.float32) for channel, plane in planes.items()}
+        write_whole(path, partial(write_exr, channels=floats))
     mask = np.repeat(truth.mask[..., None], 3, axis=2).astype(np.uint16) * np.uint16(65535)
     save_png(folder / "masks" / f"{name}.png", mask)

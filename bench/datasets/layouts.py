@@ -32,6 +32,7 @@ from malus.scenes.core.arrays import Float64Array, FloatArray, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import digest
 from malus.scenes.core.registry import lookup
+from malus.scenes.core.remote import is_here
 
 LARGEST_ANGLE_DEG = 90.0
 """Angle that the largest code of `AoLP_16bit` stands for; the smallest is its opposite."""
@@ -165,6 +166,18 @@ def red_first(wavelengths_nm: Sequence[float]) -> IntArray:
     return np.argsort(wavelengths_nm)[::-1]
 
 
+def check_is_here(folder: Path) -> None:
+    """Refuse a store elsewhere: pictures of published layouts are read from files.
+
+    Raises
+    ------
+    InputError
+        For a folder that is not on this machine.
+    """
+    if not is_here(folder):
+        raise InputError(str(folder), "a folder on this machine", "a store", "copy it here first")
+
+
 def layout_predictions(dataset: Dataset, folder: Path, layout: str) -> LayoutPredictions:
     """Find predictions in a published layout, by the ids of scenes or by their numbers.
 
@@ -174,6 +187,7 @@ def layout_predictions(dataset: Dataset, folder: Path, layout: str) -> LayoutPre
         An unknown layout, or a folder that has no file of it.
     """
     chosen = lookup(layout, LAYOUTS, "layout", f"one of {', '.join(LAYOUTS)}")
+    check_is_here(folder)
     ids = list(dataset.scenes)
     width = max(4, len(str(len(ids) - 1)))
     numbered = {scene: f"{number:0{width}}" for number, scene in enumerate(ids)}

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from malus.bench.datasets.layouts import LAYOUTS, Layout
+from malus.bench.datasets.layouts import LAYOUTS, Layout, check_is_here
 from malus.bench.running.captures import reconstruct, with_the_guess
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
@@ -137,6 +137,8 @@ def score_published(
     ['predictions', 'unpolarised']
     """
     folder = as_path(truth)
+    for path in (folder, as_path(predictions) if predictions is not None else folder):
+        check_is_here(path)
     chosen = _layout(layout, component_range)
     names = _names(folder, chosen, layout)
     by_name((get_method(each).name, each) for each in methods)

@@ -12,7 +12,7 @@ from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, Self
 
-from malus.bench.datasets.card import write_documents
+from malus.bench.datasets.card import remove_documents, write_documents
 from malus.bench.datasets.maps_and_frames import NOTHING, Additions
 from malus.bench.datasets.planned import PlannedDataset, planned_dataset
 from malus.bench.running.cluster import cluster_client, spread_parts
@@ -202,6 +202,7 @@ def _render_families(
                     writer.keep_files_of(scene)
         tasks = _tasks(families, suite, variant, lambda s: _is_left(s, writer, retry_failed))
         if tasks:
+            remove_documents(folder)
             progress(len(writer.done), len(origins), tasks[0].family.label)
         for task, outcome in _all_outcomes(tasks, worker):
             writing.wait()

@@ -86,6 +86,10 @@ class PooledMetric(Model):
         return (self.metric, *(getattr(self, key) for key in KEYS))
 
 
+_OF_NO_SCENE = ("name", "description", "methods", "metrics", "maps", "licence")
+"""Keys of a suite that change neither its scenes nor their samples."""
+
+
 class RunIdentity(Model):
     """Suite, seed and variant of a run; `scenes` hashes the suite without seed and methods."""
 
@@ -115,10 +119,21 @@ class RunIdentity(Model):
             raise InputError(
                 "results, run.json", "suite, seed and variant", f"no {error}", "run the suite again"
             ) from None
-        # Another method or description does not change the scenes.
-        content = {k: v for k, v in suite.items() if k not in ("name", "description", "methods")}
-        scenes = content_id(content | {"sampling": sampling})
+        content = {key: value for key, value in suite.items() if key not in _OF_NO_SCENE}
+        scenes = content_id(content | {"metrics": [], "sampling": sampling})
         return cls(suite=name, scenes=scenes, seed=seed, variant=variant)
+
+    def is_of(self, results: Results) -> bool:
+        """Whether results are of the same scenes at as many samples."""
+        if self.scenes == RunIdentity.of(results).scenes:
+            return True
+        if CAPTURES in results.run:
+            return False
+        # Earlier versions counted metrics, maps and licence among what decides the scenes.
+        suite = dict(results.run["suite"])
+        sampling = {key: value for key, value in suite["sampling"].items() if key != "seed"}
+        content = {k: v for k, v in suite.items() if k not in ("name", "description", "methods")}
+        return self.scenes == content_id(content | {"sampling": sampling})
 
 
 class Baseline(Model):

@@ -98,7 +98,7 @@ def gate(results: Results, baseline: Baseline) -> list[Comparison]:
         If the run rendered other scenes than the baseline's, or nothing of it is gated.
     """
     origin = RunIdentity.of(results)
-    _require_same_scenes(origin, baseline.origin)
+    _require_same_scenes(results, origin, baseline.origin)
     measured = {v.key if isinstance(v, PooledMetric) else v: v for v in measure(results)}
     gated = [(value, rule) for value in baseline.values if (rule := baseline.rule(value))]
     if not gated:
@@ -117,8 +117,8 @@ def passed(comparisons: Sequence[Comparison]) -> bool:
     return not any(comparison.failed for comparison in comparisons)
 
 
-def _require_same_scenes(origin: RunIdentity, expected: RunIdentity) -> None:
-    if origin.scenes != expected.scenes:
+def _require_same_scenes(results: Results, origin: RunIdentity, expected: RunIdentity) -> None:
+    if not expected.is_of(results):
         raise InputError(
             "results",
             f"the scenes and samples of the baseline, suite {expected.suite} ({expected.scenes})",

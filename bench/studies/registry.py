@@ -6,7 +6,7 @@ help, so nothing heavy is imported before a study runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -184,7 +184,8 @@ def _loader(folder: Path | None, resolution: int, epochs: int, backend: str) -> 
 def _scaling(folder: Path | None, most: int) -> Findings:
     from malus.bench.studies.scaling import measure, messages, report_lines
 
-    scales, messaging = measure([max(24, most // 100), most // 10, most]), messages()
+    counts = sorted({max(24, most // share) for share in (100, 10, 1)})
+    scales, messaging = measure(counts), messages()
     figures = [asdict(scale) for scale in scales] + [asdict(messaging)]
     return Findings(tuple(report_lines(scales, messaging)), figures)
 
@@ -207,6 +208,8 @@ def _single_image(
         summary_lines,
     )
 
+    told = {"shapes": shapes, "every": every, "levels": levels, "resolution": resolution}
+    _check_used(stage, told | {"coloured": coloured, "rows": rows})
     if stage == "speed":
         speeds = megapixels_per_second()
         return Findings(tuple(json.dumps(speeds, indent=1).splitlines()), speeds)
@@ -215,6 +218,27 @@ def _single_image(
     )
     figures = json.loads(table.to_json(orient="records"))
     return Findings(tuple(summary_lines(table)), figures)
+
+
+_UNUSED = {
+    "speed": ("shapes", "every", "levels", "resolution", "coloured", "rows"),
+    "separation": ("levels", "coloured"),
+    "chain": (),
+}
+"""Options of `single-image` that a stage has no use for."""
+
+
+def _check_used(stage: str, values: Mapping[str, Any]) -> None:
+    """Refuse options that a stage of `single-image` would pass over."""
+    from malus.scenes.core.errors import InputError
+
+    for option in STUDIES["single-image"].options:
+        name = option.name
+        default = tuple(option.default) if isinstance(option.default, tuple) else option.default
+        value = tuple(values.get(name, ())) if isinstance(default, tuple) else values.get(name)
+        if name in _UNUSED[stage] and value != default:
+            expected, hint = f"nothing with the stage {stage}", f"leave `{name}` out"
+            raise InputError(name, expected, str(values[name]), hint)
 
 
 _BACKEND = StudyOption("backend", "auto", "auto, cuda, llvm or scalar.")

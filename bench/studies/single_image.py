@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import time
 from collections.abc import Iterator, Sequence
 from itertools import product
@@ -31,6 +32,7 @@ from malus.reconstruct.single_image.separation import SEPARATIONS, separate
 from malus.renderers.families.family import render_family
 from malus.renderers.truth import Truth
 from malus.scenes import Blob, Camera, Dielectric, Distant, InputError, Sampling, Scene, Sphere
+from malus.scenes.core.registry import lookup
 from malus.scenes.materials.materials import materials, surfaces
 
 Row = dict[str, Any]
@@ -43,6 +45,9 @@ LEVELS = {
 """Inputs that the chain is given besides the picture, by the name of the level."""
 
 SAMPLES = 64
+
+
+_SHAPE = re.compile(r"sphere|blob[0-9]{0,6}")
 
 
 def single_image(
@@ -75,8 +80,13 @@ def single_image(
     Raises
     ------
     InputError
-        If the file holds something else than rows of this study.
+        An unknown level or shape, or a file that holds something else than rows of this study.
     """
+    for level in levels:
+        lookup(level, LEVELS, "levels", f"one of {', '.join(LEVELS)}")
+    for shape in shapes:
+        if not _SHAPE.fullmatch(shape):
+            raise InputError("shapes", "sphere, blob, or blob and a seed", shape, "choose one")
     chain = stage == "chain"
     scenes = photo_scenes(shapes, every, resolution, coloured or not chain)
     return pd.DataFrame(list(_rows(scenes, levels if chain else ("",), rows_file)))

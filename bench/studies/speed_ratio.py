@@ -110,12 +110,13 @@ def _by_hand(
     literal: Measure = "eq8" if measure == "eq8" else "visible"
     errors = []
     started = time.perf_counter()
-    for zenith, eta, sigma in list(zip(*points, strict=True))[:few]:
+    chosen = list(zip(*points, strict=True))[:few]
+    for zenith, eta, sigma in chosen:
         with warnings.catch_warnings():  # it warns where it does not converge
             warnings.simplefilter("ignore")
             value = by_hand(min(zenith, 1.4), eta, sigma, literal)
         errors.append(abs(value - float(specular_dolp(min(zenith, 1.4), eta, sigma, literal))))
-    return (time.perf_counter() - started) / few, max(errors)
+    return (time.perf_counter() - started) / len(chosen), max(errors)
 
 
 def _error(

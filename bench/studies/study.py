@@ -110,9 +110,11 @@ class Study:
     def plan(self) -> str:
         """What a run of it will do, for `malus plan`."""
         written = "writes a table and a page" if self.has_page else "prints its figures"
+        required = [f" --{one.flag or one.name} …" for one in self.options if one.required]
+        command = f"malus bench {self.name}{''.join(required)}" if required else ""
         return (
             f"{self.name}: {self.description}. A study of fixed cases instead of a suite of scenes:"
-            f" nothing is left out. `malus run {self.name}` {written}"
+            f" nothing is left out. `{command or f'malus run {self.name}'}` {written}"
         )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,7 @@ def write_hdf5(
             ids = file.create_dataset("scene", (count,), dtype=package.string_dtype())
             words = file.create_dataset("scene_json", (count,), dtype=package.string_dtype())
             for number, scene in enumerate(scenes):
+                _check_room(path, scene)
                 ids[number], words[number] = scene.id, json.dumps(scene.description)
                 names = names or set(scene.arrays)
                 if set(scene.arrays) != names:
@@ -67,6 +69,26 @@ def write_hdf5(
             file.attrs["about"] = json.dumps(about)
 
     write_whole(folder / HDF5, write)
+
+
+_SPARE_BYTES = 4 << 20
+"""Room for what HDF5 writes beside arrays, and for those it still holds when it is closed."""
+
+
+def _check_room(path: Path, scene: ShardScene) -> None:
+    """Refuse to go on where the disk is nearly full: HDF5 ends the process when it meets its end.
+
+    Raises
+    ------
+    InputError
+        Where a scene might not fit.
+    """
+    needed = 2 * sum(array.nbytes for array in scene.arrays.values()) + _SPARE_BYTES
+    free = shutil.disk_usage(path.parent).free
+    if free < needed:
+        expected, found = f"room for {needed / 1e6:.1f} MB", f"{free / 1e6:.1f} MB"
+        hint = "free some space or choose another folder"
+        raise InputError(f"folder {path.parent}", expected, found, hint)
 
 
 def _stack(file: Any, name: str, array: AnyArray, count: int) -> Any:

@@ -11,13 +11,14 @@ import math
 import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, SupportsIndex
+from typing import Any, Protocol, SupportsIndex, get_args
 
 import numpy as np
 
 from malus.scenes.core.arrays import AnyArray, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.registry import lookup
+from malus.scenes.random_suite.splits import SplitName
 
 DEFAULT_MAPS = ("image", "stokes", "mask", "normals")
 """Arrays of a sample unless others are asked for: what a network sees, and what it shall tell."""
@@ -121,6 +122,10 @@ class Samples:
             if not source.splits:
                 hint = "leave `split` out, or render a suite with `[splits]`"
                 raise InputError("split", "a dataset with splits", "one without", hint)
+            if split in get_args(SplitName) and split not in source.splits:
+                expected = f"a scene in it; there are some in {', '.join(source.splits)}"
+                hint = "leave `split` out, or render more scenes: so few gave it none"
+                raise InputError(f"split {split}", expected, "none", hint)
             chosen = set(lookup(split, source.splits, "split"))
             numbers = numbers[[scene in chosen for scene in source.ids]]
         names = _names(maps, source.maps)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from malus.reports.tables.colour_errors import PAPER_TABLE1
+from malus.reports.tables.colour_errors import PAPER_TABLE1, table1
 from malus.reports.tables.figure_numbers import ladder_numbers
 from malus.reports.tables.formats import scientific, skill_text
 from malus.reports.tables.metric_definitions import definition_of
@@ -64,11 +64,26 @@ def headline_tiles(table: pd.DataFrame, colours: pd.DataFrame, suite: str) -> It
     if table["knowledge"].nunique() > 1:
         yield from _ladder(ladder_numbers(rows), best)
     elif len(colours):
-        yield from _table1(rows_of_body(colours, body), best, suite)
+        shared, note = _scenes_of(rows, best)
+        of_these = table1(shared) if note else colours
+        yield from _table1(rows_of_body(of_these, body), best, suite, note)
     elif rows["material"].nunique() > 1:
         yield from _figure5(rows)
     yield from _polarisation(rows, best)
     yield from _skills(rows, best)
+
+
+def _scenes_of(rows: pd.DataFrame, best: str) -> tuple[pd.DataFrame, str]:
+    """Rows of the scenes on which the best method has an error, and a note where it lacks some.
+
+    Means over other scenes do not compare: what a method left out may be hard, or easy.
+    """
+    errors = overall_rows(rows, "nmse")
+    scenes = errors.loc[errors["method"] == best, "scene"].unique()
+    count = rows["scene"].nunique()
+    if len(scenes) == count:
+        return rows, ""
+    return rows[rows["scene"].isin(scenes)], f", on the {len(scenes)} of {count} scenes of {best}"
 
 
 def headline_body(table: pd.DataFrame) -> str:
@@ -111,7 +126,7 @@ def _figure5(rows: pd.DataFrame) -> Iterator[Tile]:
         yield range_of_means(trivial, "material"), f"{what} of the trivial guess I(ϑ) = I/2"
 
 
-def _table1(colours: pd.DataFrame, best: str, suite: str) -> Iterator[Tile]:
+def _table1(colours: pd.DataFrame, best: str, suite: str, note: str) -> Iterator[Tile]:
     """Colour differences and errors of I_max and I_min, as in Table I."""
     paper = next((name for name in PAPER_TABLE1 if name.endswith(f", {suite.capitalize()}")), "")
     for formula in ("ΔE76", "NMSE"):
@@ -125,7 +140,7 @@ def _table1(colours: pd.DataFrame, best: str, suite: str) -> Iterator[Tile]:
             if paper:
                 beside.append(f"{paper}: {PAPER_TABLE1[paper][formula, image]}")
             label = "; ".join([f"mean {formula} of {image} by {best}", *beside])
-            yield _error(means[best], formula), label
+            yield _error(means[best], formula), label + note
 
 
 def _error(mean: float, formula: str) -> str:
@@ -140,13 +155,14 @@ def _ladder(parts: pd.DataFrame, best: str) -> Iterator[Tile]:
 
 
 def _polarisation(rows: pd.DataFrame, best: str) -> Iterator[Tile]:
+    rows, note = _scenes_of(rows, best)
     for metric in _ASKED:
         values = overall_rows(rows, metric).groupby("method")["value"].mean()
         if best in values:
             known = definition_of(metric)
             guess = values.get(TRIVIAL)
             beside = "" if guess is None else f"; of the trivial guess {guess:.2g}{known.unit}"
-            yield f"{values[best]:.2g}{known.unit}", f"mean {known.label} of {best}{beside}"
+            yield f"{values[best]:.2g}{known.unit}", f"mean {known.label} of {best}{beside}{note}"
 
 
 def _skills(rows: pd.DataFrame, best: str) -> Iterator[Tile]:

@@ -31,8 +31,8 @@ LEAST_PLAIN = 0.01
 MOST_DECIMALS = 5
 """Smaller values have an exponent; larger ones at most so many decimals."""
 
-_MEDIAN = "skill"
-"""The metric that is summed up by their median: one scene of −60 would rule a mean."""
+_MEDIANS = ("skill", "skill_*", "scaled_skill", "facing_skill")
+"""Metrics that are summed up by their median: one scene of −60 would rule a mean."""
 
 
 @dataclass(frozen=True)
@@ -196,13 +196,17 @@ def _shown_by_default(name: str) -> bool:
     return name in _BY_DEFAULT or (asked_for and not detail)
 
 
+def _is_median(name: str) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in _MEDIANS)
+
+
 def _cell(name: str, values: Float64Array) -> Cell | None:
     """Mean and its standard error over scenes; None without a value."""
     count = len(values)
     if count == 0:
         return None
     finite = bool(np.isfinite(values).all())
-    if name == _MEDIAN:
+    if _is_median(name):
         return Cell(float(np.median(values)), _error_of_median(values), count)
     error = float(values.std(ddof=1)) / math.sqrt(count) if finite and count > 1 else math.nan
     return Cell(float(values.mean()), error, count)
@@ -270,7 +274,7 @@ def _head(metric: MetricDefinition) -> str:
     general = next((one for one in DEFINITIONS if one.matches(metric.name)), metric)
     one_of_several = "*" in general.name and metric.name != general.name.removesuffix("*")
     label = metric.name if one_of_several else metric.label
-    median = " (median)" if metric.name == _MEDIAN else ""
+    median = " (median)" if _is_median(metric.name) else ""
     unit = f" [{metric.unit}]" if metric.unit else ""
     return f"{_project(metric)}{label}{median}{unit} {metric.arrow}".rstrip()
 

@@ -110,6 +110,18 @@ def interpolation(run: dict[str, Any]) -> str:
     )
 
 
+def failures(run: dict[str, Any]) -> Iterator[str]:
+    """A sentence on what failed in a run, if anything did: no number of the page counts it."""
+    failed = run.get("families_failed", 0)
+    if failed:
+        first = next(iter(run.get("failures", ())), "no reason is known")
+        yield (
+            f"{failed} of {run['families']} families of scenes failed, wholly or for some methods:"
+            " what failed is missing from all numbers here, which may be the hardest scenes."
+            f" The first: {first}"
+        )
+
+
 def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
     """Sentences on scenes, sampling, interpolation error, roughness values and versions."""
     suite, sampling = run["suite"], run["suite"]["sampling"]

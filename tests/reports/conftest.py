@@ -63,9 +63,9 @@ def _unpolarised() -> Float32Array:
 def coloured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page of one scene with three bands: it opens in colour."""
     folder = tmp_path_factory.mktemp("coloured")
-    meta = {"scene": "0", "label": "a disc", "wavelengths_nm": COLOURED_NM}
+    meta = {"scene": f"{0:016x}", "label": "a disc", "wavelengths_nm": COLOURED_NM}
     (folder / "examples").mkdir()
-    np.savez(folder / "examples" / "0.npz", truth=coloured_stokes(1), mask=disc(),
+    np.savez(folder / "examples" / f"{0:016x}.npz", truth=coloured_stokes(1), mask=disc(),
              meta=np.array(json.dumps(meta)), **{"method.eq8": coloured_stokes(2)})  # fmt: skip
     run = sample.run() | {"command": f"malus run '{EVIL}'"}
     write_report(SimpleNamespace(table=sample.table(), run=run), folder)
