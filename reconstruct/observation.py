@@ -9,6 +9,7 @@ import numpy as np
 
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray, FloatArray, NumberArray
+from malus.scenes.core.errors import InputError
 from malus.scenes.lights.lights import Light
 from malus.scenes.materials.surface import Distribution
 
@@ -26,6 +27,31 @@ class Inapplicable(ValueError):
         ...
     malus.reconstruct.observation.Inapplicable: eta is not known
     """
+
+
+def as_mask(values: object) -> BoolArray:
+    """A mask as True and False; numbers 0 and 1, or 0 and 255 as pictures have them, are taken so.
+
+    Other arrays would be taken for indices of pixels.
+
+    Raises
+    ------
+    InputError
+        For other numbers.
+
+    Examples
+    --------
+    >>> as_mask(np.array([[0, 255]], np.uint8)).tolist()
+    [[False, True]]
+    """
+    array = np.asarray(values)
+    if array.dtype == np.bool_:
+        return array
+    levels = set(np.unique(array).tolist()) if array.dtype.kind in "iuf" else {None}
+    if levels <= {0, 1} or levels <= {0, 255}:
+        return np.asarray(array != 0)
+    expected, hint = "True and False, 0 and 1, or 0 and 255", "compare it with a threshold"
+    raise InputError("mask", expected, f"other values of {array.dtype}", hint)
 
 
 @dataclass(frozen=True)
@@ -113,6 +139,7 @@ class Observation:
             if value is not None and np.shape(value) not in shapes:
                 wanted = " or ".join(map(str, shapes))
                 raise ValueError(f"{name}: expected shape {wanted}, found {np.shape(value)}")
+        object.__setattr__(self, "mask", as_mask(self.mask))
 
     def require(self, name: str) -> Any:
         """Value of an attribute that the method cannot do without.

@@ -310,7 +310,8 @@ def read_results(folder: Path | str) -> Results:
     except Exception as error:  # also an InputError that names one file instead of the folder
         where, expected = f"results folder {folder}", f"{TABLE} and {RUN} of a finished run"
         hint = "`malus run` makes them"
-        raise InputError(where, expected, first_line(error), hint) from None
+        found = error.found if isinstance(error, InputError) else first_line(error)
+        raise InputError(where, expected, found, hint) from None
     return Results(table, run)
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from malus.reconstruct.methods import get_method
+from malus.reconstruct.observation import as_mask
 from malus.reconstruct.photos.by_network import check_side
 from malus.reconstruct.photos.masks_and_normals import read_labels, read_mask, read_normals
 from malus.reconstruct.single_image.illuminant import ILLUMINANTS
@@ -75,7 +76,13 @@ class Knowledge:
     net_size: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse unknown names; objects with labels are the mask, or what it leaves of them."""
+        """Refuse unknown names and values that are none; objects with labels are the mask.
+
+        Or what it leaves of them.
+        """
+        _check_values(self.light, self.eta, self.alpha)
+        if self.mask is not None:
+            object.__setattr__(self, "mask", as_mask(self.mask))
         if self.labels is not None:
             labelled = np.asarray(self.labels != 0)
             mask = labelled if self.mask is None else labelled & self.mask
@@ -200,7 +207,16 @@ def _check(
             "no `normals`" if normals is None else "`light`",
             "a mirror's shading tells neither shape nor light",
         )
+    _check_values(light, None, alpha)
+
+
+def _check_values(
+    light: tuple[float, float, float] | None, eta: float | None, alpha: float | None
+) -> None:
+    """Refuse a light of no direction, and an index or a roughness that no surface has."""
+    if eta is not None and not 1 < eta < np.inf:
+        raise InputError("eta", "a refractive index above 1", f"{eta:g}", "correct this value")
     if alpha is not None and not 0 < alpha <= 1:
         raise InputError("alpha", "a roughness in (0, 1]", f"{alpha:g}", "correct this value")
-    if light is not None and not 1e-6 < float(np.linalg.norm(light)) < np.inf:
+    if light is not None and not (len(light) == 3 and 1e-6 < float(np.linalg.norm(light)) < np.inf):
         raise InputError("light", "a direction X,Y,Z that is not zero", f"{light}", "correct it")

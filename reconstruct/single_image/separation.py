@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from malus.reconstruct.observation import Image, Inapplicable
+from malus.reconstruct.observation import Image, Inapplicable, as_mask
 from malus.reconstruct.single_image.separation_chromaticity import chromaticity_diffuse
 from malus.reconstruct.single_image.separation_ratio import ratio_diffuse
 from malus.reconstruct.single_image.separation_space import SourceSpace, source_space
@@ -161,7 +161,7 @@ def separate(
     check_separation(method, "method")
     if image.shape[-1] < 2:
         raise Inapplicable("grey image where colour is needed: it has one band")
-    image = np.asarray(image, np.result_type(image.dtype, np.float32))
+    image, mask = np.asarray(image, np.result_type(image.dtype, np.float32)), as_mask(mask)
     if not all_finite(image):
         finite = finite_pixels(image, mask)
         image, mask = np.where(finite[..., None], image, 0), mask & finite

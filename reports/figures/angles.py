@@ -36,7 +36,7 @@ def figure_angles(table: pd.DataFrame, body: str) -> Figure:
             ax.set_xticks(sorted(values["x"].unique()))
         axes[0].set_ylabel("normalised mean squared error")
         share_height(list(axes), content.methods)
-        name_paper(axes[0])
+        name_paper(list(axes))
         labels = scored_methods(content.rows)
         legend(figure, axes[0], content, labels)
     return figure

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from malus.reports.figures.panels import bars, label_above, name_paper, shade_paper, share_height
 from malus.reports.figures.style import INK, MethodStyle, drawable, method_styles, style
 from malus.reports.tables.figure_numbers import X_ALPHA, X_ETA, numbers, own_range
+from malus.reports.tables.formats import scientific
 from malus.reports.tables.rows import (
     PAPER_METHOD,
     TRIVIAL,
@@ -25,6 +26,7 @@ from malus.reports.tables.rows import (
     scored_methods,
     unverified_surfaces,
 )
+from malus.scenes.core.arrays import Float64Array
 
 _AXES = {
     X_ETA: "refractive index η, mean over the bands (relative to air)",
@@ -72,8 +74,8 @@ def figure5(table: pd.DataFrame, body: str) -> Figure:
             label = _label_materials if x == X_ETA else _label_surfaces
             label(ax, values)
         share_height(axes, content.methods, _heights(second))
-        name_paper(axes[0])
-        legend(figure, axes[0], content, _entries(content, second))
+        name_paper(axes[:1])
+        legend(figure, axes[0], content, _entries(content, second, axes))
     return figure
 
 
@@ -96,8 +98,8 @@ def figure5_by_light(table: pd.DataFrame, body: str) -> Figure:
         for ax, light in zip(grid[0], lights, strict=True):
             ax.set_title(drawable(light))
         share_height(list(grid.flat), content.methods, _heights(second))
-        name_paper(grid[0, 0])
-        legend(figure, grid[0, 0], content, _entries(content, second))
+        name_paper(list(grid[0]))
+        legend(figure, grid[0, 0], content, _entries(content, second, list(grid.flat)))
     return figure
 
 
@@ -129,9 +131,20 @@ def _heights(second: Mapping[str, pd.DataFrame]) -> list[float]:
     return [float(mean) for values in second.values() for mean in values["mean"]]
 
 
-def _entries(content: FigureContent, second: Mapping[str, pd.DataFrame]) -> list[str]:
+def _entries(
+    content: FigureContent, second: Mapping[str, pd.DataFrame], axes: Sequence[Axes]
+) -> list[str]:
     """Entries of the legend, in the order in which the lines were drawn."""
-    return [*content.methods, NOISE, *distinct(second[X_ETA]["method"])]
+    noise = np.concatenate([_noise_of(ax, content) for ax in axes])
+    most = float(np.nanmax(noise, initial=0.0))
+    seen = most >= axes[0].get_ylim()[0]
+    noise_label = NOISE if seen else f"{NOISE}, below the panels: at most {scientific(most)}"
+    return [*content.methods, noise_label, *distinct(second[X_ETA]["method"])]
+
+
+def _noise_of(ax: Axes, content: FigureContent) -> Float64Array:
+    """Heights of the line of noise, which is drawn after those of the methods."""
+    return np.asarray(ax.get_lines()[len(content.methods)].get_ydata(), dtype=np.float64)
 
 
 def _label_materials(ax: Axes, values: pd.DataFrame) -> None:

@@ -163,3 +163,56 @@ def test_a_page_shows_no_other_runs_scenes_or_methods(tmp_path: Path) -> None:
     assert {example.scene for example in source.examples} <= set(results.table["scene"])
     assert {name for example in source.examples for name in example.methods} == set(SUITE.methods)
     assert len(source.examples) == len(own)
+
+
+def test_documents_of_fewer_scenes_do_not_stand_beside_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stopped enlargement left splits of the earlier scenes, and no export would take them."""
+    text = """
+name = "more"
+wavelengths_nm = [500]
+methods = ["eq8"]
+renderer = "torrance-sparrow"
+camera = { resolution = 8 }
+[random]
+count = 4
+seed = 3
+shapes = [{ kind = "sphere" }]
+lights = [{ kind = "distant", incidence_deg = 45 }]
+materials = [{ eta = { uniform = [1.3, 1.7] } }]
+surfaces = ["rubber", "carbon"]
+bodies = ["unpolarised"]
+[splits]
+train = 0.5
+test = 0.5
+"""
+    suite = tmp_path / "more.toml"
+    suite.write_text(text, "utf-8")
+    render_dataset(suite, tmp_path / "a", NOBODY)
+    documents = {"README.md", "croissant.json", "splits.json"}
+    assert documents <= {path.name for path in (tmp_path / "a").iterdir()}
+    suite.write_text(text.replace("count = 4", "count = 9"), "utf-8")
+    written = DatasetWriter.add
+
+    def stopped(writer: DatasetWriter, *arguments: object) -> None:
+        if len(writer.done) == 6:
+            raise KeyboardInterrupt
+        written(writer, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(DatasetWriter, "add", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        render_dataset(suite, tmp_path / "a", NOBODY)
+    assert not documents & {path.name for path in (tmp_path / "a").iterdir()}
+    assert export(tmp_path / "a", "webdataset", tmp_path / "b") >= 4
+    monkeypatch.undo()
+    render_dataset(suite, tmp_path / "a", NOBODY)
+    assert documents <= {path.name for path in (tmp_path / "a").iterdir()}
+
+
+def test_an_empty_split_is_told_as_empty(tmp_path: Path) -> None:
+    dataset = formula_dataset(tmp_path / "a", 8)
+    samples = dataset.samples()
+    samples.source.splits["train"] = list(dataset.scenes)  # type: ignore[index]
+    with pytest.raises(InputError, match="split test: expected a scene in it"):
+        type(samples).of(samples.source, "test")

@@ -1,0 +1,201 @@
+"""Pages and tables say what was left out; masks and numbers that are none are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from runs import formula_dataset
+
+import malus
+from malus.bench.datasets.export import export
+from malus.bench.datasets.layouts import layout_predictions
+from malus.bench.gates.baseline import RunIdentity
+from malus.bench.studies import speed_ratio
+from malus.bench.studies.registry import STUDIES
+from malus.reconstruct.photos.knowledge import Knowledge
+from malus.renderers.datasets import hdf5
+from malus.renderers.datasets.shards import SHARDS
+from malus.reports import write_report
+from malus.reports.summary import summary
+from malus.reports.tables import sample
+from malus.reports.tables.colour_errors import table1
+from malus.reports.tables.headline import headline_tiles
+from malus.reports.tables.paper_table import paper_table
+from malus.scenes import InputError, load_suite
+from malus.scenes.core.remote import as_path
+
+
+def test_a_report_says_first_what_failed(tmp_path: Path) -> None:
+    """Fewer scenes in a column were all that told of a method that failed on half of them."""
+    run = sample.run() | {"families": 8, "families_failed": 3, "failures": ["by zero <b>"]}
+    text = summary(sample.table(), run)
+    told = "3 of 8 families of scenes failed"
+    assert text.index(told) < text.index("## Beside the paper")
+    write_report(SimpleNamespace(table=sample.table(), run=run), tmp_path)
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert told in page
+    assert "by zero &lt;b&gt;" in page
+    assert "failed, wholly" not in summary(sample.table(), sample.run())
+
+
+def test_tiles_compare_the_best_and_the_guess_on_the_same_scenes() -> None:
+    """The guess had the mean of all scenes, the best that of those that it could work on."""
+    table = sample.coloured()
+    table = table[table["method"].isin(["unpolarised", "eq8"])]
+    lacking = table["scene"].unique()[:3]
+    easy = table["scene"].isin(lacking)
+    table = table[~(easy & (table["method"] == "eq8"))].copy()
+    table.loc[easy, "value"] *= 100.0
+    tiles = [label for _, label in headline_tiles(table, table1(table), "sample")]
+    others = table[~table["scene"].isin(lacking)]
+    shared = [label for _, label in headline_tiles(others, table1(others), "sample")]
+    compared = [label for label in tiles if "unpolarised: " in label]
+    assert compared
+    count = table["scene"].nunique()
+    note = f", on the {count - 3} of {count} scenes of eq8"
+    assert all(label.endswith(note) for label in compared)
+    assert [label.removesuffix(note) for label in compared] == [
+        label for label in shared if "unpolarised: " in label
+    ]
+
+
+def test_every_skill_of_a_table_for_papers_is_a_median() -> None:
+    table = sample.table()
+    rows = table[table["metric"] == "skill"]
+    worst = rows["value"].copy()
+    worst.iloc[0] = -1000.0
+    other = rows.assign(metric="skill_unmixed", value=worst)
+    found = paper_table(malus_table(table, other), ["skill_unmixed"])
+    eq8 = other[other["method"] == "eq8"]["value"]
+    assert found.cells["eq8", "skill_unmixed"].value == pytest.approx(eq8.median())
+
+
+def malus_table(*parts: Any) -> Any:
+    import pandas as pd
+
+    return pd.concat(parts, ignore_index=True)
+
+
+@pytest.mark.parametrize("points", [1, 2, 5])
+def test_by_hand_is_timed_a_point(monkeypatch: pytest.MonkeyPatch, points: int) -> None:
+    """With fewer points than it would take, the time was still shared among three."""
+    clock = iter([0.0, 6.0])
+    monkeypatch.setattr(speed_ratio.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(speed_ratio, "by_hand", lambda *_: 0.0)
+    values = tuple(np.full(points, value) for value in (0.5, 1.5, 10.0))
+    seconds, _ = speed_ratio._by_hand(values, 3, "eq8")  # type: ignore[arg-type]
+    assert seconds == 6.0 / min(points, 3)
+
+
+def test_other_metrics_are_the_same_scenes_for_the_gate() -> None:
+    suite = load_suite("quick")
+    described = suite.model_dump(mode="json")
+
+    def results(**changes: Any) -> Any:
+        run = {"suite": described | changes, "variant": {"name": "scalar"}}
+        return SimpleNamespace(run=run)
+
+    origin = RunIdentity.of(results())
+    assert origin.is_of(results(metrics=["delta_e76"], maps=["depth"], licence="CC0"))
+    other = described["sampling"] | {"samples": 64}
+    assert not origin.is_of(results(sampling=other))
+    assert not origin.is_of(results(wavelengths_nm=[500]))
+    # Baselines of earlier versions have metrics in their hash.
+    assert RunIdentity.of(results()).scenes == origin.scenes
+
+
+def test_a_disk_that_is_nearly_full_ends_an_hdf5_export_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """HDF5 ends the process where a write fails; it is not let come to that."""
+    pytest.importorskip("h5py", reason="h5py is not installed")
+    dataset = formula_dataset(tmp_path / "a", 8)
+    usage = SimpleNamespace(free=1 << 20)
+    monkeypatch.setattr(hdf5.shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(InputError, match=r"room for .* MB, found 1.0 MB"):
+        export(dataset, "hdf5", tmp_path / "b")
+    assert not list((tmp_path / "b").glob("*.h5"))
+
+
+def test_predictions_of_a_layout_are_on_this_machine(tmp_path: Path) -> None:
+    dataset = formula_dataset(tmp_path / "a", 8)
+    with pytest.raises(InputError, match="a folder on this machine"):
+        layout_predictions(dataset, as_path("memory://predictions"), "pol")
+    with pytest.raises(InputError, match="a folder on this machine"):
+        malus.score_published("memory://set", "pol", predictions=tmp_path)
+
+
+def test_shards_of_another_format_are_refused(tmp_path: Path) -> None:
+    export(formula_dataset(tmp_path / "a", 8), "webdataset", tmp_path / "b")
+    record = tmp_path / "b" / SHARDS
+    record.write_text(record.read_text("utf-8").replace("malus shards 1", "malus shards 2"))
+    with pytest.raises(InputError, match="malus shards 1 is known"):
+        malus.open_dataset(tmp_path / "b")
+
+
+def test_a_study_with_a_required_option_is_told_with_it() -> None:
+    assert "`malus bench single-image --stage …`" in STUDIES["single-image"].plan
+    assert "`malus run stress`" in STUDIES["stress"].plan
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"stage": "chain", "levels": ["nonsense"]},
+        {"stage": "chain", "shapes": ["cube"]},
+        {"stage": "separation", "levels": ["blind"]},
+        {"stage": "separation", "coloured": True},
+        {"stage": "speed", "shapes": ["sphere"]},
+    ],
+)
+def test_options_that_a_stage_cannot_use_are_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        malus.run_study("single-image", **options)
+
+
+MASK = np.zeros((12, 12), bool)
+MASK[3:9, 3:9] = True
+PICTURE = np.random.default_rng(4).random((12, 12, 3)) * [1.5, 1.0, 0.5]
+
+
+@pytest.mark.parametrize("marked", [1, 255])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda mask: malus.separate(PICTURE, mask).specular,
+        lambda mask: malus.estimate_illuminant(PICTURE, mask, "gray-world").colour,
+        lambda mask: Knowledge(mask=mask).mask,
+        lambda mask: malus.Observation(PICTURE, mask).mask,
+    ],
+    ids=["separate", "illuminant", "knowledge", "observation"],
+)
+def test_a_mask_of_a_picture_is_that_mask(call: Callable[[Any], Any], marked: int) -> None:
+    """Zeros and ones were taken for the numbers of rows: a colour of shape (40, 40, 3)."""
+    for dtype in (np.uint8, np.int64, np.float32):
+        found = call(MASK.astype(dtype) * dtype(marked))
+        np.testing.assert_array_equal(found, call(MASK))
+    for other in (PICTURE[..., 0], MASK.astype(int) * 7, np.full(MASK.shape, "yes")):
+        with pytest.raises(InputError, match="mask: expected True and False"):
+            call(other)
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({"light": (0.0, 0.0, 0.0)}, "light"),
+        ({"light": (1.0, 1.0)}, "light"),
+        ({"alpha": 3.0}, "alpha"),
+        ({"alpha": 0.0}, "alpha"),
+        ({"eta": 0.5}, "eta"),
+        ({"eta": float("nan")}, "eta"),
+    ],
+)
+def test_what_is_told_of_a_picture_is_checked(values: dict[str, Any], word: str) -> None:
+    """The command refused what a script was given wrong pictures for."""
+    with pytest.raises(InputError, match=f"^{word}: "):
+        Knowledge(**values)
