@@ -12,6 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from malus.reports.figures.panels import shade_paper
 from malus.reports.figures.style import INK, PALETTE, SOFT, drawable, power_of_ten, style
+from malus.reports.tables.formats import counted
 from malus.reports.tables.readings import by_dataset
 from malus.reports.tables.rows import PAPER_RANGE, distinct
 
@@ -41,7 +42,8 @@ def figure_readings(table: pd.DataFrame) -> Figure:
             ax.set_title("\n".join(map(drawable, textwrap.wrap(reading, 30))), fontsize=9)
         for line in grid:
             line[0].set_ylabel("mean squared error, normalised so")
-        _legend(figure, grid[0, 0], list(datasets["albedo"].unique()))
+        indices = table.loc[table["panel"] == "eta", "x"].nunique()
+        _legend(figure, grid[0, 0], list(datasets["albedo"].unique()), indices)
     return figure
 
 
@@ -87,11 +89,13 @@ def _short(light: str) -> str:
     return "all\naround" if light == "uniform" else f"lamp\n{drawable(light.split()[-1])}"
 
 
-def _legend(figure: Figure, ax: Axes, albedos: list[float]) -> None:
+def _legend(figure: Figure, ax: Axes, albedos: list[float], indices: int) -> None:
     handles = [ax.vlines([], 0, 1, color=PALETTE[k], lw=4.5) for k in range(len(albedos))]
     labels = [f"body's albedo {albedo:g}" for albedo in albedos]
     more = {
-        "eq8, all inputs true: means over the 24 indices": ax.vlines([], 0, 1, color=INK, lw=4.5),
+        f"eq8, all inputs true: means over {counted(indices, 'index', 'indices')}": ax.vlines(
+            [], 0, 1, color=INK, lw=4.5
+        ),
         "eq8: means over the 5 roughnesses": ax.vlines([], 0, 1, color=INK, lw=1.0),
         "the paper's whole chain, from the picture alone": ax.plot(
             [], [], "D", color=INK, markerfacecolor="white", markersize=4

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from malus.reports.figures.drawings import Drawing
+from malus.reports.tables.formats import counted
 from malus.reports.tables.prices import price_cells, prices
 from malus.reports.tables.readings import by_dataset, reading_cells
 from malus.reports.tables.separation import by_colour, separation_cells
@@ -31,10 +32,11 @@ def precision_drawing(table: pd.DataFrame) -> Drawing:
 
 def readings_drawing(table: pd.DataFrame) -> Drawing:
     """Every reading of the paper's "normalised", of the study `paper`."""
+    materials = counted(table.loc[table["panel"] == "eta", "name"].nunique(), "material")
     return Drawing(
         "readings",
         "Figure 5 of the paper, for every meaning of “normalised”",
-        "A panel a meaning; spheres of 24 materials on 5 surfaces, lit from all around or by one"
+        f"A panel a meaning; spheres of {materials} on 5 surfaces, lit from all around or by one"
         " distant lamp so far from the viewer. Where the wide and the thin bar both lie in the"
         " shaded band, the errors are as high and as flat as the paper's.",
         table,
