@@ -239,11 +239,7 @@ def _advice(knowledge: Knowledge) -> str:
     if is_network(knowledge.method):
         return "give a larger `net_size`, mask or picture"
     needs = get_method(knowledge.method).needs if knowledge.method is not None else frozenset()
-    useful = [name for name in ("normals", "light") if name in needs] or (
-        "normals",
-        "mask",
-        "light",
-    )
+    useful = [name for name in ("normals", "light") if name in needs] or ("normals", "mask")
     missing = [name for name in useful if getattr(knowledge, name) is None]
     listed = ", ".join(f"`{name}`" for name in missing)
     return f"give {listed}" if missing else "give another picture or light"

@@ -99,6 +99,8 @@ def read_picture(path: Path | str, linear: bool = False, part: str | None = None
         "TIFF": read_tiff,
     }
     kind = SUFFIXES.get(path.suffix.lower())
+    if path.is_dir():
+        raise InputError(str(path), "a picture", "a folder", "name a file in it")
     if kind is None:
         suffixes = ", ".join(sorted(SUFFIXES))
         suffix = path.suffix or "no suffix"
