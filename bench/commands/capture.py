@@ -285,7 +285,8 @@ def _report(results: dict[str, Any]) -> str:
     lines = [
         f"{fit['pictures']} pictures, residual {fit['relative_residual']:.2%} of the mean, "
         f"clipped {fit['clipped_share']:.2%}, moved at most {max(fit['shifts_pixels']):.2f} pixels",
-        f"degree of polarisation of the whole picture: median {fit['median_dolp']:.3f}, 99 % below {fit['dolp_99']:.3f}",
+        f"degree of polarisation of the whole picture: median {fit['median_dolp']:.3f}, "
+        f"99 % below {fit['dolp_99']:.3f}",
         f"- {fit['assumption']}",
         *(f"hint: {hint}" for hint in fit["hints"]),
         *(f"warning: {warning}" for warning in fit["warnings"]),
