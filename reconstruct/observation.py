@@ -197,12 +197,21 @@ class Components:
     def from_extremes(cls, i_max: Image, i_min: Image, phase: Image) -> Self:
         """From I_max, I_min and ψ (radians, from the vertical), each (height, width, bands).
 
+        Raises
+        ------
+        ValueError
+            If one has another shape; the message names it.
+
         Examples
         --------
         >>> pixel = np.ones((1, 1, 1))
         >>> Components.from_extremes(3 * pixel, pixel, 0 * pixel).image.item()
         4.0
         """
+        for name, values in (("i_min", i_min), ("phase", phase)):
+            if np.shape(values) != np.shape(i_max):
+                expected = f"{np.shape(i_max)}, as of i_max"
+                raise ValueError(f"{name}: expected shape {expected}, found {np.shape(values)}")
         stokes = polarisation.stokes_from_extremes(i_max, i_min, phase)
         return cls(stokes[..., 0], stokes[..., 1], stokes[..., 2])
 

@@ -38,6 +38,9 @@ WITH_TANGENTS = ("sphere", "plane", "mesh")
 def _increasing(wavelengths_nm: tuple[float, ...]) -> tuple[float, ...]:
     if any(b <= a for a, b in itertools.pairwise(wavelengths_nm)):
         raise ValueError("wavelengths in increasing order")
+    # Files name bands to a millionth of a nanometre.
+    if any(b - a < 1e-5 for a, b in itertools.pairwise(wavelengths_nm)):
+        raise ValueError("wavelengths at least 1e-5 nm apart")
     return wavelengths_nm
 
 

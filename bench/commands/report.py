@@ -47,6 +47,11 @@ def report_command(
       malus report results/fig5 --table latex
     """
     if form is not None:
+        if png or beside:
+            from malus.scenes.core.errors import InputError
+
+            option = "--png" if png else "--with"
+            raise InputError(option, "no --table beside it", "--table", "a table has no figures")
         _print_table(results, form, metrics)
         return
     if metrics:

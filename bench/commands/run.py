@@ -143,7 +143,7 @@ def _run_with(
 
     folder = out if out is not None else Path("results") / suite.name
     console = Console(stderr=True)
-    console.print(f"{suite.name}: {suite.description}", highlight=False)
+    console.print(": ".join(filter(None, (suite.name, suite.description))), highlight=False)
     console.print(
         f"variant {variant.name} ({variant.reason}), {suite.camera.resolution}² pixels, "
         f"{suite.sampling.samples} samples a pixel",

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from malus.reports.figures.panels import bars, label_above, name_paper, shade_paper, share_height
 from malus.reports.figures.style import INK, MethodStyle, drawable, method_styles, style
 from malus.reports.tables.figure_numbers import X_ALPHA, X_ETA, numbers, own_range
-from malus.reports.tables.formats import scientific
+from malus.reports.tables.formats import counted, scientific
 from malus.reports.tables.rows import (
     PAPER_METHOD,
     TRIVIAL,
@@ -205,8 +205,9 @@ def _few(column: pd.Series[str]) -> str:
 def _caption(rows: pd.DataFrame, over: str) -> str:
     if is_of_captures(rows):
         names, groups = _few(rows["shape"]), _few(rows["light"])
-        counted = f"{rows['scene'].nunique()} captures: {names}; group {groups}."
-        return drawable(f"Mean ± standard deviation over {over}{counted}")
+        captures = counted(rows["scene"].nunique(), "capture")
+        of_what = f"{captures}: {names}; group {groups}."
+        return drawable(f"Mean ± standard deviation over {over}{of_what}")
     bodies = ", ".join(distinct(rows["body"]))
     return drawable(
         f"Mean ± standard deviation over {over}the scenes of each point,"

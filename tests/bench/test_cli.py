@@ -109,6 +109,8 @@ def bad_mesh(folder: Path, content: str) -> str:
         (["doctor", "--backend", "llvm"], "--backend is of --check"),
         (["plan", "precision", "--backend", "llvm"], "and precision is a study"),
         (["list", "sandwiches"], "materials"),
+        (["report", "r", "--table", "csv", "--png"], "--png: expected no --table beside it"),
+        (["report", "r", "--table", "csv", "--with", "s"], "--with: expected no --table"),
         (["frobnicate"], "frobnicate"),
         (["run", "quick", "--frobnicate"], "--frobnicate"),
     ],

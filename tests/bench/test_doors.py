@@ -6,12 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import pytest
 from runs import NOBODY, formula_dataset
 
 import malus
 from malus.bench.running.overrides import chosen_suite
 from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
+from malus.scenes.polarisation import stokes_from_extremes
 
 SCENE = Scene(
     shape=Sphere(),
@@ -48,10 +50,19 @@ def test_a_method_that_is_given_as_an_object_is_held_to_the_picture() -> None:
 
     def flat(observation: malus.Observation) -> malus.Components:
         image = observation.image
-        return malus.Components.from_extremes(0.6 * image, 0.4 * image, 0 * image[..., 0])
+        stokes = stokes_from_extremes(0.6 * image, 0.4 * image, 0 * image[..., 0])
+        return malus.Components(stokes[..., 0], stokes[..., 1], stokes[..., 2])
 
     with pytest.raises(InputError, match=r"expected image of shape .* found shape \(8, 8, 8\)"):
         malus.score(truth, malus.Method("flat", frozenset(), flat, "without its last axis"))
+
+
+@pytest.mark.parametrize("name", ["i_min", "phase"])
+def test_extremes_are_of_one_shape(name: str) -> None:
+    """A square image and a phase without its last axis were broadcast to another picture."""
+    arrays = dict.fromkeys(("i_max", "i_min", "phase"), np.ones((16, 16, 1)))
+    with pytest.raises(ValueError, match=rf"{name}: expected shape \(16, 16, 1\)"):
+        malus.Components.from_extremes(**arrays | {name: np.ones((16, 16))})
 
 
 def test_one_name_is_a_list_of_one(tmp_path: Path) -> None:

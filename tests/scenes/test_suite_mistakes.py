@@ -17,6 +17,7 @@ from malus.scenes import InputError, load_suite
         ('"water"', '"watre"', "watre"),
         ('"carbon"', '"coal"', "coal"),
         ("[500, 600]", "[600, 500]", "wavelengths in increasing order"),
+        ("[500, 600]", "[500, 500.0000001]", "wavelengths at least 1e-5 nm apart"),
         ("[500, 600]", "[]", "wavelengths_nm"),
         ("[500, 600]", "[nan]", "nan"),
         ('materials = ["water"]', "materials = [{ eta = 0 }]", "greater than 1"),
