@@ -66,6 +66,13 @@ class Method:
     per_band: bool = False
     optional: frozenset[str] = frozenset()
 
+    def __post_init__(self) -> None:
+        """Take a list of names, or one name, for the set of them."""
+        for field in ("needs", "optional"):
+            names = getattr(self, field)
+            own = frozenset((names,) if isinstance(names, str) else names)
+            object.__setattr__(self, field, own)
+
 
 def _unpolarised(observation: Observation) -> Components:
     """The image without any polarised part."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,7 @@ INPUTS = frozenset(_INPUTS)
 """Names of all that a method can be told besides the picture."""
 
 
-def observe(truth: Truth, needs: frozenset[str]) -> Observation:
+def observe(truth: Truth, needs: Iterable[str]) -> Observation:
     """The unpolarised picture of a truth with what `needs` names filled in, and nothing else.
 
     What nobody knows stays None: lobes, and maybe index and roughness, of a measured material.
@@ -40,7 +40,7 @@ def observe(truth: Truth, needs: frozenset[str]) -> Observation:
     Parameters
     ----------
     truth : Truth
-    needs : set of str
+    needs : set or list of str
         Attributes of Observation: specular, diffuse, normals, eta, alpha, distribution, light,
         illuminant. With normals or light comes the direction to the camera, which gives them their
         meaning.
@@ -64,7 +64,8 @@ def observe(truth: Truth, needs: frozenset[str]) -> Observation:
     >>> observe(truth, frozenset({"alpha"})).alpha
     0.3
     """
-    return Observation(image=truth.image, mask=truth.mask, **inputs(truth, needs))
+    named = frozenset((needs,) if isinstance(needs, str) else needs)
+    return Observation(image=truth.image, mask=truth.mask, **inputs(truth, named))
 
 
 def inputs(truth: Truth, needs: frozenset[str]) -> dict[str, Any]:

@@ -57,6 +57,21 @@ def test_a_method_that_is_given_as_an_object_is_held_to_the_picture() -> None:
         malus.score(truth, malus.Method("flat", frozenset(), flat, "without its last axis"))
 
 
+@pytest.mark.parametrize("needs", ["alpha", ["alpha"], ("alpha",), {"alpha"}])
+def test_what_a_method_needs_may_be_a_list(needs: Any) -> None:
+    truth = malus.render(SCENE, renderer="torrance-sparrow")
+    assert malus.observe(truth, needs).alpha == 0.3
+    asked: list[object] = []
+
+    def reconstruct(observation: malus.Observation) -> malus.Components:
+        asked.append(observation.alpha)
+        return malus.get_method("unpolarised").reconstruct(observation)
+
+    malus.score(truth, malus.Method("mine", needs, reconstruct, "asks for the roughness"))
+    assert asked == [0.3] * len(asked)
+    assert asked
+
+
 @pytest.mark.parametrize("name", ["i_min", "phase"])
 def test_extremes_are_of_one_shape(name: str) -> None:
     """A square image and a phase without its last axis were broadcast to another picture."""

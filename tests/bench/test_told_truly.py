@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from runs import formula_dataset
 
@@ -70,15 +71,9 @@ def test_every_skill_of_a_table_for_papers_is_a_median() -> None:
     worst = rows["value"].copy()
     worst.iloc[0] = -1000.0
     other = rows.assign(metric="skill_unmixed", value=worst)
-    found = paper_table(malus_table(table, other), ["skill_unmixed"])
+    found = paper_table(pd.concat([table, other], ignore_index=True), ["skill_unmixed"])
     eq8 = other[other["method"] == "eq8"]["value"]
     assert found.cells["eq8", "skill_unmixed"].value == pytest.approx(eq8.median())
-
-
-def malus_table(*parts: Any) -> Any:
-    import pandas as pd
-
-    return pd.concat(parts, ignore_index=True)
 
 
 @pytest.mark.parametrize("points", [1, 2, 5])
