@@ -197,9 +197,7 @@ def _render_families(
     ):
         taken_over = len(writer.done)
         if names_files(suite):
-            for scene in (each for family in families for each in family.scenes):
-                if scene.id in writer.done:
-                    writer.keep_files_of(scene)
+            writer.keep_files_of_done(each for family in families for each in family.scenes)
         tasks = _tasks(families, suite, variant, lambda s: _is_left(s, writer, retry_failed))
         if tasks:
             remove_documents(folder)

@@ -42,10 +42,7 @@ the suites of malus, on two cores."""
 LONGEST_SECONDS = 1e6
 """Largest timeout, eleven days; far longer ones overflow the clock of the watchdog."""
 
-_END = "end"
-_ITEM = "item"
-_ERROR = "error"
-_READY = "ready"
+_END, _ITEM, _ERROR, _READY = "end", "item", "error", "ready"
 
 _START_SECONDS = 300.0
 """Time in which a process has to start: it imports malus, which takes a second or two."""
@@ -246,13 +243,8 @@ def import_all(*modules: str) -> None:
 
 
 def _without_results(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
-    # Modules stay: who looks for garbage while they are made, or among them later, finds none.
-    gc.disable()
-    try:
-        function(*arguments)
-    finally:
-        gc.freeze()
-        gc.enable()
+    function(*arguments)
+    gc.freeze()  # modules stay: nobody need look for garbage among them
     yield from ()
 
 

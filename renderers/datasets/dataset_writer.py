@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -137,22 +137,24 @@ class DatasetWriter:
         if self._earlier_stands:
             self._earlier_stands = False
             self._write_record()
-        self.keep_files_of(truth.scene)  # first: no scene is there without them
+        keep_files(truth.scene, self.folder, self._kept)  # first: no scene is there without them
         write_scene(folder, truth, origin)
         self.done[name] = self._entry(truth.scene, read_record(folder)[1], origin)
         self.failed.pop(name, None)
         if self._list is not None:
             self._list.add(self.done[name])
 
-    def keep_files_of(self, scene: Scene) -> None:
-        """Copy the files that a scene names, where copies are missing or changed.
+    def keep_files_of_done(self, scenes: Iterable[Scene]) -> None:
+        """Copy the files that scenes name which are done, where copies are missing or changed.
 
         Raises
         ------
         InputError
             If the content of one has changed.
         """
-        keep_files(scene, self.folder, self._kept)
+        for scene in scenes:
+            if scene.id in self.done:
+                keep_files(scene, self.folder, self._kept)
 
     def fail(self, failed: FailedScene) -> None:
         """Record a scene that could not be rendered."""

@@ -6,7 +6,7 @@ import contextlib
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from malus.renderers.datasets.dataset_record import (
     DATASET,
@@ -15,7 +15,7 @@ from malus.renderers.datasets.dataset_record import (
     read_dataset,
 )
 from malus.renderers.datasets.part_list import Part, PartContent, read_parts, remove_lists
-from malus.renderers.datasets.scene_folder import SCENE
+from malus.renderers.datasets.scene_folder import SCENE, FileName
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.remote import lstat
 
@@ -96,17 +96,28 @@ def _check_readable(folder: Path) -> None:
 def _check_own_folders(
     folder: Path, planned: Collection[str], listed: Iterable[SceneEntry]
 ) -> None:
-    """Refuse a folder that has a folder by the name of a scene which is none: it would be lost."""
+    """Refuse a folder that has a folder by the name of a scene which is none: it would be lost.
+
+    Of a scene that was not stored whole there may be some files.
+    """
     if not folder.is_dir():
         return
     known = {entry.scene for entry in listed}
     for name in sorted(entry.name for entry in folder.iterdir()):
-        if name in planned and name not in known and not (folder / name / SCENE).exists():
+        if name in planned and name not in known and _is_foreign(folder / name):
             expected, hint = "a new folder, or a dataset", "choose another `out`"
             found = f"{name}, a folder of something else"
             raise InputError(
                 f"output folder {folder}", expected, found, f"{hint}; nothing was changed"
             )
+
+
+def _is_foreign(folder: Path) -> bool:
+    """Whether a folder by the name of a scene has other files than a scene's."""
+    own = {SCENE, *get_args(FileName)}
+    if not folder.is_dir() or (folder / SCENE).exists():
+        return False
+    return any(entry.name not in own for entry in folder.iterdir())
 
 
 def _all_listed(

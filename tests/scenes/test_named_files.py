@@ -113,7 +113,7 @@ def test_a_foreign_scene_opens_no_mesh_or_picture_outside_its_dataset(
     evil = tmp_path / "evil"
     name = name.format(name=path.name, folder=tmp_path, suffix=path.suffix)
     scene = naming(kind, name, right if digest is None else digest)
-    monkeypatch.setattr(dataset_writer, "keep_files", lambda scene, folder: None)
+    monkeypatch.setattr(dataset_writer, "keep_files", lambda *_: None)
     dataset = stored_scene(evil, scene)
     (evil / f"link{path.suffix}").symlink_to(path)
     os.mkfifo(evil / f"pipe{path.suffix}")
