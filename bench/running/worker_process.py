@@ -243,8 +243,9 @@ def import_all(*modules: str) -> None:
 
 
 def _without_results(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
+    gc.disable()  # modules stay: nobody need look for garbage while they are made, or among them
     function(*arguments)
-    gc.freeze()  # modules stay: nobody need look for garbage among them
+    gc.freeze()
     yield from ()
 
 
@@ -350,6 +351,7 @@ def _serve(
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow_parent, daemon=True).start()
     while True:
+        gc.enable()
         try:
             message = connection.recv_bytes()
         except EOFError:
