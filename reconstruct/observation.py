@@ -197,6 +197,8 @@ class Components:
     def from_extremes(cls, i_max: Image, i_min: Image, phase: Image) -> Self:
         """From I_max, I_min and ψ (radians, from the vertical), each (height, width, bands).
 
+        I_min and ψ may have a single band that stands for all.
+
         Raises
         ------
         ValueError
@@ -208,10 +210,13 @@ class Components:
         >>> Components.from_extremes(3 * pixel, pixel, 0 * pixel).image.item()
         4.0
         """
+        shape = np.shape(i_max)
         for name, values in (("i_min", i_min), ("phase", phase)):
-            if np.shape(values) != np.shape(i_max):
-                expected = f"{np.shape(i_max)}, as of i_max"
-                raise ValueError(f"{name}: expected shape {expected}, found {np.shape(values)}")
+            own = np.shape(values)
+            if len(own) != len(shape) or any(
+                n not in (1, m) for n, m in zip(own, shape, strict=True)
+            ):
+                raise ValueError(f"{name}: expected shape {shape}, as of i_max, found {own}")
         stokes = polarisation.stokes_from_extremes(i_max, i_min, phase)
         return cls(stokes[..., 0], stokes[..., 1], stokes[..., 2])
 

@@ -78,6 +78,8 @@ def test_extremes_are_of_one_shape(name: str) -> None:
     arrays = dict.fromkeys(("i_max", "i_min", "phase"), np.ones((16, 16, 1)))
     with pytest.raises(ValueError, match=rf"{name}: expected shape \(16, 16, 1\)"):
         malus.Components.from_extremes(**arrays | {name: np.ones((16, 16))})
+    bands = {key: np.ones((4, 4, 3)) for key in arrays} | {name: np.ones((4, 4, 1))}
+    assert malus.Components.from_extremes(**bands).stokes.shape == (4, 4, 3, 3)
 
 
 def test_one_name_is_a_list_of_one(tmp_path: Path) -> None:
