@@ -60,6 +60,7 @@ def matching_functions(
     wavelengths = np.asarray(wavelengths_nm, dtype=np.float64)
     visible = (wavelengths >= table_nm[0]) & (wavelengths <= table_nm[-1])
     responses = np.zeros((len(wavelengths), 3))
+    # At the rows themselves both are the table.
     at_rows = bool(np.equal(wavelengths % 1, 0).all())
     if between == "sprague" and not at_rows:
         responses[visible] = colour_science().MSDS_CMFS[_OBSERVER][wavelengths[visible]]

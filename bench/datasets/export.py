@@ -170,12 +170,12 @@ def _prepared(opened: Dataset, out: Path | str, words: Mapping[str, str], layout
     if found not in (None, of_these):
         expected, hint = f"a new folder, or an export as {of_these}", "choose another `out`"
         raise InputError(f"output folder {folder}", expected, found or "another export", hint)
-    if found is None and layout in _LAYOUTS and folder.is_dir():
+    prepare_folder(folder, "an export")
+    if found is None and layout in _LAYOUTS:
         own = {entry.name for entry in folder.iterdir()} & set(opened.scenes)
         if own:  # predictions, for example, which lie in folders of the same names
             other, hint = f"{min(own)}, a folder of something else", "choose another `out`"
             raise InputError(f"output folder {folder}", "a new folder, or an export", other, hint)
-    prepare_folder(folder, "an export")
     keep_splits(opened, folder)
     replace_text(folder / WORDS, json.dumps({**words, "export": of_these}, indent=1) + "\n")
     return folder

@@ -137,8 +137,9 @@ def score_published(
     ['predictions', 'unpolarised']
     """
     folder = as_path(truth)
-    for path in (folder, as_path(predictions) if predictions is not None else folder):
-        check_is_here(path)
+    check_is_here(folder)
+    if predictions is not None:
+        check_is_here(as_path(predictions))
     chosen = _layout(layout, component_range)
     names = _names(folder, chosen, layout)
     by_name((get_method(each).name, each) for each in methods)

@@ -87,7 +87,10 @@ class PooledMetric(Model):
 
 
 _OF_NO_SCENE = ("name", "description", "methods", "metrics", "maps", "licence")
-"""Keys of a suite that change neither its scenes nor their samples."""
+"""Keys of a suite that change neither its scenes nor their samples.
+
+An empty list of metrics stays in the hash, as in those of earlier versions.
+"""
 
 
 class RunIdentity(Model):

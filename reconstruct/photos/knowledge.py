@@ -76,9 +76,9 @@ class Knowledge:
     net_size: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse unknown names and values that are none; objects with labels are the mask.
+        """Refuse unknown names and values that are none.
 
-        Or what it leaves of them.
+        Objects with labels are the mask, or what it leaves of them.
         """
         _check_values(self.light, self.eta, self.alpha)
         if self.mask is not None:

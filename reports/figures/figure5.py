@@ -138,7 +138,8 @@ def _entries(
     noise = np.concatenate([_noise_of(ax, content) for ax in axes])
     most = float(np.nanmax(noise, initial=0.0))
     seen = most >= axes[0].get_ylim()[0]
-    noise_label = NOISE if seen else f"{NOISE}, below the panels: at most {scientific(most)}"
+    where = f"below the panels: at most {scientific(most)}" if most else "none"
+    noise_label = NOISE if seen else f"{NOISE}, {where}"
     return [*content.methods, noise_label, *distinct(second[X_ETA]["method"])]
 
 

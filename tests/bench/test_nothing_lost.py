@@ -18,13 +18,29 @@ from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.runner import run
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.reports.source import Source
-from malus.scenes import Camera, InputError, MeshFile
+from malus.scenes import Camera, InputError, MeshFile, Suite
 from malus.scenes.core.remote import as_path
 
 CUBE = (
     "".join(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1))
     + "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n"
 )
+
+
+DRAWN = """
+name = "drawn"
+wavelengths_nm = [550]
+methods = ["eq8"]
+camera = { resolution = 8 }
+sampling = { samples = 2 }
+[random]
+count = 2
+seed = 1
+shapes = [{ kind = "mesh", path = "cube.obj" }]
+materials = [{ eta = { uniform = [1.3, 1.7] } }]
+surfaces = ["rubber"]
+lights = [{ kind = "uniform" }]
+"""
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -69,13 +85,17 @@ def test_predictions_are_not_replaced_by_scenes(tmp_path: Path) -> None:
     assert contents(tmp_path / "mine") == before
 
 
+@pytest.mark.parametrize("drawn", [False, True])
 @pytest.mark.parametrize("harm", ["removed", "changed"])
-def test_copies_of_meshes_are_mended(tmp_path: Path, harm: str) -> None:
+def test_copies_of_meshes_are_mended(tmp_path: Path, harm: str, drawn: bool) -> None:
     """A scene whose copy was lost to a full disk counted as done, and was never whole again."""
     (tmp_path / "cube.obj").write_text(CUBE, "utf-8")
     shape = MeshFile(path=str(tmp_path / "cube.obj"))
     changes = {"shapes": (shape,), "camera": Camera(resolution=8), "renderer": "mitsuba"}
-    suite = SUITE.model_copy(update=changes)
+    suite: Suite | Path = SUITE.model_copy(update=changes)
+    if drawn:
+        suite = tmp_path / "drawn.toml"
+        suite.write_text(DRAWN, "utf-8")
     done = render_dataset(suite, tmp_path / "a", "auto", samples=2)
     (copy,) = (tmp_path / "a" / "meshes").iterdir()
     content = copy.read_bytes()

@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import fsspec
 import numpy as np
 import pandas as pd
 import pytest
 from runs import formula_dataset
 
 import malus
+from malus.bench.datasets.card import card
 from malus.bench.datasets.export import export
 from malus.bench.datasets.layouts import layout_predictions
 from malus.bench.gates.baseline import RunIdentity
-from malus.bench.studies import speed_ratio
+from malus.bench.running.worker_process import WorkerProcess, import_all
+from malus.bench.studies import registry, scaling, speed_ratio
 from malus.bench.studies.registry import STUDIES
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.renderers.datasets import hdf5
+from malus.renderers.datasets.dataset_record import DatasetRecord
 from malus.renderers.datasets.shards import SHARDS
 from malus.reports import write_report
+from malus.reports.figures.figure5 import figure5, figure5_by_light
 from malus.reports.summary import summary
 from malus.reports.tables import sample
 from malus.reports.tables.colour_errors import table1
 from malus.reports.tables.headline import headline_tiles
 from malus.reports.tables.paper_table import paper_table
-from malus.scenes import InputError, load_suite
+from malus.scenes import Camera, InputError, load_suite
+from malus.scenes.core.model import content_id
 from malus.scenes.core.remote import as_path
 
 
@@ -101,7 +108,12 @@ def test_other_metrics_are_the_same_scenes_for_the_gate() -> None:
     assert not origin.is_of(results(sampling=other))
     assert not origin.is_of(results(wavelengths_nm=[500]))
     # Baselines of earlier versions have metrics in their hash.
-    assert RunIdentity.of(results()).scenes == origin.scenes
+    kept = {k: v for k, v in described.items() if k not in ("name", "description", "methods")}
+    sampling = {k: v for k, v in described["sampling"].items() if k != "seed"}
+    content = kept | {"metrics": ["psnr"], "sampling": sampling}
+    earlier = origin.model_copy(update={"scenes": content_id(content)})
+    assert earlier.is_of(results(metrics=["psnr"]))
+    assert not earlier.is_of(results(metrics=["ssim"]))
 
 
 def test_a_disk_that_is_nearly_full_ends_an_hdf5_export_in_one_line(
@@ -194,3 +206,97 @@ def test_what_is_told_of_a_picture_is_checked(values: dict[str, Any], word: str)
     """The command refused what a script was given wrong pictures for."""
     with pytest.raises(InputError, match=f"^{word}: "):
         Knowledge(**values)
+
+
+def test_the_label_of_the_papers_range_stands_where_there_is_room() -> None:
+    table = sample.table()
+    nmse = (table["metric"] == "nmse") & (table["light"] == "uniform")
+    table.loc[nmse, "value"] = 3e-3  # just below the band
+    figure = figure5_by_light(table, "unpolarised")
+    labelled = [ax.get_title(loc="left") for ax in figure.axes if _texts(ax, "paper: ")]
+    assert labelled == ["distant 60°"]
+
+
+@pytest.mark.parametrize(
+    ("noise", "says"), [(1e-4, ""), (1e-9, "below the panels: at most 1.0e-9"), (0.0, "none")]
+)
+def test_a_legend_says_where_noise_is_that_no_panel_shows(noise: float, says: str) -> None:
+    figure = figure5(sample.table().assign(noise=noise), "unpolarised")
+    (legend,) = figure.legends
+    (entry,) = [
+        text
+        for text in (" ".join(each.get_text().split()) for each in legend.get_texts())
+        if text.startswith("expected Monte Carlo noise")
+    ]
+    assert entry.partition("of any method")[2].lstrip(", ") == says
+
+
+def _texts(ax: Any, start: str) -> list[Any]:
+    return [text for text in ax.texts if text.get_text().startswith(start)]
+
+
+def test_no_folder_is_a_picture(tmp_path: Path) -> None:
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(InputError, match="expected a picture, found a folder"):
+        malus.read_picture(tmp_path / "a.png")
+
+
+def test_a_missing_run_is_told_once(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="found No such file or directory; `malus run` makes"):
+        malus.read_results(tmp_path)
+
+
+def test_a_card_has_every_size(tmp_path: Path) -> None:
+    suite = load_suite("quick")
+    scenes = [
+        next(iter(suite.scenes())).model_copy(update={"camera": Camera(resolution=side)})
+        for side in (26, 16)
+    ]
+    record = DatasetRecord(planned=2, scenes=(), variant={}, versions={})
+    assert "16 × 16 to 26 × 26 pixels" in card(record, suite, scenes)
+
+
+@pytest.mark.parametrize("layout", ["pol", "rgb2pol", "polaranything"])
+def test_layouts_of_networks_are_written_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, layout: str
+) -> None:
+    dataset = formula_dataset(tmp_path / "a", 8)
+
+    def full(path: Path, content: bytes) -> int:
+        with path.open("wb") as file:
+            file.write(content[:3])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises((InputError, OSError), match="No space left"):
+        export(dataset, layout, tmp_path / "b")
+    assert not list((tmp_path / "b").rglob("*.png"))
+
+
+def test_views_are_written_to_a_store(tmp_path: Path) -> None:
+    malus.render_dataset("orbit", tmp_path / "a", resolution=12, samples=2)
+    assert export(tmp_path / "a", "neisf", as_path("memory://views/x")) == 16
+    names = fsspec.filesystem("memory").find("/views/x")
+    assert sum(name.endswith(".exr") for name in names) == 3 * 16
+    assert any(name.endswith("poses_bounds.npy") for name in names)
+
+
+def test_a_worker_looks_for_garbage_again_after_its_imports() -> None:
+    with WorkerProcess(timeout=60) as worker:
+        worker.begin(import_all, "no_such_module")
+        assert list(worker.stream(_enabled)) == [True]
+
+
+def _enabled() -> Iterator[bool]:
+    yield gc.isenabled()
+
+
+def test_sizes_of_scaling_are_measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[list[int]] = []
+    monkeypatch.setattr(scaling, "measure", lambda counts: asked.append(counts) or [])
+    monkeypatch.setattr(scaling, "messages", lambda: SimpleNamespace())
+    monkeypatch.setattr(registry, "asdict", lambda _: {})
+    monkeypatch.setattr(scaling, "report_lines", lambda *_: [])
+    malus.run_study("scaling", most=100)
+    malus.run_study("scaling", most=10_000)
+    assert asked == [[24, 100], [100, 1000, 10_000]]
