@@ -86,11 +86,8 @@ class PooledMetric(Model):
         return (self.metric, *(getattr(self, key) for key in KEYS))
 
 
-_OF_NO_SCENE = ("name", "description", "methods", "metrics", "maps", "licence")
-"""Keys of a suite that change neither its scenes nor their samples.
-
-An empty list of metrics stays in the hash, as in those of earlier versions.
-"""
+_OF_NO_SCENE = ("name", "description", "methods", "maps", "licence")
+"""Keys of a suite that change neither its scenes nor their samples; metrics do not, either."""
 
 
 class RunIdentity(Model):
@@ -123,6 +120,7 @@ class RunIdentity(Model):
                 "results, run.json", "suite, seed and variant", f"no {error}", "run the suite again"
             ) from None
         content = {key: value for key, value in suite.items() if key not in _OF_NO_SCENE}
+        # Without metrics the hash is that of earlier versions, where most runs had none.
         scenes = content_id(content | {"metrics": [], "sampling": sampling})
         return cls(suite=name, scenes=scenes, seed=seed, variant=variant)
 

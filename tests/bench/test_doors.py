@@ -67,7 +67,9 @@ def test_what_a_method_needs_may_be_a_list(needs: Any) -> None:
         asked.append(observation.alpha)
         return malus.get_method("unpolarised").reconstruct(observation)
 
-    malus.score(truth, malus.Method("mine", needs, reconstruct, "asks for the roughness"))
+    method = malus.Method("mine", needs, reconstruct, "asks for the roughness", optional=needs)
+    assert method.needs == method.optional == {"alpha"}
+    malus.score(truth, method)
     assert asked == [0.3] * len(asked)
     assert asked
 
