@@ -14,7 +14,13 @@ from threadpoolctl import threadpool_limits
 
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.scene_scores import SceneResult, ScoringPlan, score_together
-from malus.bench.running.truths import RENDERING, begin_ahead, renders_of
+from malus.bench.running.truths import (
+    RENDERING,
+    RenderedApart,
+    Renders,
+    begin_ahead,
+    renders_of,
+)
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.bench.scoring.family_scores import groups
 from malus.reconstruct import get_method
@@ -31,26 +37,43 @@ def scored(
     then its part of the time that passed. With `ahead`, the kernels of the family that follows run
     meanwhile.
     """
-    result = FamilyResult()
-    methods = [get_method(reference) for reference in task.methods.values()]
-    plan = ScoringPlan(methods, get_metrics(task.metrics), task.ladder, task.id)
-    scene_results: list[SceneResult] = []
+    result, plan, renders = FamilyResult(), _plan_of(task), None
     with result.guard():
         renders = renders_of(task.family, task.renderer, variant, result, False)
         if ahead and task.following is not None:
             begin_ahead(task.following, task.renderer, variant, False)
-        together = threads if all(method.per_pixel for method in methods) else 1
-        # Threads wait for each other in Python: the work of each is measured by its own clock.
-        clock = time.perf_counter if together == 1 else time.thread_time
+    return result if renders is None else _with_scores(result, task, plan, renders, threads)
 
-        def score_group(scenes: tuple[Scene, ...]) -> list[SceneResult]:
-            results = [SceneResult(scene, outcome=FamilyResult(clock=clock)) for scene in scenes]
-            if not score_together(results, renders, plan, task.examples):
-                for scene_result in results:
-                    keep_example = scene_result.scene.id in task.examples
-                    scene_result.score(renders.stage, renders.truth_of, plan, keep_example)
-            return results
 
+def scored_apart(task: FamilyTask, rendered: RenderedApart, threads: int = 1) -> FamilyResult:
+    """Score every method on a family that another process rendered; otherwise as `scored`."""
+    result = FamilyResult(seconds=rendered.seconds)
+    return _with_scores(result, task, _plan_of(task), rendered.renders(task.family), threads)
+
+
+def _plan_of(task: FamilyTask) -> ScoringPlan:
+    methods = [get_method(reference) for reference in task.methods.values()]
+    return ScoringPlan(methods, get_metrics(task.metrics), task.ladder, task.id)
+
+
+def _with_scores(
+    result: FamilyResult, task: FamilyTask, plan: ScoringPlan, renders: Renders, threads: int
+) -> FamilyResult:
+    """Add the scores of every method on each scene, and what failed; returns the result."""
+    together = threads if all(method.per_pixel for method in plan.methods) else 1
+    # Threads wait for each other in Python: the work of each is measured by its own clock.
+    clock = time.perf_counter if together == 1 else time.thread_time
+
+    def score_group(scenes: tuple[Scene, ...]) -> list[SceneResult]:
+        results = [SceneResult(scene, outcome=FamilyResult(clock=clock)) for scene in scenes]
+        if not score_together(results, renders, plan, task.examples):
+            for scene_result in results:
+                keep_example = scene_result.scene.id in task.examples
+                scene_result.score(renders.stage, renders.truth_of, plan, keep_example)
+        return results
+
+    scene_results: list[SceneResult] = []
+    with result.guard():
         started = time.perf_counter()
         for results in _in_threads(score_group, list(groups(task.family.scenes)), together):
             for scene_result in results:

@@ -36,19 +36,32 @@ def processes(variant: Variant) -> int:
 
     Fewer where there is little memory.
     """
-    if variant.name.startswith("cuda"):
-        return 1
+    return 1 if on_a_card(variant) else cpu_processes()
+
+
+def cpu_processes() -> int:
+    """Worker processes at once that need no graphics card: one a core, fewer for little memory."""
     return int(min(usable_cores(), MOST_PROCESSES, 1 + free_memory() // MEMORY))
 
 
+def on_a_card(variant: Variant) -> bool:
+    """Whether a graphics card renders."""
+    return variant.name.startswith("cuda")
+
+
 def shared_later(
-    tasks: Iterable[Task], worker: WorkerProcess, most: int, do: Work[Task, _Item]
+    tasks: Iterable[Task],
+    worker: WorkerProcess,
+    most: int,
+    do: Work[Task, _Item],
+    apart: Callable[[WorkerProcess], Work[Task, _Item]] | None = None,
 ) -> Iterator[tuple[Task, _Item]]:
     """Do tasks in one process, and after `ALONE_SECONDS` in `most` of them; yields as they come.
 
-    One process hardly profits from several cores: what is Python in it has one.
+    One process hardly profits from several cores: what is Python in it has one. With `apart`, the
+    first process is from then on beside the others: `apart` of it is what these do.
     """
-    queue, began = TaskQueue(tasks), None
+    queue, began = TaskQueue(tasks, one_renders=apart is not None), None
     while most == 1 or began is None or time.monotonic() - began < ALONE_SECONDS:
         task = queue.next_of(worker)
         if task is None:
@@ -57,19 +70,28 @@ def shared_later(
             yield task, item
         began = began or time.monotonic()
     with ExitStack() as stack:
-        more = [stack.enter_context(WorkerProcess(worker.timeout)) for _ in range(most - 1)]
-        yield from shared(queue, [worker, *more], do)
+        more = [
+            stack.enter_context(WorkerProcess(worker.timeout))
+            for _ in range(most - 1 if apart is None else most)
+        ]
+        if apart is None:
+            yield from shared(queue, [worker, *more], do)
+        else:
+            yield from shared(queue, more, apart(worker), beside=worker)
 
 
 def shared(
-    queue: TaskQueue[Task], workers: Sequence[WorkerProcess], do: Work[Task, _Item]
+    queue: TaskQueue[Task],
+    workers: Sequence[WorkerProcess],
+    do: Work[Task, _Item],
+    beside: WorkerProcess | None = None,
 ) -> Iterator[tuple[Task, _Item]]:
     """Do tasks in several processes, each with its share of the cores; yields as they come.
 
-    Where it is left before its end, what the processes do is ended, too.
+    Where it is left before its end, what the processes do is ended, too, and the one `beside` them.
     """
     with ThreadPoolExecutor(len(workers)) as pool:  # each thread waits for one of them
-        sharing = _Sharing(queue, do, pool, len(workers))
+        sharing = _Sharing(queue, do, pool, len(workers), beside)
         try:
             for worker in workers:
                 sharing.hand_over(worker)
@@ -90,8 +112,9 @@ class _Sharing(Generic[Task, _Item]):
         do: Work[Task, _Item],
         pool: ThreadPoolExecutor,
         workers: int,
+        beside: WorkerProcess | None,
     ) -> None:
-        self._queue, self._do, self._pool = queue, do, pool
+        self._queue, self._do, self._pool, self._beside = queue, do, pool, beside
         self._threads = max(1, usable_cores() // workers)
         # No more wait than are made at once: they may be large.
         self._arrived: Queue[_Arrived[Task, _Item]] = Queue(workers)
@@ -131,6 +154,8 @@ class _Sharing(Generic[Task, _Item]):
         """End what is under way, and take what its threads wait to hand in."""
         for worker in self.busy:
             worker.give_up()
+        if self.busy and self._beside is not None:
+            self._beside.give_up()
         while self.busy:
             arrived = self._arrived.get()
             if arrived.ended:

@@ -25,7 +25,8 @@ class TaskQueue(Generic[Task]):
     """Tasks for one process in their order, or shared out among several.
 
     Who takes a task is told which family it will be given next. Several processes get tasks whose
-    meshes and roughnesses they have had before, and of others those that no other process has had.
+    meshes and roughnesses they have had before, and of others those that no other process has had;
+    with `one_renders`, where one process renders for all of them, a mesh is had once for all.
 
     Examples
     --------
@@ -33,11 +34,12 @@ class TaskQueue(Generic[Task]):
     True
     """
 
-    def __init__(self, tasks: Iterable[Task]) -> None:
+    def __init__(self, tasks: Iterable[Task], one_renders: bool = False) -> None:
         self._source = iter(tasks)
         self._waiting: list[Task] = []
         self._kept: dict[Hashable, Task] = {}
         self._had: dict[Hashable, set[Hashable]] = {}
+        self._one_renders = one_renders
 
     def next_of(self, worker: Hashable) -> Task | None:
         """The next task of a process, with the family that follows; None where none is left."""
@@ -61,9 +63,15 @@ class TaskQueue(Generic[Task]):
             return None
         others = [theirs for other, theirs in self._had.items() if other != worker]
 
+        built = had.union(*others) if self._one_renders else had
+
         def cost(place: int) -> tuple[int, int]:
             costs = _costs(self._waiting[place].family)
-            new = {key: price for key, price in costs.items() if key not in had}
+            new = {
+                key: price
+                for key, price in costs.items()
+                if key not in (built if price == _TREE else had)
+            }
             return sum(new.values()), sum(key in theirs for theirs in others for key in new)
 
         task = self._waiting.pop(min(range(len(self._waiting)), key=cost))

@@ -5,6 +5,8 @@ Nothing that scores is imported here: making a dataset needs none of it.
 
 from __future__ import annotations
 
+import pickle
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ from functools import cache, cached_property, lru_cache, partial
 
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.plan import FamilyPlan
-from malus.renderers.families.family import RenderedFamily, begin_family
+from malus.renderers.families.family import RenderedFamily, begin_family, is_complete
 from malus.renderers.families.interpolated import Family
 from malus.renderers.mitsuba.translate import tessellated_ahead
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
@@ -83,14 +85,48 @@ def renders_of(
     family: FamilyPlan, renderer: str, variant: Variant, result: FamilyResult, errors: bool
 ) -> Renders:
     """Render what all scenes of a family share."""
-    first = family.scenes[0]
     if renderer == "torrance-sparrow":
-        return Renders(RENDERING[0], render_torrance_sparrow, first)
+        return Renders(RENDERING[0], render_torrance_sparrow, family.scenes[0])
     with result.stage(RENDERING[0]):
         rendered = _begun(family, variant, errors)()
+    return _made_of(rendered, family, errors)
+
+
+def _made_of(rendered: RenderedFamily, family: FamilyPlan, errors: bool) -> Renders:
     family_of_one_surface = rendered if isinstance(rendered, Family) else None
     truth_of = partial(rendered.truth, standard_error=errors)
-    return Renders(RENDERING[1], truth_of, first, family_of_one_surface)
+    return Renders(RENDERING[1], truth_of, family.scenes[0], family_of_one_surface)
+
+
+@dataclass(frozen=True)
+class RenderedApart:
+    """Renders of a family for another process, which needs no renderer to make truths of them.
+
+    Attributes
+    ----------
+    content : bytes
+        The renders, pickled: who only hands them on loads nothing.
+    seconds : dict of stage to seconds
+    """
+
+    content: bytes
+    seconds: defaultdict[str, float]
+
+    def renders(self, family: FamilyPlan) -> Renders:
+        """The renders, for truths without standard errors."""
+        return _made_of(pickle.loads(self.content), family, False)
+
+
+def rendered_apart(
+    family: FamilyPlan, variant: Variant, result: FamilyResult
+) -> RenderedApart | None:
+    """Render a family for another process, or return None where truths need the renderer again."""
+    with result.stage(RENDERING[0]):
+        rendered = _begun(family, variant, False)()
+        if not is_complete(rendered):
+            return None
+        content = pickle.dumps(rendered, pickle.HIGHEST_PROTOCOL)
+    return RenderedApart(content, result.seconds)
 
 
 def begin_ahead(family: FamilyPlan, renderer: str, variant: Variant, errors: bool) -> None:

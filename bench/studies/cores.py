@@ -1,9 +1,9 @@
 """Benchmark of cores: a reduced fig5 on one core, two, … and all, and what bounds the speed-up.
 
-It takes the way of `malus run`, which shares families out among a process a core, or has one
-where a graphics card renders. They and this one may use these cores only. A run of other surfaces
-and few samples goes before in each, so that neither start nor compilation count; nor does the
-report.
+It takes the way of `malus run`, which shares families out among a process a core; where a graphics
+card renders, these score what one more process renders on it. They and this one may use these cores
+only. A run of other surfaces and few samples goes before in each, so that neither start nor
+compilation count; nor does the report.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 from malus.bench.running.runner import run
-from malus.bench.running.sharing import processes
-from malus.bench.running.work import in_worker_processes
+from malus.bench.running.sharing import cpu_processes, on_a_card
+from malus.bench.running.work import Engine, in_worker_processes, rendered_beside
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.variant import Variant
 from malus.scenes.core.cores import usable_cores
@@ -40,7 +41,8 @@ class CoresSpeed:
     seconds, processor_seconds : float
         By the clock, and of all cores together.
     stages : dict of stage to seconds by the clock
-        Where several processes do a stage at once, the mean over these.
+        Where several processes do a stage at once, the mean over these. What one process renders
+        for all of them counts likewise, as their mean wait for it.
     """
 
     cores: int
@@ -118,14 +120,19 @@ def _only(cores: int) -> Iterator[None]:
 def _measured(suite: Suite, variant: Variant, cores: int) -> CoresSpeed:
     """Time of one run on so many cores, after one to warm up each process."""
     with _only(cores), ExitStack() as stack:
-        count = min(cores, processes(variant))
+        count = min(cores, cpu_processes())
         workers = [stack.enter_context(WorkerProcess()) for _ in range(count)]
+        engine_of = partial(in_worker_processes, variant)
+        started = list(workers)
+        if count > 1 and on_a_card(variant):
+            started.append(stack.enter_context(WorkerProcess()))
+            engine_of = partial(rendered_beside, variant, started[-1])
         for worker in workers:
-            _run(_warm_up(suite), variant, [worker])
-        clock, processor = time.perf_counter(), _processor_seconds(workers)
-        summed = _run(suite, variant, workers)
+            _run(_warm_up(suite), variant, engine_of([worker]))
+        clock, processor = time.perf_counter(), _processor_seconds(started)
+        summed = _run(suite, variant, engine_of(workers))
         seconds = time.perf_counter() - clock
-        busy = _processor_seconds(workers) - processor
+        busy = _processor_seconds(started) - processor
     stages = {stage: value / count for stage, value in summed.items()}
     stages[OTHER] = seconds - sum(stages.values())
     return CoresSpeed(cores, seconds, busy, stages)
@@ -151,10 +158,10 @@ def _warm_up(suite: Suite) -> Suite:
     return Suite.parse(data, "malus bench cores")
 
 
-def _run(suite: Suite, variant: Variant, workers: Sequence[WorkerProcess]) -> dict[str, float]:
+def _run(suite: Suite, variant: Variant, engine: Engine) -> dict[str, float]:
     """Seconds of each stage of a run in worker processes, added up over these."""
     with tempfile.TemporaryDirectory() as folder:
-        results = run(suite, folder, variant, engine=in_worker_processes(variant, workers))
+        results = run(suite, folder, variant, engine=engine)
         seconds: dict[str, float] = dict(results.run["seconds"])
     return {stage: value for stage, value in seconds.items() if stage != "total"}
 

@@ -123,6 +123,13 @@ def begin_family(
     return lambda: watched(finish)
 
 
+def is_complete(renders: RenderedFamily) -> bool:
+    """Whether truths are made of renders without rendering more, as another process can do it."""
+    if isinstance(renders, RepeatedRenders):
+        return all(not isinstance(each, OneByOne) for each in renders.passes)
+    return not isinstance(renders, OneByOne)
+
+
 def _check_light(light: Light, variant: Variant) -> None:
     """Raises InputError for polarised light in the scalar variant, whose lights are Mitsuba's."""
     if is_polarised(light) and not variant.vectorised:

@@ -13,7 +13,6 @@ from malus.bench.studies import cores
 from malus.renderers.variant import Variant, choose
 from malus.scenes import InputError
 from malus.scenes.core.cores import usable_cores
-from malus.scenes.suite import Suite
 
 
 def test_figures_of_a_tiny_run() -> None:
@@ -51,22 +50,24 @@ def test_a_process_keeps_to_its_cores_and_this_one_does_not() -> None:
     assert (os.sched_getaffinity(0), dict(os.environ)) == before
 
 
-def test_where_a_card_renders_one_process_has_all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in a run: no more processes are timed than one would start."""
-    begun = []
+def test_where_a_card_renders_one_more_process_does_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a run: as many processes are timed as one would start."""
+    begun: list[tuple[int, int]] = []
 
-    def count(suite: Suite, variant: Variant, workers: list[WorkerProcess]) -> dict[str, float]:
-        begun.append(len(workers))
-        return {}
+    def beside(variant: Variant, renderer: WorkerProcess, workers: list[WorkerProcess]) -> None:
+        begun.append((1, len(workers)))
 
-    monkeypatch.setattr(cores, "_run", count)
+    monkeypatch.setattr(cores, "rendered_beside", beside)
+    monkeypatch.setattr(cores, "in_worker_processes", lambda _, them: begun.append((0, len(them))))
+    monkeypatch.setattr(cores, "_run", lambda suite, variant, engine: {})
     monkeypatch.setattr(cores, "_processor_seconds", lambda workers: 0.0)
     monkeypatch.setattr(cores, "usable_cores", lambda: 4)
     monkeypatch.setattr(sharing, "usable_cores", lambda: 4)
     monkeypatch.setattr(sharing, "free_memory", lambda: 1e12)
     suite = cores.reduced_fig5(resolution=4, samples=2, every=24)
-    for name, expected in (("cuda_ad_mono_polarized", 1), ("llvm_ad_mono_polarized", 4)):
-        cores.measure(suite, Variant(name, "made up", None), [4])
+    cards, llvm = (Variant(f"{name}_ad_mono_polarized", "made up") for name in ("cuda", "llvm"))
+    for variant, count, expected in ((cards, 4, (1, 4)), (cards, 1, (0, 1)), (llvm, 4, (0, 4))):
+        cores.measure(suite, variant, [count])
         assert begun[-1] == expected
 
 

@@ -64,7 +64,9 @@ def test_what_a_slow_worker_would_get_next_is_left_to_others() -> None:
     assert queue.next_of("slow") is None
 
 
-def loaded(shapes: list[str], workers: int) -> list[tuple[int, str, float]]:
+def loaded(
+    shapes: list[str], workers: int, one_renders: bool = False
+) -> list[tuple[int, str, float]]:
     """Worker, shape and roughness of every task, where workers take turns."""
     content = SUITE.model_dump(mode="json") | {
         "shapes": [{"kind": kind} for kind in shapes],
@@ -72,7 +74,7 @@ def loaded(shapes: list[str], workers: int) -> list[tuple[int, str, float]]:
         "lights": [{"kind": "distant", "incidence_deg": angle} for angle in (10, 30, 50)],
     }
     families = plan(Suite.parse(content, "tests"))
-    queue = TaskQueue(FamilyTask(one.id, one, "mitsuba", {}) for one in families)
+    queue = TaskQueue((FamilyTask(one.id, one, "mitsuba", {}) for one in families), one_renders)
     done = []
     while (task := queue.next_of(len(done) % workers)) is not None:
         scene = task.family.scenes[0]
@@ -92,6 +94,14 @@ def test_processes_share_out_the_trees_of_meshes() -> None:
     shapes = ["torus", "superquadric", "lathe", "blob"]
     trees = {(worker, shape) for worker, shape, _ in loaded(shapes, 2)}
     assert len(trees) == 4
+
+
+def test_where_one_process_renders_for_all_meshes_stay_together() -> None:
+    """Its tree of a mesh serves whoever scores; roughnesses are shared out still."""
+    shapes = [shape for _, shape, _ in loaded(["torus", "blob"], 2, one_renders=True)]
+    assert [len(set(half)) for half in (shapes[:12], shapes[12:])] == [1, 1]
+    tables = {(worker, alpha) for worker, _, alpha in loaded(["sphere"], 2, one_renders=True)}
+    assert len(tables) == 4
 
 
 def test_several_processes_give_the_same_to_the_bit(tmp_path: Path) -> None:
@@ -133,6 +143,7 @@ def test_a_graphics_card_and_little_memory_have_few_processes(
     monkeypatch.setattr(sharing, "usable_cores", lambda: 16)
     monkeypatch.setattr(sharing, "free_memory", lambda: math.inf)
     assert sharing.processes(Variant("cuda_ad_mono_polarized", "a card")) == 1
+    assert sharing.cpu_processes() == sharing.MOST_PROCESSES
     assert sharing.processes(NOBODY) == sharing.MOST_PROCESSES
     for free, count in ((0.0, 1), (2.5e9, 3), (1e12, sharing.MOST_PROCESSES)):
         monkeypatch.setattr(sharing, "free_memory", lambda free=free: free)
