@@ -38,6 +38,7 @@ from malus.reconstruct.photos.mosaic import (
 from malus.reconstruct.photos.movement import analyser
 from malus.reconstruct.photos.picture import MAX_PIXELS, Picture
 from malus.reconstruct.photos.raw_frames import read_raw
+from malus.reconstruct.photos.read_picture import SUFFIXES
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
 from malus.scenes.core.errors import InputError
 
@@ -166,6 +167,11 @@ def read_capture(
     if (size is None) != (packing is None) or (bayer is not None and mosaic is None):
         told = "one of them" if bayer is None else "bayer alone"
         raise InputError("mosaic", "size with packing, and bayer with mosaic", told, "add it")
+
+    readable = path.suffix.lower() in (*SUFFIXES, ".npy")
+    if mosaic is not None and size is None and path.is_file() and not readable:
+        found, hint = path.suffix or "no suffix", "a frame without a header needs `size`, `packing`"
+        raise InputError(str(path), "a picture or an array", found, hint)
 
     def read_one(file: Path) -> Picture:
         if size is not None and packing is not None:

@@ -267,7 +267,7 @@ def _maps(folder: Path, stem: str, components: Components) -> list[Thumbnail]:
     save_16bit(folder / f"{stem}_aolp.png", aolp_16bit(stokes))
     coloured = [
         ("dolp", "dolp 0 to 1", dolp, "viridis"),
-        ("aolp", "aolp 0 to 180", aolp, "twilight"),
+        ("aolp", "aolp 0 to 180°", aolp, "twilight"),
     ]
     if components.deviation is not None:
         uncertainty = _uncertainty(components)

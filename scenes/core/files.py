@@ -25,6 +25,11 @@ _PURPOSE = "-for-"
 def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
     """Call `write` with an empty folder beside `final`, then rename it: whole or not at all.
 
+    Raises
+    ------
+    InputError
+        Where there is no room, or no permission to write.
+
     Examples
     --------
     >>> base = Path(tempfile.mkdtemp())
@@ -35,8 +40,9 @@ def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
     if not is_here(final):
         put_folder(final, write)
         return
-    temporary, aside = _temporary_folder(final.parent), None
+    temporary = aside = None
     try:
+        temporary = _temporary_folder(final.parent)
         write(temporary)
         temporary.chmod(0o755)
         if final.is_dir() and not final.is_symlink():
@@ -44,10 +50,18 @@ def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
             aside = _temporary_folder(final.parent)
             os.rename(final, aside / final.name)
         os.rename(temporary, final)
+    except OSError as error:
+        raise _not_written(final, "folder", error) from error
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        if aside is not None:
-            shutil.rmtree(aside, ignore_errors=True)
+        for left in (temporary, aside):
+            if left is not None:
+                shutil.rmtree(left, ignore_errors=True)
+
+
+def _not_written(final: Path, kind: str, error: OSError) -> InputError:
+    reason = os.strerror(error.errno) if error.errno else str(error)
+    expected, hint = f"a {kind} that can be written", "mend that and give the command again"
+    return InputError(str(final), expected, reason, hint)
 
 
 def add_to_folder(final: Path, write: Callable[[Path], object]) -> list[str]:
@@ -118,10 +132,7 @@ def replace_file(final: Path, write: Callable[[Path], object]) -> None:
         temporary.chmod(0o644)
         os.replace(temporary, final)
     except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        raise InputError(
-            str(final), "a file that can be written", reason, "mend that and give the command again"
-        ) from error
+        raise _not_written(final, "file", error) from error
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)

@@ -101,7 +101,8 @@ def full(out: Path, *arguments: str) -> None:
     """A command that ends in one line for want of room, and leaves nothing half written."""
     done = run_malus(*arguments)
     assert done.returncode == 2, done.stderr
-    assert "No space left on device" in one_line(done.stderr)
+    assert f"malus: {out}" in one_line(done.stderr)
+    assert "No space left on device" in done.stderr
     assert not [name for name in files(out) if ".part-" in name]
 
 

@@ -243,6 +243,15 @@ def test_packed_frames(tmp_path: Path, packing: str) -> None:
     assert capture.clipped.any() == (codes == codes.max()).any() * (codes.max() == 2**bits - 1)
 
 
+def test_a_frame_without_a_header_needs_its_size(tmp_path: Path) -> None:
+    for name in ("frame.raw", "frame"):
+        (tmp_path / name).write_bytes(bytes(range(1, 65)))
+        with pytest.raises(InputError, match=r"frame(\.raw)?: expected .*`size`, `packing`"):
+            read_capture(tmp_path / name, mosaic=(90, 45, 135, 0))
+        whole = {"size": (8, 8), "packing": "mono8", "mosaic": (90, 45, 135, 0)}
+        assert read_capture(tmp_path / name, **whole).pictures.shape[1:3] == (8, 8)
+
+
 def test_a_wrong_packing_is_doubted(tmp_path: Path) -> None:
     y, x = np.mgrid[:64, :64] / 64
     frame = frame_of(through((0.3 + 0.5 * x * y)[..., None] * np.array([1, 0.23, 0.19])))
