@@ -13,13 +13,17 @@ from typing import Generic, TypeVar
 from malus.bench.running.task_queue import Task, TaskQueue
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.variant import Variant
-from malus.scenes.core.cores import free_memory, usable_cores
+from malus.scenes.core.cores import free_card_memory, free_memory, usable_cores
 
 MOST_PROCESSES = 8
 """Worker processes at once; each holds the renderer and the tables of its families."""
 
 MEMORY = 1e9
 """Bytes that are free for each of them but the first; of rooms they take about as many."""
+
+CARD_MEMORY = 4e9
+"""Bytes of a graphics card that are free for each of them but the first, where they render on it. A
+launch takes a few hundred megabytes, and a process as many before it begins."""
 
 ALONE_SECONDS = 1.5
 """Time after its first task in which one process works alone: what is done by then would have
@@ -32,11 +36,11 @@ Work = Callable[[WorkerProcess, Task, int], Iterable[_Item]]
 
 
 def processes(variant: Variant) -> int:
-    """Worker processes that may render at once: one a core, and one for a graphics card.
-
-    Fewer where there is little memory.
-    """
-    return 1 if on_a_card(variant) else cpu_processes()
+    """Worker processes that may render at once: one a core, fewer where there is little memory."""
+    most = cpu_processes()
+    if most > 1 and on_a_card(variant):
+        return int(min(most, 1 + free_card_memory() // CARD_MEMORY))
+    return most
 
 
 def cpu_processes() -> int:

@@ -1,9 +1,10 @@
-"""Cores and memory that this process and others beside it may use."""
+"""Cores and memory that this process and others beside it may use, also of graphics cards."""
 
 from __future__ import annotations
 
 import math
 import os
+import subprocess
 from contextlib import suppress
 from pathlib import Path
 
@@ -44,3 +45,24 @@ def free_memory(root: Path = Path("/")) -> float:
         files = int(dict(line.split(maxsplit=1) for line in details)["inactive_file"])
         free = min(free, max(0, limit - used + files))  # files that were read give way
     return free
+
+
+def free_card_memory() -> float:
+    """Bytes that new processes may take of the NVIDIA card with the least; 0 where nobody tells.
+
+    So it is where a card takes one process only, or is divided into several.
+
+    Examples
+    --------
+    >>> free_card_memory() >= 0
+    True
+    """
+    asked = "memory.free,compute_mode,mig.mode.current"
+    command = ["nvidia-smi", f"--query-gpu={asked}", "--format=csv,noheader,nounits"]
+    try:
+        told = subprocess.run(command, capture_output=True, text=True, timeout=20, check=True)
+        cards = [line.split(", ") for line in told.stdout.strip().splitlines()]
+        shared = all(mode == "Default" and parts != "Enabled" for _, mode, parts in cards)
+        return min(float(free) for free, _, _ in cards) * 2.0**20 * shared
+    except (OSError, ValueError, subprocess.SubprocessError):
+        return 0.0

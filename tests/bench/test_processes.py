@@ -21,7 +21,7 @@ from malus.bench.running.task_queue import TaskQueue
 from malus.bench.running.work import in_this_process, in_worker_process, in_worker_processes
 from malus.bench.running.worker_process import Died, WorkerProcess
 from malus.renderers.variant import Variant
-from malus.scenes.core.cores import free_memory
+from malus.scenes.core.cores import free_card_memory, free_memory
 from malus.scenes.suite import Suite
 
 MANY = Suite.parse(
@@ -29,6 +29,8 @@ MANY = Suite.parse(
     "tests",
 )
 """Seven families of two scenes."""
+
+CARD = Variant("cuda_ad_mono_polarized", "a card")
 
 
 def tasks() -> list[FamilyTask]:
@@ -142,12 +144,43 @@ def test_a_graphics_card_and_little_memory_have_few_processes(
 ) -> None:
     monkeypatch.setattr(sharing, "usable_cores", lambda: 16)
     monkeypatch.setattr(sharing, "free_memory", lambda: math.inf)
-    assert sharing.processes(Variant("cuda_ad_mono_polarized", "a card")) == 1
+    monkeypatch.setattr(sharing, "free_card_memory", lambda: 0.0)
+    assert sharing.processes(CARD) == 1
     assert sharing.cpu_processes() == sharing.MOST_PROCESSES
     assert sharing.processes(NOBODY) == sharing.MOST_PROCESSES
     for free, count in ((0.0, 1), (2.5e9, 3), (1e12, sharing.MOST_PROCESSES)):
         monkeypatch.setattr(sharing, "free_memory", lambda free=free: free)
         assert sharing.processes(NOBODY) == count
+    monkeypatch.setattr(sharing, "free_card_memory", lambda: 9e9)
+    assert sharing.processes(CARD) == 3
+    monkeypatch.setattr(sharing, "usable_cores", lambda: 2)
+    assert sharing.processes(CARD) == 2
+
+
+@pytest.mark.parametrize(
+    ("told", "free"),
+    [
+        ("80994, Default, Disabled", 80994),
+        ("80994, Default, Disabled\n512, Default, [N/A]", 512),  # whichever renders
+        ("80994, Exclusive_Process, Disabled", 0),
+        ("80994, Default, Enabled", 0),
+        ("[N/A], Default, Disabled", 0),
+        ("No devices were found", 0),
+        ("", 0),
+    ],
+)
+def test_free_memory_of_a_card_is_what_its_driver_tells(
+    told: str, free: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = tmp_path / "nvidia-smi"
+    command.write_text(f"#!/bin/sh\nprintf '{told}\\n'\n", encoding="utf-8")
+    command.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    assert free_card_memory() == free * 2**20
+    command.write_text("#!/bin/sh\necho 80994, Default, Disabled\nexit 9\n", encoding="utf-8")
+    assert free_card_memory() == 0
+    monkeypatch.setenv("PATH", str(tmp_path / "empty"))
+    assert free_card_memory() == 0
 
 
 def test_free_memory_is_that_of_the_machine_or_of_its_container(tmp_path: Path) -> None:
