@@ -68,14 +68,16 @@ def no_worker_process() -> Iterator[None]:
     def stream(_: WorkerProcess, function: Callable[..., Any], *arguments: Any) -> Iterator[Any]:
         return iter(function(*arguments))
 
-    alone = patch.object(sharing, "ALONE_SECONDS", math.inf)
+    alone = patch.object(sharing, "WORTH_SECONDS", math.inf)
     with patch.object(WorkerProcess, "stream", stream), alone:
         yield
 
 
 def share_at_once(monkeypatch: pytest.MonkeyPatch, cores: int) -> None:
     """Let worker processes share tasks out after the first, as on a machine of so many cores."""
-    monkeypatch.setattr(sharing, "ALONE_SECONDS", 0.0)
+    monkeypatch.setattr(sharing, "WORTH_SECONDS", 0.0)
+    monkeypatch.setattr(sharing, "WARMING_SECONDS", 0.0)
+    monkeypatch.setattr(WorkerProcess, "is_free", lambda self: True)
     monkeypatch.setattr(sharing, "usable_cores", lambda: cores)
     monkeypatch.setattr(sharing, "free_memory", lambda: math.inf)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -152,12 +153,11 @@ def _fit_one(
 
     Where nothing can be reconstructed, the fit is written and printed before that is told.
     """
-    import json
-
     from malus.bench.scoring.capture_score import convention_doubt, score_capture, write_fit
     from malus.reconstruct.photos.capture import read_capture
     from malus.reconstruct.photos.capture_fit import capture_summary, fit_capture
     from malus.scenes.core.errors import InputError
+    from malus.scenes.core.json_text import json_text
 
     reading = {name: given.pop(name) for name in _READING}
     capture = read_capture(folder, offset_deg=offset, **reading)
@@ -176,7 +176,7 @@ def _fit_one(
             refusal = InputError(reason.where, reason.expected, reason.found, hint)
     if out is not None:
         write_fit(out, fit, results, capture.channels)
-    click.echo(json.dumps(results, indent=1) if as_json else _report(results))
+    click.echo(json_text(results, 1) if as_json else _report(results))
     if refusal is not None:
         raise refusal
 
@@ -297,7 +297,7 @@ def _report(results: dict[str, Any]) -> str:
         lines += [f"- {statement}" for statement in score["statements"]]
         lines.append(
             f"NMSE {score['nmse']:.2e} (doing nothing: {score['nmse_trivial']:.2e}), "
-            f"skill {score['skill']:.3f}, best gain {score['best_gain']:.2f}"
+            f"skill {_number(score['skill'], 3)}, best gain {_number(score['best_gain'], 2)}"
         )
         for name, (mean, deviation) in score["delta_e76"].items():
             trivial = score["delta_e76_trivial"][name][0]
@@ -306,3 +306,8 @@ def _report(results: dict[str, Any]) -> str:
                 f"ΔE76 {label:6s} {mean:.2f} ± {deviation:.2f} (doing nothing: {trivial:.2f})"
             )
     return in_words_of_options("\n".join(lines))
+
+
+def _number(value: float, digits: int) -> str:
+    """A number, or a dash where there is none."""
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
@@ -31,7 +30,9 @@ def compare_command(results: tuple[Path, ...], out: Path | None, as_json: bool) 
 
     comparison = compare(results, out)
     if as_json:
-        click.echo(json.dumps(comparison.numbers(), indent=1))
+        from malus.scenes.core.json_text import json_text
+
+        click.echo(json_text(comparison.numbers(), 1))
         return
     console = Console()
     for table in (comparison.differing, comparison.means, comparison.changed):

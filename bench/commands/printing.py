@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from typing import Any
 
@@ -10,11 +9,12 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from malus.bench.running.results import Results, headline
+from malus.scenes.core.json_text import json_text
 
 
 def print_json(values: Any, indent: int | None = None) -> None:
     """Print values as JSON on standard output."""
-    sys.stdout.write(json.dumps(values, indent=indent) + "\n")
+    sys.stdout.write(json_text(values, indent) + "\n")
 
 
 def plain_table(*columns: str) -> Table:

@@ -44,7 +44,8 @@ def render_command(suite: str, out: Path, as_json: bool, **options: Any) -> None
       malus render quick --out quick-dataset
       malus render quick --part 2/4 --out quick-parts
     """
-    from malus.bench.running.worker_process import WorkerProcess, import_all
+    from malus.bench.running.inside_worker import import_all
+    from malus.bench.running.worker_process import WorkerProcess
 
     with WorkerProcess(options.pop("timeout")) as worker:
         # It imports what it needs while this process does, which has imported little so far.

@@ -58,7 +58,8 @@ def report_command(
         from malus.scenes.core.errors import InputError
 
         raise InputError("--metric", "--table beside it", "no --table", "give both or neither")
-    from malus.bench.running.worker_process import WorkerProcess, import_all
+    from malus.bench.running.inside_worker import import_all
+    from malus.bench.running.worker_process import WorkerProcess
 
     with WorkerProcess() as worker:
         several_cores = (os.cpu_count() or 1) > 1

@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from malus.bench.running.worker_process import WorkerProcess
     from malus.scenes.suite import Suite
 
-NEEDED = ("malus.bench.running.scored_family", "malus.reconstruct.builtin_methods")
-"""Modules that a worker needs for its first family."""
-
 CHANGES = ("samples", "resolution", "seed", "methods", "metrics")
 """Options that replace or add to values of the suite."""
 
@@ -106,13 +103,14 @@ def _refuse(name: str, option: str, allowed: set[str]) -> None:
 
 def _run(name: str, out: Path | None, as_json: bool, options: dict[str, Any]) -> int:
     """Run a suite, and return the number of families with a failure."""
-    from malus.bench.running.worker_process import WorkerProcess, import_all
+    from malus.bench.running.inside_worker import SCORING, import_all
+    from malus.bench.running.worker_process import WorkerProcess
 
     if options["workers"] is not None or options["scheduler"] is not None:
         return _run_with(None, name, out, as_json, options)
     with WorkerProcess(options["timeout"]) as worker:
         # It imports what it needs while this process does, which has imported little so far.
-        worker.begin(import_all, *NEEDED)
+        worker.begin(import_all, *SCORING)
         return _run_with(worker, name, out, as_json, options)
 
 

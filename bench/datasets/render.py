@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, repeat
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from malus.bench.datasets.card import remove_documents, write_documents
 from malus.bench.datasets.maps_and_frames import NOTHING, Additions
 from malus.bench.datasets.planned import PlannedDataset, planned_dataset
+from malus.bench.datasets.writing_thread import WritingThread
 from malus.bench.running.cluster import cluster_client, spread_parts
 from malus.bench.running.family_task import FamilyResult
+from malus.bench.running.inside_worker import at_most, import_all
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.parts import Failure
@@ -30,15 +31,13 @@ from malus.bench.running.worker_process import (
     TIMEOUT_SECONDS,
     Died,
     WorkerProcess,
-    at_most,
     retried,
 )
 from malus.renderers.datasets.dataset_files import names_files
-from malus.renderers.datasets.dataset_record import FailedScene
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.listed_scenes import listed_of
 from malus.renderers.truth import Truth
-from malus.renderers.variant import Variant, use_threads
+from malus.renderers.variant import Variant, mitsuba, use_threads
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import owned
 from malus.scenes.core.remote import as_path
@@ -279,7 +278,13 @@ def _all_outcomes(
 ) -> Iterator[tuple[RenderTask, Truth | Failure]]:
     """Truths and failures of all tasks, of this process or of worker processes."""
     if worker is not None and tasks:
-        yield from shared_later(tasks, worker, processes(tasks[0].variant), _outcomes)
+        variant = tasks[0].variant
+
+        def load(worker: WorkerProcess) -> None:
+            worker.begin(import_all, __name__)
+            worker.begin(mitsuba, variant)
+
+        yield from shared_later(tasks, worker, processes(variant), _outcomes, load)
         return
     queue = TaskQueue(tasks)
     while (task := queue.next_of("this process")) is not None:
@@ -332,69 +337,3 @@ def _outcomes(worker: WorkerProcess, task: RenderTask, threads: int) -> Iterator
             yield outcome
     except Died as death:
         yield from (Failure(name, None, str(death)) for name in left)
-
-
-class WritingThread:
-    """Writes truths in a thread of its own, one after the other, while the next is rendered.
-
-    At most one is written at a time, so that memory holds that one and the next. As a context
-    manager it waits for the last one, also after an error or Ctrl-C: no scene is left half written.
-
-    Attributes
-    ----------
-    truths, bytes : int
-        Number of truths that were written, and of bytes.
-    """
-
-    def __init__(self, writer: DatasetWriter, origins: Mapping[str, str]) -> None:
-        self.truths = self.bytes = 0
-        self._writer, self._origins = writer, origins
-        self._thread = ThreadPoolExecutor(1, "malus-writes")
-        self._in_work: Future[None] | None = None
-
-    def __enter__(self) -> Self:
-        """Start nothing yet."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Wait for what is being written; `wait` tells its errors."""
-        self._thread.shutdown()
-
-    def wait(self) -> None:
-        """Wait for what is being written.
-
-        Raises
-        ------
-        InputError
-            If it could not be written.
-        """
-        if self._in_work is not None:
-            self._in_work.result()
-            self._in_work = None
-
-    def begin(self, outcome: Truth | Failure, family: FamilyPlan) -> None:
-        """Begin to write a truth, or to record why there is none; `wait` comes before."""
-        assert self._in_work is None
-        self._in_work = self._thread.submit(self._write, outcome, family)
-
-    def _write(self, outcome: Truth | Failure, family: FamilyPlan) -> None:
-        """Write a truth, or record a failure: without a scene, it is one of all without a truth."""
-        writer = self._writer
-        if isinstance(outcome, Truth):
-            name = outcome.scene.id
-            writer.add(outcome, self._origins[name])
-            self.bytes += sum(file.stat().st_size for file in (writer.folder / name).iterdir())
-            self.truths += 1
-            return
-        scenes = [scene.id for scene in family.scenes]
-        for name in scenes if outcome.scene is None else [outcome.scene]:
-            if name not in writer.done:
-                writer.fail(
-                    FailedScene(
-                        scene=name,
-                        origin=self._origins[name],
-                        label=family.label,
-                        reason=outcome.reason,
-                        mendable=outcome.mendable,
-                    )
-                )

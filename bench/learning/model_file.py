@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -115,6 +116,16 @@ def read_model(path: Path) -> Model:
     if not same or not all(np.isfinite(w).all() for w in weights.values()):
         raise InputError(str(path), expected, "another network than its recipe tells", hint)
     return Model(weights, architecture, hashlib.sha256(content).hexdigest(), told["recipe"])
+
+
+def facts_in(path: Path) -> dict[str, Any] | None:
+    """Facts of a file of `write_model`; None of any other file."""
+    with suppress(Exception):
+        model = onnx.load_from_string(path.read_bytes())
+        facts = {entry.key: entry.value for entry in model.metadata_props}
+        told = json.loads(facts[KEY])
+        return told if isinstance(told, dict) else None
+    return None
 
 
 def _stored_weights(graph: Any, architecture: Architecture) -> Weights:

@@ -6,6 +6,7 @@ import json
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from malus.bench.learning.arrays import Weights
 from malus.bench.learning.devices import described, use_cores
 from malus.bench.learning.examples import Examples, read_examples, splits_of
 from malus.bench.learning.kept import KeptTraining
-from malus.bench.learning.model_file import Model, read_model, write_model
+from malus.bench.learning.model_file import Model, facts_in, read_model, write_model
 from malus.bench.learning.network import STRIDE, Architecture, operations, radius, rounded
 from malus.bench.learning.options import TrainingOptions
 from malus.bench.learning.training import Progressed, fit, start
@@ -111,14 +112,18 @@ def train_model(
     ------
     InputError
         See `read_data`, `read_model` and `KeptTraining.read`; a file of another kind, or that
-        cannot be written; options of another network than that to begin from.
+        cannot be written, or a finished model of other data or options in its place; options of
+        another network than that to begin from.
     """
     _check_out(model)
+    _check_beside(model)
     use_cores()
     began = time.monotonic()
     parent = None if begin_from is None else read_model(begin_from)
     options = _agreed(options, parent)
     data = read_data(folder, options, progress)
+    if begin_from is None or begin_from.resolve() != model.resolve():
+        _check_replaced(model, data, options)
     kept = KeptTraining(model, _identity(data, options, parent), began)
     training = fit(
         data.train,
@@ -154,6 +159,43 @@ def _check_out(model: Path) -> None:
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError("out", "a folder that can be written", reason, "choose another") from None
+
+
+def _check_beside(model: Path) -> None:
+    """Refuse to replace files that no training has written.
+
+    Raises
+    ------
+    InputError
+        Naming the first of them.
+    """
+    own = (".onnx", ".json", ".svg") if facts_in(model) is not None else ()
+    for suffix in (".onnx", ".json", ".svg"):
+        path = model.with_suffix(suffix)
+        if path.exists() and (suffix not in own or (suffix == ".json" and not _is_record(path))):
+            hint = "choose another `out`; nothing was changed"
+            raise InputError("out", "a new name, or that of a training", str(path), hint)
+
+
+def _is_record(path: Path) -> bool:
+    """Whether a JSON file is the record of a training."""
+    with suppress(OSError, ValueError):
+        record = json.loads(path.read_text("utf-8"))
+        return isinstance(record, dict) and {"recipe", "history"} <= set(record)
+    return False
+
+
+def _check_replaced(model: Path, data: Data, options: TrainingOptions) -> None:
+    """Refuse to replace a finished model of other data or options: it may have taken hours."""
+    facts = facts_in(model)
+    if facts is None:
+        return
+    recipe = facts.get("recipe") or {}
+    same = json.loads(json.dumps(asdict(options)))
+    dataset = (recipe.get("dataset") or {}).get("sha256")
+    if (dataset, recipe.get("options")) != (data.dataset.sha256, same):
+        expected, found = "a new name, or the same training", "a model of other data or options"
+        raise InputError(f"out {model}", expected, found, "choose another `out`, or remove it")
 
 
 def _agreed(options: TrainingOptions | None, parent: Model | None) -> TrainingOptions:

@@ -13,13 +13,14 @@ from malus.bench.datasets.maps_and_frames import Additions
 from malus.bench.running import runner
 from malus.bench.running.cluster import engine
 from malus.bench.running.family_task import FamilyResult, FamilyTask
+from malus.bench.running.inside_worker import import_all
 from malus.bench.running.overrides import chosen_suite, chosen_variant
 from malus.bench.running.plan import FamilyPlan, OmittedWork, plan_record, savings
 from malus.bench.running.plan import plan as families_of
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results
 from malus.bench.running.work import in_worker_process
-from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, import_all
+from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess
 from malus.reconstruct import get_method
 from malus.renderers.families.adaptive import Renders, first_samples, relative_error
 from malus.renderers.families.family import render_family

@@ -158,7 +158,7 @@ class CaptureSuite(Model):
 
 
 def load_captures(path: Path | str) -> CaptureSuite:
-    """Read a suite of captures from a TOML file; paths in it are found from its folder.
+    """Read a suite of captures from a TOML file; paths of captures are found from its folder.
 
     Parameters
     ----------

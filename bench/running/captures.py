@@ -41,7 +41,7 @@ from malus.reports.tables.rows import CAPTURED
 from malus.reports.viewer.pack import BUDGET
 from malus.scenes.core.arrays import BoolArray, Float32Array
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.files import write_whole
+from malus.scenes.core.files import replace_text, write_whole
 from malus.scenes.core.model import content_id
 from malus.scenes.core.named_file import digest_of
 from malus.scenes.core.result_files import EXAMPLES
@@ -76,10 +76,12 @@ def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Re
         with suppress(OSError):  # it holds what an earlier command wrote
             folder.rmdir()
         raise InputError(f"captures {suite.name}", expected, found, f"the first says: {first}")
-    content = json.dumps(suite.model_dump(mode="json", exclude_defaults=True), indent=1)
-    write_whole(folder / CAPTURES, lambda path: path.write_text(content + "\n", "utf-8"))
     run.seconds["total"] = time.perf_counter() - started
+    content = json.dumps(suite.model_dump(mode="json", exclude_defaults=True), indent=1) + "\n"
+    if not (folder / CAPTURES).exists():  # marks a new folder; an older one tells of its results
+        replace_text(folder / CAPTURES, content)
     write_results(folder, Results(table_of(run.records), run.about(suite)))
+    replace_text(folder / CAPTURES, content)
     for path in (folder / EXAMPLES).glob("*.npz"):  # of captures that are no longer asked for
         if path.stem not in {about["scene"] for about in run.captures}:
             path.unlink()
@@ -125,7 +127,8 @@ class _Run:
         columns = photographed.columns
         try:
             with self._stage("reconstruct"):
-                estimate = reconstruct(method, photographed.image, photographed.objects)
+                image, objects = photographed.image, photographed.objects
+                estimate = reconstruct(method, image, objects, photographed.wavelengths_nm)
         except Inapplicable as reason:
             self.records.append(inapplicable(columns, method.name, str(reason)))
             return
@@ -181,10 +184,16 @@ class Estimate:
     deviation: Float32Array | None = None
 
 
-def reconstruct(method: Method, image: Float32Array, objects: Sequence[BoolArray]) -> Estimate:
+def reconstruct(
+    method: Method,
+    image: Float32Array,
+    objects: Sequence[BoolArray],
+    wavelengths_nm: tuple[float, ...] | None = None,
+) -> Estimate:
     """Let a method see the picture (height, width, channels), one object after the other.
 
     Objects on which it cannot work stay unpolarised, as what is around them does, and are noted.
+    Three channels without wavelengths are red, green and blue.
 
     Raises
     ------
@@ -207,7 +216,7 @@ def reconstruct(method: Method, image: Float32Array, objects: Sequence[BoolArray
     invalid, converged, deviation = 0, [], None
     for number, mask in enumerate(objects, start=1):
         try:
-            components = method.reconstruct(Observation(image, mask))
+            components = method.reconstruct(Observation(image, mask, wavelengths_nm=wavelengths_nm))
         except Inapplicable as reason:
             reasons[number] = str(reason) if len(objects) == 1 else f"object {number}: {reason}"
             continue
@@ -229,7 +238,8 @@ def reconstruct(method: Method, image: Float32Array, objects: Sequence[BoolArray
 class Photographed:
     """A capture that is read and fitted, with the masks of its objects and the estimates so far.
 
-    Of `estimates`, the Stokes images of methods, every `step`-th row and column is kept.
+    Of `estimates`, the Stokes images of methods, every `step`-th row and column is kept. Bands of a
+    spectrum have `wavelengths_nm`; other channels have none.
     """
 
     fit: CaptureFit
@@ -239,6 +249,7 @@ class Photographed:
     pixels: CapturedPixels
     about: dict[str, Any]
     step: int
+    wavelengths_nm: tuple[float, ...] | None = None
     estimates: dict[str, Float32Array] = field(default_factory=dict)
 
     @classmethod
@@ -269,7 +280,7 @@ class Photographed:
         }
         pixels = CapturedPixels.of(capture, fit, scored)
         step = _step(scored, image.shape[2] * images)
-        return cls(fit, image, objects, scored, pixels, about, step)
+        return cls(fit, image, objects, scored, pixels, about, step, capture.wavelengths_nm)
 
     @property
     def columns(self) -> dict[str, Any]:
@@ -314,11 +325,14 @@ class Photographed:
 
     def example(self) -> dict[str, Any]:
         """Arrays of the file for the viewer: every `step`-th row and column."""
-        meta = {
+        meta: dict[str, Any] = {
             "scene": self.about["scene"],
             "label": f"{self.about['name']}, {self.about['group']}",
-            "channels": list(self.pixels.channels),
         }
+        if self.wavelengths_nm is None:
+            meta["channels"] = list(self.pixels.channels)
+        else:
+            meta["wavelengths_nm"] = list(self.wavelengths_nm)
         content: dict[str, Any] = {
             "truth": self.fit.stokes[:: self.step, :: self.step],
             "mask": self.scored[:: self.step, :: self.step],
@@ -338,6 +352,8 @@ def scene_id(entry: CaptureEntry, capture: Capture) -> str:
     """Hash of the files of a capture, its masks, and how they are read."""
     folder = Path(entry.folder)
     files = [folder] if folder.is_file() else [folder / name for name in capture.names]
+    if not any(file.is_file() for file in files):  # a scene of an export, in folders of its bands
+        files = sorted(file for file in folder.rglob("*") if file.is_file())
     files += [Path(file) for file in (entry.mask, entry.labels) if file is not None]
     digests = [digest_of(file, "picture") for file in files if file.is_file()]
     told = entry.model_dump(mode="json", exclude={"folder", "mask", "labels", "name", "group"})

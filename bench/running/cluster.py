@@ -20,9 +20,10 @@ from itertools import islice
 from typing import Any
 
 from malus.bench.running.family_task import FamilyResult, FamilyTask
+from malus.bench.running.inside_worker import at_most
 from malus.bench.running.parts import Failure
 from malus.bench.running.work import Engine, in_worker_process, work
-from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, at_most, main_hidden
+from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, main_hidden
 from malus.renderers.variant import BACKENDS, Variant, choose
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import content_id

@@ -25,9 +25,12 @@ CARD_MEMORY = 4e9
 """Bytes of a graphics card that are free for each of them but the first, where they render on it. A
 launch takes a few hundred megabytes, and a process as many before it begins."""
 
-ALONE_SECONDS = 1.5
-"""Time after its first task in which one process works alone: what is done by then would have
-waited for others to start, which takes as long."""
+WORTH_SECONDS = 1.5
+"""Work after the first task for which one process gets others beside it: they take as long to
+start."""
+
+WARMING_SECONDS = 10.0
+"""The first task loads and compiles what all need, which takes no longer than this."""
 
 _Item = TypeVar("_Item")
 
@@ -58,26 +61,30 @@ def shared_later(
     worker: WorkerProcess,
     most: int,
     do: Work[Task, _Item],
+    load: Callable[[WorkerProcess], object],
     apart: Callable[[WorkerProcess], Work[Task, _Item]] | None = None,
 ) -> Iterator[tuple[Task, _Item]]:
-    """Do tasks in one process, and after `ALONE_SECONDS` in `most` of them; yields as they come.
+    """Do tasks in one process, and where they take a while in `most` of them; yields as they come.
 
-    One process hardly profits from several cores: what is Python in it has one. With `apart`, the
-    first process is from then on beside the others: `apart` of it is what these do.
+    One process hardly profits from several cores: what is Python in it has one. Where those
+    in sight will take `WORTH_SECONDS` at the pace of the last, others start, and `load` what tasks
+    need; once they have, all take tasks. With `apart`, the first process is from then on beside the
+    others: `apart` of it is what these do.
     """
-    queue, began = TaskQueue(tasks, one_renders=apart is not None), None
-    while most == 1 or began is None or time.monotonic() - began < ALONE_SECONDS:
-        task = queue.next_of(worker)
-        if task is None:
-            return
-        for item in do(worker, task, usable_cores()):
-            yield task, item
-        began = began or time.monotonic()
+    queue, pace = TaskQueue(tasks, one_renders=apart is not None), _Pace()
     with ExitStack() as stack:
-        more = [
-            stack.enter_context(WorkerProcess(worker.timeout))
-            for _ in range(most - 1 if apart is None else most)
-        ]
+        more: list[WorkerProcess] = []
+        while not more or not all(other.is_free() for other in more):
+            task = queue.next_of(worker)
+            if task is None:
+                return
+            for item in do(worker, task, usable_cores()):
+                yield task, item
+            if most > 1 and not more and pace.seconds_with(queue) > WORTH_SECONDS:
+                others = (WorkerProcess(worker.timeout) for _ in range(most - (apart is None)))
+                more = [stack.enter_context(other) for other in others]
+                for other in more:
+                    load(other)
         if apart is None:
             yield from shared(queue, [worker, *more], do)
         else:
@@ -105,6 +112,26 @@ def shared(
                     yield task, item
         finally:
             sharing.stop()
+
+
+class _Pace:
+    """How long tasks take that are done one after the other, from now on."""
+
+    def __init__(self) -> None:
+        self._warmed: float | None = None  # when the first was done
+        self._last = time.monotonic()
+
+    def seconds_with(self, queue: TaskQueue[Task]) -> float:
+        """Seconds since the first task, and those that the tasks in sight will take; one is done.
+
+        The first one tells nothing, unless it took longer than to load and compile takes.
+        """
+        now = time.monotonic()
+        took, self._last = now - self._last, now
+        if self._warmed is None:
+            self._warmed = now
+            took *= took > WARMING_SECONDS
+        return now - self._warmed + took * queue.in_sight()
 
 
 class _Sharing(Generic[Task, _Item]):

@@ -54,11 +54,18 @@ class TaskQueue(Generic[Task]):
         self._kept[worker] = following
         return replace(task, following=following.family)
 
+    def in_sight(self) -> int:
+        """Tasks that are left, as far as it looks ahead."""
+        self._look(AHEAD)
+        return len(self._waiting) + len(self._kept)
+
+    def _look(self, ahead: int) -> None:
+        self._waiting += islice(self._source, max(0, ahead - len(self._waiting)))
+
     def _cheapest(self, worker: Hashable) -> Task | None:
         """Take the task that costs a process the least, the first of equal ones."""
         had = self._had.setdefault(worker, set())
-        ahead = AHEAD if len(self._had) > 1 else 1
-        self._waiting += islice(self._source, max(0, ahead - len(self._waiting)))
+        self._look(AHEAD if len(self._had) > 1 else 1)
         if not self._waiting:
             return None
         others = [theirs for other, theirs in self._had.items() if other != worker]

@@ -14,11 +14,12 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from malus.bench.running.family_task import FamilyResult, FamilyTask
+from malus.bench.running.inside_worker import SCORING, import_all
 from malus.bench.running.parts import Failure
 from malus.bench.running.sharing import cpu_processes, on_a_card, shared, shared_later
 from malus.bench.running.task_queue import TaskQueue
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
-from malus.renderers.variant import Variant
+from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.core.cores import usable_cores
 
 if TYPE_CHECKING:
@@ -49,7 +50,13 @@ def in_worker_process(variant: Variant, worker: WorkerProcess) -> Engine:
     """
     work_of, card = partial(_in_worker, variant), on_a_card(variant)
     apart = partial(_Apart, variant) if card else None
-    return lambda tasks: shared_later(tasks, worker, cpu_processes(), work_of, apart)
+
+    def load(worker: WorkerProcess) -> None:
+        worker.begin(import_all, *SCORING)
+        if not card:
+            worker.begin(mitsuba, variant)
+
+    return lambda tasks: shared_later(tasks, worker, cpu_processes(), work_of, load, apart)
 
 
 def in_worker_processes(variant: Variant, workers: Sequence[WorkerProcess]) -> Engine:

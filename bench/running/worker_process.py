@@ -13,12 +13,8 @@ starts it still imports.
 
 from __future__ import annotations
 
-import faulthandler
-import gc
-import importlib
 import multiprocessing
 import os
-import pickle
 import signal
 import sys
 import tempfile
@@ -26,11 +22,13 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker, spawn
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import DupFd
 from types import ModuleType
 from typing import IO, Any, TypeVar
+
+from malus.bench.running.inside_worker import END, ERROR, READY, serve, without_results
 
 ATTEMPTS = 2
 """Worker processes that one task may cost before it is recorded as failed."""
@@ -41,8 +39,6 @@ the suites of malus, on two cores."""
 
 LONGEST_SECONDS = 1e6
 """Largest timeout, eleven days; far longer ones overflow the clock of the watchdog."""
-
-_END, _ITEM, _ERROR, _READY = "end", "item", "error", "ready"
 
 _START_SECONDS = 300.0
 """Time in which a process has to start: it imports malus, which takes a second or two."""
@@ -124,13 +120,13 @@ class WorkerProcess:
         try:
             self._connection.send((function, arguments, self.timeout))
             while self._begun:
-                self._begun -= self._connection.recv()[0] in (_END, _ERROR)
+                self._begun -= self._connection.recv()[0] in (END, ERROR)
             started = time.monotonic()
             while True:
                 kind, item = self._connection.recv()
-                if kind == _ERROR:
+                if kind == ERROR:
                     raise item
-                if kind == _END:
+                if kind == END:
                     return
                 yield item
         except (EOFError, BrokenPipeError, ConnectionResetError):
@@ -147,6 +143,7 @@ class WorkerProcess:
 
         Examples
         --------
+        >>> from malus.bench.running.inside_worker import import_all
         >>> with WorkerProcess(timeout=60) as worker:
         ...     worker.begin(import_all, "json")
         ...     list(worker.stream(range, 2))
@@ -158,8 +155,23 @@ class WorkerProcess:
             assert self._connection is not None
             # Imports may take longer than tasks that are given little time.
             seconds = max(self.timeout, _START_SECONDS)
-            self._connection.send((_without_results, (function, *arguments), seconds))
+            self._connection.send((without_results, (function, *arguments), seconds))
             self._begun += 1
+
+    def is_free(self) -> bool:
+        """Whether it would begin a task at once: it has started, and done what it was to begin.
+
+        So is one that died: its next task tells.
+        """
+        with suppress(Died, EOFError, ConnectionResetError):
+            while self._connection is not None and (self._begun or self._told is not None):
+                if not self._connection.poll():
+                    return False
+                if self._told is not None:
+                    self._wait_until_ready()
+                else:
+                    self._begun -= self._connection.recv()[0] in (END, ERROR)
+        return True
 
     def _start(self) -> None:
         """Start a process.
@@ -177,7 +189,7 @@ class WorkerProcess:
         self._begun = 0
         self._told = tempfile.TemporaryFile()  # noqa: SIM115 - closed when the process is ready
         with _start_lock, _errors_to(self._told.fileno()) as error_stream, main_hidden() as main:
-            process = context.Process(target=_serve, args=(worker_end, error_stream, main))
+            process = context.Process(target=serve, args=(worker_end, error_stream, main))
             try:
                 process.start()
                 self._process = process
@@ -236,19 +248,6 @@ class WorkerProcess:
             self._process = self._connection = None
 
 
-def import_all(*modules: str) -> None:
-    """Import modules by their names."""
-    for module in modules:
-        importlib.import_module(module)
-
-
-def _without_results(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
-    gc.disable()  # modules stay: nobody need look for garbage while they are made, or among them
-    function(*arguments)
-    gc.freeze()
-    yield from ()
-
-
 def retried(attempt: Callable[[], Iterator[_Item]]) -> Iterator[_Item]:
     """Yield what `attempt()` yields, and call it again where the worker dies, `ATTEMPTS` times.
 
@@ -267,25 +266,11 @@ def retried(attempt: Callable[[], Iterator[_Item]]) -> Iterator[_Item]:
             return
 
 
-@contextmanager
-def at_most(seconds: float) -> Iterator[None]:
-    """End this process at once where the block takes longer, also in native code.
-
-    The watchdog is a thread written in C, which does not wait for the lock of Python.
-    """
-    with open(os.devnull, "w", encoding="ascii") as discarded:
-        faulthandler.dump_traceback_later(seconds, exit=True, file=discarded)
-        try:
-            yield
-        finally:
-            faulthandler.cancel_dump_traceback_later()
-
-
 def _is_ready(connection: Connection | None) -> bool:
     """Whether a new process says that it is ready, in time."""
     assert connection is not None
     try:
-        return connection.poll(_START_SECONDS) and connection.recv() == _READY
+        return connection.poll(_START_SECONDS) and connection.recv() == READY
     except (EOFError, ConnectionResetError):
         return False
 
@@ -337,64 +322,3 @@ def main_hidden() -> Iterator[tuple[str | None, str | None]]:
         yield name, None if path is None else os.path.abspath(path)
     finally:
         sys.modules["__main__"] = main
-
-
-def _serve(
-    connection: Connection, error_stream: int | None, main: tuple[str | None, str | None]
-) -> None:
-    """Do the tasks that come through the connection, until the parent closes it."""
-    if error_stream is not None:
-        os.dup2(error_stream, 2)
-        os.close(error_stream)
-    connection.send(_READY)
-    # Ctrl-C goes to all processes of a terminal; the parent ends this one.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_follow_parent, daemon=True).start()
-    while True:
-        gc.enable()
-        try:
-            message = connection.recv_bytes()
-        except EOFError:
-            return
-        try:
-            function, arguments, timeout = _unpickled(message, main)
-            with at_most(timeout):
-                for item in function(*arguments):
-                    connection.send((_ITEM, item))
-            connection.send((_END, None))
-        except Exception as error:
-            connection.send((_ERROR, error))
-
-
-def _unpickled(message: bytes, main: tuple[str | None, str | None]) -> Any:
-    """The object of a message; the program that started this one is run where it defines a part.
-
-    Raises
-    ------
-    InputError
-        Where that program cannot be run again.
-    """
-    try:
-        return pickle.loads(message)
-    except AttributeError:
-        name, path = main
-        try:
-            if name is not None:
-                spawn._fixup_main_from_name(name)  # type: ignore[attr-defined]
-            elif path is not None:
-                spawn._fixup_main_from_path(path)  # type: ignore[attr-defined]
-            return pickle.loads(message)
-        except Exception as error:
-            from malus.scenes.core.errors import InputError, first_line
-
-            expected = "methods that a worker process can import"
-            hint = "define them in a module of their own"
-            raise InputError("methods", expected, first_line(error), hint) from None
-
-
-def _follow_parent() -> None:
-    """End this process when its parent ends, also where that was killed."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

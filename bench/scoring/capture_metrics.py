@@ -29,6 +29,8 @@ from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
 _ANGLE_SETS = (PAPER_ANGLES_DEG, *((angle,) for angle in PAPER_ANGLES_DEG))
+_NO_POLARISATION = 1e-12
+"""NMSE of the guess that single precision makes of pictures that do not differ."""
 _ROUNDING = 1e-5
 """Share of its light by which a pixel may be more than completely polarised."""
 
@@ -89,33 +91,37 @@ class CapturedPixels:
 
         `noise` is the part of an NMSE that the noise of the pictures makes. It is in the error of
         the guess I(ϑ) = I/2 too, and not subtracted for the skill: what the fit leaves of the
-        pictures is not only noise.
+        pictures is not only noise. Where the guess's error does not rise above it, no skill can be
+        told: it is NaN.
         """
         estimate: Float64Array = np.asarray(estimated, dtype=np.float64)
         error = Residuals.of(estimate - self.stokes, 1.0)
         residuals = (error, self.noise, self._guess)
         nmse, noise, guess = nmse_by(residuals, _ANGLE_SETS).mean(axis=2)
-        skill = skills(nmse, guess, 0.0, error.pixels)
+        skill = _skills(nmse, guess, noise, error.pixels)
         for angle, *row in zip((None, *PAPER_ANGLES_DEG), nmse, noise, skill, strict=True):
             nmse_value, noise_value, skill_value = map(float, row)
             yield MetricValue("nmse", nmse_value, noise_value, None, angle)
             yield MetricValue("skill", skill_value, 0.0, None, angle)
-        yield from self._agreement(estimate, float(guess[0]))
+        yield from self._agreement(estimate, guess[:1], noise[:1])
         yield MetricValue("violations", float(_violations(estimate)))
         yield from polarisation_values(PolarisationError.of(estimate, self.stokes), self._perfect)
         yield from self._colours(estimate)
 
     def errors(self, estimated: FloatArray) -> tuple[float, float]:
         """NMSE and skill of estimated Stokes vectors over the peak."""
-        error, guess = Residuals.of(estimated - self.stokes, 1.0).nmse(), self._guess.nmse()
-        return error, float(skills(np.array([error]), np.array([guess]), 0.0, 1)[0])
+        error = Residuals.of(estimated - self.stokes, 1.0)
+        nmse, noise, guess = (np.array([each.nmse()]) for each in (error, self.noise, self._guess))
+        return float(nmse[0]), float(_skills(nmse, guess, noise, error.pixels)[0])
 
     def part(self, chosen: BoolArray) -> CapturedPixels:
         """Some of the pixels, with the same peak; their noise is not told apart."""
         noise = Residuals(self.noise.moments * chosen.mean(), int(chosen.sum()))
         return CapturedPixels(self.stokes[chosen], self.peak, noise, self.channels)
 
-    def _agreement(self, estimated: Float64Array, guess: float) -> Iterator[MetricValue]:
+    def _agreement(
+        self, estimated: Float64Array, guess: Float64Array, noise: Float64Array
+    ) -> Iterator[MetricValue]:
         """Slope, rotation and best scale of the estimated against the true field."""
         true, field = self.stokes[..., 1:], estimated[..., 1:]
         energy, own, along = (float(np.vdot(a, b)) for a, b in _pairs(true, field))
@@ -127,8 +133,8 @@ class CapturedPixels:
         scale = along / own if own > 0 else nan
         yield MetricValue("scale", scale)
         scaled = estimated * np.array([1.0, scale, scale]) if own > 0 else estimated
-        error = Residuals.of(scaled - self.stokes, 1.0).nmse()
-        skill = skills(np.array([error]), np.array([guess]), 0.0, len(estimated))
+        error = np.array([Residuals.of(scaled - self.stokes, 1.0).nmse()])
+        skill = _skills(error, guess, noise, len(estimated))
         yield MetricValue("scaled_skill", float(skill[0]) if own > 0 else nan)
 
     def _colours(self, estimated: Float64Array) -> Iterator[MetricValue]:
@@ -155,6 +161,15 @@ class CapturedPixels:
         if self.channels not in (RGB, GREY):
             return None
         return weighted_colours(self.stokes, channel_weights(self.channels))
+
+
+def _skills(
+    nmse: Float64Array, guess: Float64Array, noise: Float64Array, pixels: int
+) -> Float64Array:
+    """Skills of errors with the noise in them; NaN where the guess's do not rise above it."""
+    is_told = np.isfinite(skills(nmse - noise, guess - noise, noise, pixels))
+    is_told &= guess > _NO_POLARISATION
+    return np.where(is_told, skills(nmse, guess, 0.0, pixels), np.nan)
 
 
 def _pairs(

@@ -5,13 +5,12 @@ Table I of the paper, on real pictures.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from malus.bench.scoring.metrics import Error, Residuals, skill
+from malus.bench.scoring.capture_metrics import CapturedPixels
 from malus.reconstruct.photos.angle_convention import check_convention, check_outlines
 from malus.reconstruct.photos.capture import Capture, read_capture
 from malus.reconstruct.photos.capture_fit import CaptureFit, fit_capture
@@ -31,6 +30,7 @@ from malus.scenes.colour import (
 from malus.scenes.core.arrays import BoolArray, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import add_to_folder
+from malus.scenes.core.json_text import json_text
 
 
 def score_capture(
@@ -81,7 +81,7 @@ def score_capture(
     fit = fit or fit_capture(capture)
     knowledge = knowledge or Knowledge()
     image = np.maximum(fit.stokes[..., 0], 0)
-    result = estimate(image, knowledge, where)
+    result = estimate(image, knowledge, where, capture.wavelengths_nm)
     components = result.components
     mask = ~capture.clipped if knowledge.mask is None else knowledge.mask & ~capture.clipped
     if knowledge.normals is not None:
@@ -92,18 +92,18 @@ def score_capture(
     estimated = np.stack([image[mask], components.s1[mask], components.s2[mask]], axis=-1)
     true = fit.stokes[mask]
     trivial = true * np.array([1, 0, 0], dtype=true.dtype)
-    peak = max(float(image[mask].max(initial=0.0)), 1e-30)
-    errors = [Residuals.of(guess - true, peak) for guess in (estimated, trivial)]
-    nmse, guess = (error.nmse() for error in errors)
+    pixels = CapturedPixels.of(capture, fit, mask)
+    colours = colour_differences if capture.wavelengths_nm is None else _no_colours
+    nmse, skill = pixels.errors(estimated / pixels.peak)
     return {
         "convention": convention_doubt(fit, knowledge, ~capture.clipped),
         "pixels": int(mask.sum()),
         "nmse": nmse,
-        "nmse_trivial": guess,
-        "skill": skill(Error(nmse, 0.0), Error(guess, 0.0), int(mask.sum())),
+        "nmse_trivial": pixels.errors(trivial / pixels.peak)[0],
+        "skill": skill,
         "best_gain": _best_gain(estimated, true),
-        "delta_e76": colour_differences(estimated, true, peak),
-        "delta_e76_trivial": colour_differences(trivial, true, peak),
+        "delta_e76": colours(estimated, true, pixels.peak),
+        "delta_e76_trivial": colours(trivial, true, pixels.peak),
         "statements": list(result.statements),
         "warnings": list(result.warnings),
     }
@@ -145,6 +145,11 @@ def colour_differences(
     }
 
 
+def _no_colours(*_: object) -> dict[str, list[float]]:
+    """Bands of a spectrum are not the light of three primaries."""
+    return {}
+
+
 def write_fit(
     out: Path | str, fit: CaptureFit, results: dict[str, Any], channels: tuple[str, ...] = ()
 ) -> None:
@@ -170,6 +175,6 @@ def write_fit(
             )
         save_16bit(folder / "dolp.png", to_16bit(polarisation.dolp(summed)))
         save_16bit(folder / "aolp.png", aolp_16bit(summed))
-        (folder / "capture.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
+        (folder / "capture.json").write_text(json_text(results, 1), encoding="utf-8")
 
     add_to_folder(Path(out), write)

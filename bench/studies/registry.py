@@ -66,17 +66,16 @@ def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findi
 
 def _write(study: Study, folder: Path, findings: Findings) -> None:
     """run.json and the page of a study that has one; the figures as NAME.json of any other."""
-    import json
-
     from malus.bench.running.results import origin, write_run
     from malus.reports.write import write_study
     from malus.scenes.core.files import replace_text
+    from malus.scenes.core.json_text import json_text
 
     if study.has_page:
         write_run(folder, origin() | {"study": study.name, "description": study.description})
         write_study(folder)
         return
-    text = json.dumps(findings.figures, indent=2, sort_keys=True) + "\n"
+    text = json_text(findings.figures, 2, sort_keys=True) + "\n"
     replace_text(folder / f"{study.name}.json", text)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +59,7 @@ class Capture(NamedTuple):
     assumption : a sentence on how the files' values were turned into light
     hints : what may be wrong with levels, and the option that would mend it
     one_exposure : whether all pictures are one frame, between which nothing can move
-    channels : names of the channels where they are bands of a spectrum
+    channels : names of the channels where they are bands of a spectrum: `450nm` and so on
 
     Examples
     --------
@@ -78,6 +79,11 @@ class Capture(NamedTuple):
     hints: tuple[str, ...] = ()
     one_exposure: bool = False
     channels: tuple[str, ...] = ()
+
+    @property
+    def wavelengths_nm(self) -> tuple[float, ...] | None:
+        """Wavelengths of the channels where they are bands of a spectrum, such as `450nm`."""
+        return tuple(float(name.removesuffix("nm")) for name in self.channels) or None
 
 
 @dataclass(frozen=True)
@@ -164,14 +170,10 @@ def read_capture(
     path = Path(path)
     if not math.isfinite(offset_deg):
         raise InputError("offset", "finite degrees", f"{offset_deg}", "correct this value")
-    if (size is None) != (packing is None) or (bayer is not None and mosaic is None):
-        told = "one of them" if bayer is None else "bayer alone"
-        raise InputError("mosaic", "size with packing, and bayer with mosaic", told, "add it")
-
-    readable = path.suffix.lower() in (*SUFFIXES, ".npy")
-    if mosaic is not None and size is None and path.is_file() and not readable:
-        found, hint = path.suffix or "no suffix", "a frame without a header needs `size`, `packing`"
-        raise InputError(str(path), "a picture or an array", found, hint)
+    if mosaic is None:
+        _refuse_of_frames(bayer=bayer, size=size, packing=packing)
+    else:
+        _check_frame(path, angles, bayer, size, packing)
 
     def read_one(file: Path) -> Picture:
         if size is not None and packing is not None:
@@ -187,6 +189,37 @@ def read_capture(
     turn = _Convention(unit or stack.unit, zero or stack.zero or "vertical", sense, offset_deg)
     where = str(path) if angles is None else "angles"
     return _read_stack(path, stack, turn.from_vertical(where, stack.angles), levels)
+
+
+def _refuse_of_frames(**told: object) -> None:
+    """Raises InputError where something is told that only a camera's frame has."""
+    alone = [name for name, value in told.items() if value is not None]
+    if alone:
+        found = f"{' and '.join(alone)} without it"
+        raise InputError("mosaic", "the four angles of a frame", found, "add it, or leave them out")
+
+
+def _check_frame(
+    path: Path,
+    angles: Sequence[float] | None,
+    bayer: str | None,
+    size: tuple[int, int] | None,
+    packing: str | None,
+) -> None:
+    """Raises InputError where what is told of a frame does not belong together."""
+    if angles is not None:
+        found, hint = "angles beside it", "a frame's are those of `mosaic`: leave one out"
+        raise InputError("mosaic", "no other angles", found, hint)
+    if (size is None) != (packing is None):
+        found = "size" if packing is None else "packing"
+        raise InputError("mosaic", "size with packing", f"{found} alone", "add the other")
+    order = re.search(r"bayer_?(rg|bg|gr|gb)", packing.lower()) if packing is not None else None
+    if order is not None and order[1] != (bayer or "")[:2]:
+        expected, hint = f"bayer of {packing}, which begins with {order[1]}", "correct one of them"
+        raise InputError("bayer", expected, bayer or "none", hint)
+    if size is None and path.is_file() and path.suffix.lower() not in (*SUFFIXES, ".npy"):
+        found, hint = path.suffix or "no suffix", "a frame without a header needs `size`, `packing`"
+        raise InputError(str(path), "a picture or an array", found, hint)
 
 
 @dataclass(frozen=True)

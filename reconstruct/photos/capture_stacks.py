@@ -152,9 +152,10 @@ def _of_values(path: Path, values: AnyArray) -> Picture:
             str(path), "(height, width) or 1 or 3 channels", f"{values.shape}", "arrange it so"
         )
     check_size(path, planes.shape[1], planes.shape[0])
-    if planes.dtype in (np.uint8, np.uint16):
-        transfer = linear_transfer(8 * planes.dtype.itemsize)
-        return Picture(transfer.linear(np.asarray(planes)), "TIFF", transfer)
+    native = planes.dtype.newbyteorder("=")
+    if native in (np.uint8, np.uint16):
+        transfer = linear_transfer(8 * native.itemsize)
+        return Picture(transfer.linear(np.asarray(planes, dtype=native)), "TIFF", transfer)
     light = np.asarray(planes, dtype=np.float32)
     if not np.isfinite(light).all():
         bad = int(np.count_nonzero(~np.isfinite(light)))

@@ -40,8 +40,16 @@ class Estimate(NamedTuple):
     warnings: tuple[str, ...] = ()
 
 
-def estimate(image: Float32Array, knowledge: Knowledge, where: str) -> Estimate:
+def estimate(
+    image: Float32Array,
+    knowledge: Knowledge,
+    where: str,
+    wavelengths_nm: tuple[float, ...] | None = None,
+) -> Estimate:
     """Components of a photograph (height, width, 1 or 3) in linear light; `where` names it.
+
+    Channels that are bands of a spectrum have `wavelengths_nm`; without, three are red, green and
+    blue.
 
     A method that is named is used. Otherwise, of a picture alone `net` tells it; with a light or
     without normals, there is one distant light and `blind` does it all; with normals and no light,
@@ -67,7 +75,8 @@ def estimate(image: Float32Array, knowledge: Knowledge, where: str) -> Estimate:
         of_itself = knowledge.method in PAPER_SEPARATIONS or is_network(knowledge.method)
         own = name is None and of_itself
         light = ILLUMINANTS[name or "neutral"](image, mask)
-        whole = _observation(image, mask, light.colour, knowledge, own)
+        observed = _observation(image, mask, light.colour, knowledge, own)
+        whole = replace(observed, wavelengths_nm=wavelengths_nm)
         results, failed = _of_objects(whole, knowledge)
     except Inapplicable as reason:
         raise InputError(

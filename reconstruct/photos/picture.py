@@ -105,7 +105,10 @@ class Picture:
 
 def check_size(path: Path, width: int, height: int) -> None:
     """Refuse pictures that are too large, or empty, before a pixel is decoded."""
-    if not 0 < width * height <= MAX_PIXELS:
+    if min(width, height) < 1:
+        expected, found = "a pixel or more a side", f"{width} x {height}"
+        raise InputError(str(path), expected, found, "correct its size")
+    if width * height > MAX_PIXELS:
         raise InputError(
             str(path),
             f"at most {MAX_PIXELS / 1e6:g} megapixels",

@@ -204,4 +204,8 @@ def _exr(path: Path, picture: Picture) -> None:
     }
     kept = {name: restored(value) for name, value in metadata.get("header", {}).items()}
     with OpenEXR.File({**kept, **header}, channels) as file:
-        file.write(str(path))
+        try:
+            file.write(str(path))
+        except RuntimeError as error:  # on a full disk, too
+            reason = str(error).rsplit('". ', 1)[-1]  # without the name that it begins with
+            raise OSError(reason) from None

@@ -94,11 +94,16 @@ def add_to_folder(final: Path, write: Callable[[Path], object]) -> list[str]:
         names = sorted(path.name for path in temporary.iterdir())
         for name in names:
             os.replace(temporary / name, final / name)
-    except BaseException:
+    except BaseException as error:
         shutil.rmtree(temporary, ignore_errors=True)
         if is_new:
             with contextlib.suppress(OSError):
                 final.rmdir()
+        if isinstance(error, OSError):
+            raise _not_written(final, "folder", error) from error
+        if isinstance(error, InputError) and str(temporary) in error.where:
+            where = error.where.replace(str(temporary), str(final))
+            raise InputError(where, error.expected, error.found, error.hint) from error
         raise
     shutil.rmtree(temporary, ignore_errors=True)
     return names

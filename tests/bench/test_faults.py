@@ -22,11 +22,12 @@ from malus.bench import run
 from malus.bench.datasets.render import RenderTask, render_dataset
 from malus.bench.running.cluster import engine, local_cluster, spread
 from malus.bench.running.family_task import FamilyResult, FamilyTask
+from malus.bench.running.inside_worker import import_all
 from malus.bench.running.plan import plan
 from malus.bench.running.status import status
 from malus.bench.running.truths import truths
 from malus.bench.running.work import Engine, in_worker_process, in_worker_processes, work
-from malus.bench.running.worker_process import Died, WorkerProcess, import_all, retried
+from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth
 from malus.renderers.datasets.dataset import open_dataset

@@ -41,6 +41,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ball = np.sqrt(np.clip(0.8 - x**2 - y**2, 0, None))
     Image.fromarray((200 * ball).astype(np.uint8)).save(folder / "a.png")
     Image.fromarray((255 * (ball > 0)).astype(np.uint8)).save(folder / "mask.png")
+    (folder / "capture").mkdir()
+    for angle in (0, 45, 90, 135):
+        light = 100 * ball * (1.5 + np.cos(np.radians(2 * angle)) / 2)
+        Image.fromarray(light.astype(np.uint8)).save(folder / "capture" / f"{angle}.png")
     return folder
 
 
@@ -54,6 +58,7 @@ def commands(made: Path, out: Path) -> dict[str, tuple[str, ...]]:
             *("filter", str(made / "a.png"), "--mask", str(made / "mask.png")),
             *("--light", "1,1,2", "--preset", "plastic", "--angle", "0", "--out", str(out)),
         ),
+        "capture": ("capture", str(made / "capture"), "--fit-only", "--out", str(out)),
         "bench": ("bench", "reconstruct", "--megapixels", "0.001", "--out", str(out)),
     }
 
@@ -64,7 +69,7 @@ def read_only(tmp_path: Path) -> Iterator[Path]:
         yield folder
 
 
-WRITING = ("run", "render", "export", "score", "filter", "bench")
+WRITING = ("run", "render", "export", "score", "filter", "capture", "bench")
 
 
 @pytest.mark.parametrize("command", WRITING)
@@ -103,10 +108,11 @@ def full(out: Path, *arguments: str) -> None:
     assert done.returncode == 2, done.stderr
     assert f"malus: {out}" in one_line(done.stderr)
     assert "No space left on device" in done.stderr
+    assert ".part-" not in done.stderr
     assert not [name for name in files(out) if ".part-" in name]
 
 
-@pytest.mark.parametrize("command", ["export", "score", "filter", "report"])
+@pytest.mark.parametrize("command", ["export", "score", "filter", "capture", "report"])
 def test_a_full_disk_is_one_line(made: Path, small: Path, command: str) -> None:
     out = small / "out"
     out.mkdir()

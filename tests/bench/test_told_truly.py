@@ -19,7 +19,8 @@ from malus.bench.datasets.card import card
 from malus.bench.datasets.export import export
 from malus.bench.datasets.layouts import layout_predictions
 from malus.bench.gates.baseline import RunIdentity
-from malus.bench.running.worker_process import WorkerProcess, import_all
+from malus.bench.running.inside_worker import import_all
+from malus.bench.running.worker_process import WorkerProcess
 from malus.bench.studies import registry, scaling, speed_ratio
 from malus.bench.studies.registry import STUDIES
 from malus.reconstruct.photos.knowledge import Knowledge

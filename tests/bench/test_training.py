@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -176,6 +178,37 @@ def test_going_on_needs_the_same_model_and_versions(
         with pytest.raises(InputError, match="the data, options, versions and device of"):
             malus.train(spheres, model, options, begin_from=trained)
     assert malus.train(spheres, model, options, begin_from=trained).history[0]["step"] == 0
+
+
+def test_what_no_such_training_wrote_is_not_replaced(
+    trained: Path, spheres: Path, tmp_path: Path
+) -> None:
+    def begin(options: TrainingOptions, **told: Any) -> None:
+        def stop(_done: int, _total: int, label: str) -> None:
+            if label.startswith("steps"):
+                raise KeyboardInterrupt
+
+        malus.train(spheres, tmp_path / "net.onnx", options, stop, **told)
+
+    for suffix in (".onnx", ".json", ".svg"):
+        own = tmp_path / f"net{suffix}"
+        own.write_text("mine", encoding="ascii")
+        with pytest.raises(InputError, match=f"or that of a training, found .*net{suffix}"):
+            begin(QUICK)
+        assert own.read_text("ascii") == "mine"
+        own.unlink()
+    model = shutil.copy(trained, tmp_path / "net.onnx")
+    with pytest.raises(InputError, match="found a model of other data or options"):
+        malus.train(spheres, tmp_path / "net.onnx", replace(QUICK, steps=1))
+    (tmp_path / "net.json").write_text('{"holiday": 1}', encoding="ascii")
+    with pytest.raises(InputError, match=r"or that of a training, found .*net\.json"):
+        begin(QUICK)
+    shutil.copy(trained.with_suffix(".json"), tmp_path / "net.json")
+    with pytest.raises(KeyboardInterrupt):  # the same training anew
+        begin(QUICK)
+    with pytest.raises(KeyboardInterrupt):  # or this model, trained further
+        begin(replace(QUICK, steps=1), begin_from=tmp_path / "net.onnx")
+    assert Path(model).read_bytes() == trained.read_bytes()
 
 
 def test_every_step_sees_other_examples(spheres: Path) -> None:

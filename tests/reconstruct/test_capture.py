@@ -232,3 +232,15 @@ def test_more_pictures_than_memory_holds_are_refused(
 def test_an_offset_that_is_no_angle_is_refused(tmp_path: Path, offset: float) -> None:
     with pytest.raises(InputError, match="offset: expected finite degrees, found"):
         read_capture(tmp_path, offset_deg=offset)
+
+
+def test_codes_count_alike_in_either_byte_order(tmp_path: Path) -> None:
+    stokes, _ = dome_stokes(16)
+    light = np.stack([polarisation.polarised(stokes, angle) for angle in (0, 45, 90, 135)])
+    captures = []
+    for kind in ("<u2", ">u2"):
+        np.save(tmp_path / "codes.npy", (2000 + 20000 * light).astype(kind))
+        told = {"angles": (0, 45, 90, 135), "black": 1000 / 65535}
+        captures.append(read_capture(tmp_path / "codes.npy", **told))
+    assert captures[0].pictures.max() < 1
+    np.testing.assert_array_equal(captures[0].pictures, captures[1].pictures)

@@ -136,8 +136,8 @@ def test_a_dark_frame_beside_the_pictures_is_none_of_them(tmp_path: Path) -> Non
         ({"angles": (0, 45, 90)}, "angles: expected 4 angles, one a picture, found 3"),
         ({"angles": (0, 1, 2, 3)}, "are they radians"),
         ({"angles": (0, 90, 180, 270)}, "three or more angles"),
-        ({"bayer": "rggb"}, "bayer with mosaic"),
-        ({"size": (24, 24)}, "size with packing"),
+        ({"bayer": "rggb"}, "mosaic: expected the four angles of a frame, found bayer without"),
+        ({"size": (24, 24), "packing": "mono8"}, "found size and packing without it"),
     ],
 )
 def test_bad_options_are_named(options: dict[str, object], words: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import PIL.Image
@@ -232,14 +233,18 @@ def packed(codes: np.ndarray, packing: str) -> bytes:
 )  # fmt: skip
 def test_packed_frames(tmp_path: Path, packing: str) -> None:
     bits = int(re.search(r"\d+", packing)[0])
-    codes = np.random.default_rng(0).integers(0, 1 << bits, (6, 8))
+    codes = np.random.default_rng(0).integers(0, 1 << bits, (12, 16))
     (tmp_path / "f.raw").write_bytes(packed(codes, packing.lower()))
-    picture = read_raw(tmp_path / "f.raw", (8, 6), packing)
+    picture = read_raw(tmp_path / "f.raw", (16, 12), packing)
     # The nearest float32 of a code over the largest.
     expected = codes / ((1 << bits) - 1)
     np.testing.assert_allclose(picture.linear[..., 0], expected, rtol=1e-6)
-    capture = read_capture(tmp_path / "f.raw", mosaic=SONY, size=(8, 6), packing=packing)
-    assert capture.pictures.shape == (4, 6, 8, 1)
+    bayer = "rggb" if "Bayer" in packing else None
+    options = {"mosaic": SONY, "size": (16, 12), "packing": packing, "bayer": bayer}
+    capture = read_capture(tmp_path / "f.raw", **options)
+    assert capture.pictures.shape == (4, 12, 16, 3 if bayer else 1)
+    if bayer:
+        return
     assert capture.clipped.any() == (codes == codes.max()).any() * (codes.max() == 2**bits - 1)
 
 
@@ -275,7 +280,8 @@ def test_unpacking_drops_the_bits_that_fill_the_last_byte() -> None:
         (100, (8, 8), "mono12p", "expected 96 bytes: 8 x 8 pixels of mono12p, found 100 bytes"),
         (64, (8, 8), "mono9", "packing: expected one of mono8"),
         (64, (8, 8), "mono16p", "packing: expected one of mono8"),
-        (0, (0, 8), "mono8", "megapixels"),
+        (0, (0, 8), "mono8", "a pixel or more a side"),
+        (0, (10_000, 10_000), "mono8", "megapixels"),
         (128, (8, 8), "mono10", "codes of 10 bits, found"),
     ],
 )
@@ -328,3 +334,32 @@ def test_a_turned_frame_is_refused(tmp_path: Path) -> None:
     assert read_capture(tmp_path / "1.tif", mosaic=SONY).pictures.shape == (4, 16, 16, 1)
     with pytest.raises(InputError, match="a frame that is not turned"):
         read_capture(tmp_path / "6.tif", mosaic=SONY)
+
+
+SQUARE = {"mosaic": (90, 45, 135, 0)}
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({"angles": (0, 45, 90, 135)}, "mosaic: expected no other angles"),
+        ({"size": (12, 12)}, "mosaic: expected size with packing, found size alone"),
+        ({"packing": "mono8"}, "mosaic: expected size with packing, found packing alone"),
+        ({"size": (12, 12), "packing": "BayerRG8"}, "bayer: expected .* rg, found none"),
+        (
+            {"size": (12, 12), "packing": "BayerBG8", "bayer": "rggb"},
+            "bayer: expected bayer of BayerBG8, which begins with bg, found rggb",
+        ),
+        ({"size": (-12, -12), "packing": "mono8"}, "a pixel or more a side, found -12 x -12"),
+        ({"size": (0, 12), "packing": "mono8"}, "a pixel or more a side, found 0 x 12"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused(
+    told: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "frame.raw"
+    path.write_bytes(bytes(range(1, 145)))
+    with pytest.raises(InputError, match=words):
+        read_capture(path, **SQUARE, **told)
+    colour = {"size": (12, 12), "packing": "BayerRG8", "bayer": "rggb"}
+    assert read_capture(path, **SQUARE, **colour).pictures.shape == (4, 12, 12, 3)

@@ -1,0 +1,149 @@
+"""Captures whose channels are bands of a spectrum: their wavelengths reach methods and pages."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from runs import NOBODY, SUITE
+
+import malus
+from malus.bench.datasets.export import export
+from malus.bench.datasets.render import render_dataset
+from malus.bench.running.capture_suite import CaptureSuite
+from malus.bench.scoring.capture_score import score_capture, write_fit
+from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
+from malus.reconstruct.photos import estimate as photo_estimate
+from malus.reconstruct.photos.capture import read_capture
+from malus.reconstruct.photos.capture_fit import fit_capture
+from malus.reconstruct.photos.knowledge import Knowledge
+from malus.renderers.datasets.dataset import open_dataset
+from malus.reports.viewer.examples import read_examples
+from malus.scenes import Camera
+from malus.scenes.core.result_files import EXAMPLES
+
+THREE, FIVE = (450.0, 550.0, 650.0), (420.0, 480.0, 550.0, 600.0, 680.0)
+
+
+def shortest(observation: Observation) -> Components:
+    """Half of the light of the shortest wavelength is polarised, and no other."""
+    if observation.wavelengths_nm is None:
+        raise Inapplicable("the bands are not known")
+    first = np.argmin(observation.wavelengths_nm)
+    s1 = np.zeros_like(observation.image)
+    s1[..., first] = 0.5 * observation.image[..., first]
+    return Components(observation.image, s1, np.zeros_like(s1))
+
+
+SHORTEST = replace(get_method("unpolarised"), name="shortest", reconstruct=shortest)
+assert isinstance(SHORTEST, Method)
+
+
+def exported(folder: Path, layout: str, bands: tuple[float, ...]) -> Path:
+    """The folder of a scene with light of so many bands."""
+    suite = SUITE.model_copy(
+        update={
+            "camera": Camera(resolution=12),
+            "wavelengths_nm": bands,
+            "materials": SUITE.materials[:1],
+        }
+    )
+    render_dataset(suite, folder / "data", NOBODY)
+    dataset = open_dataset(folder / "data")
+    export(dataset.path, layout, folder / "export")
+    return folder / "export" / dataset.scenes[0]
+
+
+@pytest.mark.parametrize("layout", ["numpy", "polanalyser"])
+@pytest.mark.parametrize("bands", [THREE, FIVE])
+def test_methods_and_pages_know_the_bands(
+    layout: str, bands: tuple[float, ...], tmp_path: Path
+) -> None:
+    folder = exported(tmp_path, layout, bands)
+    assert read_capture(folder).wavelengths_nm == bands
+    suite = CaptureSuite.of_folders([folder], [f"{__name__}:SHORTEST"])
+    results = malus.run_captures(suite, tmp_path / "results")
+    assert not results.run["failures"]
+    (example,) = read_examples(tmp_path / "results" / EXAMPLES)
+    assert example.wavelengths_nm == bands
+    assert example.band_names[0] == f"{bands[0]:g} nm"
+    stokes = example.methods["shortest"][example.mask]
+    np.testing.assert_array_equal(stokes[:, 0, 1], 0.5 * stokes[:, 0, 0])
+    assert stokes[:, 0, 1].any()
+    assert not stokes[:, 1:, 1].any()
+    page = (tmp_path / "results" / "report.html").read_text("utf-8")
+    assert f"{bands[0]:g} nm" in page
+
+
+def test_a_single_capture_tells_its_bands_and_compares_no_colours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = exported(tmp_path, "numpy", THREE)
+    capture, truth = read_capture(folder), open_dataset(tmp_path / "data").truth(folder.name)
+    seen: list[object] = []
+    whole = photo_estimate._of_objects
+
+    def watched(observation: Observation, knowledge: Knowledge) -> object:
+        seen.append(observation.wavelengths_nm)
+        return whole(observation, knowledge)
+
+    monkeypatch.setattr(photo_estimate, "_of_objects", watched)
+    known = Knowledge(truth.normals, truth.mask, eta=1.5, alpha=0.1, mirror=True)
+    score = score_capture(capture, knowledge=known)
+    assert seen == [THREE]
+    assert score["delta_e76"] == score["delta_e76_trivial"] == {}
+
+
+def test_the_id_of_an_export_is_of_its_files(tmp_path: Path) -> None:
+    folder = exported(tmp_path, "polanalyser", THREE)
+
+    def scene() -> str:
+        suite = CaptureSuite.of_folders([folder], ["unpolarised"])
+        return str(malus.run_captures(suite, tmp_path / "results").table.scene.iloc[0])
+
+    before = scene()
+    assert scene() == before
+    shutil.copy(folder / "450nm" / "image00002.exr", folder / "450nm" / "image00000.exr")
+    assert scene() != before
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.004])
+def test_without_polarisation_no_skill_is_told(sigma: float, tmp_path: Path) -> None:
+    """Four pictures that differ by nothing, or by noise: the guess has no error but that."""
+    random = np.random.default_rng(3)
+    light = random.uniform(0.2, 0.8, (48, 48, 1))
+    pictures = np.repeat(light[None], 4, axis=0) + random.normal(0, sigma, (4, 48, 48, 1))
+    np.save(tmp_path / "four.npy", pictures.astype(np.float32))
+    suite = CaptureSuite.of_folders(
+        [tmp_path / "four.npy"], [f"{__name__}:STRONG"], angles=(0.0, 45.0, 90.0, 135.0)
+    )
+    table = malus.run_captures(suite, tmp_path / "results").table
+    for metric in ("skill", "scaled_skill"):
+        assert table[(table.metric == metric) & (table.method == "strong")].value.isna().all()
+    of_all = (table.metric == "nmse") & table.angle_deg.isna() & (table.method == "strong")
+    assert (table[of_all].value > 0.001).all()
+    capture = read_capture(tmp_path / "four.npy", angles=(0, 45, 90, 135))
+    tilted = np.tile(np.array([0, np.sin(np.pi / 3), 0.5], np.float32), (48, 48, 1))
+    mirror = Knowledge(tilted, eta=1.5, alpha=0.01, mirror=True)
+    score = score_capture(capture, knowledge=mirror)
+    assert math.isnan(score["skill"])
+    write_fit(tmp_path / "fit", fit_capture(capture), {"score": score})
+    written = json.loads(
+        (tmp_path / "fit" / "capture.json").read_text("utf-8"),
+        parse_constant=lambda name: pytest.fail(f"{name} is no JSON"),
+    )
+    assert written["score"]["skill"] is None
+
+
+def strong(observation: Observation) -> Components:
+    """Half of all light is polarised."""
+    image = observation.image
+    return Components(image, 0.5 * image, np.zeros_like(image))
+
+
+STRONG = replace(get_method("unpolarised"), name="strong", reconstruct=strong)
