@@ -207,7 +207,7 @@ def phase(stokes: FloatArray) -> FloatArray:
 
 
 def dolp(stokes: FloatArray) -> FloatArray:
-    """Degree of linear polarisation √(s1² + s2²) / s0, zero where s0 is not positive.
+    """Degree of linear polarisation √(s1² + s2²) / s0, zero where s0 is not positive; NaN stays.
 
     Examples
     --------
@@ -215,7 +215,7 @@ def dolp(stokes: FloatArray) -> FloatArray:
     0.5
     """
     total = stokes[..., 0]
-    lit = total > 0
+    lit = ~(total <= 0)
     return np.divide(polarised_intensity(stokes), total, out=np.zeros_like(total), where=lit)
 
 
@@ -233,7 +233,7 @@ def aolp(stokes: FloatArray) -> FloatArray:
 def _half_turn(angle: FloatArray) -> FloatArray:
     """Angles modulo π, in [0, π): a tiny negative one, which rounding takes to π, becomes 0."""
     result = angle % np.pi
-    return np.where(result < np.pi, result, result.dtype.type(0.0))
+    return np.where(result >= np.pi, result.dtype.type(0.0), result)
 
 
 def stokes_from_extremes(i_max: FloatArray, i_min: FloatArray, phase: FloatArray) -> FloatArray:

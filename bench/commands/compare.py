@@ -11,7 +11,7 @@ from malus.bench.commands.options import FOLDER, command, json_option
 
 @command("compare")
 @click.argument("results", type=FOLDER, nargs=-1, required=True)
-@click.option("--out", type=FOLDER, help="Write the comparison as a page and Markdown here.")
+@click.option("--out", type=FOLDER, help="Write the comparison as a page and JSON here.")
 @json_option
 def compare_command(results: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
     """Compare finished runs, RESULTS, with the first of them: what changed beyond chance.

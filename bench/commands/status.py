@@ -45,7 +45,7 @@ def status_command(folder: Path, as_json: bool) -> None:
         console.print(f"  failed: {label}{f' ({whose})' if whose else ''}: {failure.reason}")
     if len(progress.failed) > SHOWN:
         console.print(f"  and {len(progress.failed) - SHOWN} more failures; --json tells all")
-    if not progress.finished:
+    if not progress.finished and (progress.left or progress.done):
         hint = ", and --part those that have not begun" if progress.parts else ""
         console.print(f"The command that made the folder, given again, goes on where it was{hint}.")
     elif progress.failed:

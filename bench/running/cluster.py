@@ -250,7 +250,14 @@ def _existing(address: str, stack: ExitStack) -> Any:
     hint = "is `dask scheduler` running there?"
     with reading("scheduler", "the address of a Dask scheduler", hint):
         client = stack.enter_context(distributed.Client(address, timeout=CONNECT_SECONDS))
-        client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+    hint = f"start `dask worker {address}`"
+    with reading(f"scheduler {address}", "a worker", hint):
+        try:
+            client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+        except TimeoutError:
+            raise InputError(
+                f"scheduler {address}", "a worker", f"none in {CONNECT_SECONDS} s", hint
+            ) from None
     return client
 
 

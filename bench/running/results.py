@@ -306,13 +306,25 @@ def read_results(folder: Path | str) -> Results:
     try:
         with open_regular(folder / TABLE) as file:
             table = _read_table(file)
-        run = json.loads((folder / RUN).read_text("utf-8"))
+        run = _checked(json.loads((folder / RUN).read_text("utf-8")))
     except Exception as error:  # also an InputError that names one file instead of the folder
         where, expected = f"results folder {folder}", f"{TABLE} and {RUN} of a finished run"
         hint = "`malus run` makes them"
         found = error.found if isinstance(error, InputError) else first_line(error)
         raise InputError(where, expected, found, hint) from None
     return Results(table, run)
+
+
+_PARTS = ("suite", "variant", "versions")
+"""Keys of a run's record whose values are objects."""
+
+
+def _checked(run: Any) -> dict[str, Any]:
+    """The record of a run; raises ValueError for another object."""
+    parts = [run, *(run.get(name, {}) for name in _PARTS)] if isinstance(run, dict) else [run]
+    if not all(isinstance(part, dict) for part in parts) or "suite" not in parts[0]:
+        raise ValueError(f"a {RUN} that is the record of something else")
+    return dict(parts[0])
 
 
 def _read_table(parquet: BinaryIO) -> pd.DataFrame:

@@ -223,7 +223,7 @@ class SuiteRun:
                 f"suite {self.suite.name}",
                 "a family that can be rendered and scored",
                 f"{len(totals.failures)} that failed",
-                f"the first says: {totals.failures[0].reason if totals.failures else 'nothing'}",
+                _first_of(totals.failures),
             )
 
     def record(self, totals: RunTotals) -> dict[str, Any]:
@@ -270,6 +270,14 @@ def _reason(failures: Iterable[Failure], lacking: set[str], family: FamilyPlan) 
             return failure
     hint = "give the command again: it makes the part again"
     raise InputError(f"results of {family.label}", "a whole part", "a damaged or lost one", hint)
+
+
+def _first_of(failures: Sequence[Failure]) -> str:
+    """What the first of some failures says, and how it is tried again where nothing else helps."""
+    if not failures:
+        return "the first says: nothing"
+    again = "; `retry_failed` tries them again" if failures[0].is_final(False) else ""
+    return f"the first says: {failures[0].reason}{again}"
 
 
 def _write_bytes(path: Path, content: bytes) -> None:

@@ -183,8 +183,8 @@ def polarscale(truth: Pictured) -> StokesMetric:
     As in PolarScale: components are divided by the largest s0 of the scene, the PSNR has a peak of
     1 and is of the whole picture, all components and channels together; the angle counts where the
     true degree of polarisation is above 0.1, channel by channel, and has no value where none is;
-    impossible is √(s1² + s2² + s3²) > s0, by more than float32 rounds. What they call
-    self-consistency is of degrees and angles given beside Stokes vectors: ours follow from them.
+    impossible is √(s1² + s2² + s3²) > s0, by more than float32 rounds, or not finite. What they
+    call self-consistency is of degrees and angles given beside Stokes vectors: ours follow.
     """
     return _metric(truth, _polarscale)
 
@@ -198,7 +198,8 @@ def _polarscale(pixels: _Pixels, estimated: Float64Array, true: Float64Array) ->
     angles = angle_between(polarisation.aolp(estimated), polarisation.aolp(true))[counted]
     length = np.linalg.norm(estimated[..., 1:], axis=-1)
     slack = 8.0 * float(np.finfo(np.float32).eps)
-    impossible = (length > estimated[..., 0] * (1.0 + slack)).sum()
+    possible = length <= estimated[..., 0] * (1.0 + slack)  # False where not finite
+    impossible = (~possible).sum()
     values = {
         "polarscale_psnr": psnr(PixelSums(everywhere, sums.total, sums.squares)),
         "polarscale_impossible": float(impossible) / (pixels.mask.size * true.shape[1]),

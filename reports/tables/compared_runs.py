@@ -151,6 +151,8 @@ class RunComparison:
         One a run, method, body, light and metric that both have.
     differing, means, changed : TextTable
         Facts that differ between the runs; error and skill of every method; changes beyond chance.
+    lost : tuple of str
+        Sentences on scenes of both runs that a method of both is scored on in the first only.
 
     Examples
     --------
@@ -166,13 +168,14 @@ class RunComparison:
     differing: TextTable
     means: TextTable
     changed: TextTable
+    lost: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, names: Sequence[str], runs: Sequence[ResultsLike]) -> RunComparison:
         """Compare runs; their names tell them apart in tables."""
         changes = compared(names, runs)
         tables = differing(names, runs), means_table(names, runs), changes_table(changes)
-        return cls(tuple(names), tuple(changes), *tables)
+        return cls(tuple(names), tuple(changes), *tables, tuple(no_longer_scored(names, runs)))
 
     @property
     def headline(self) -> str:
@@ -180,7 +183,8 @@ class RunComparison:
         counts = Counter(change.outcome for change in self.changes)
         verdict = "changes beyond chance" if self.changed else "nothing changed beyond chance"
         parts = (f"{counts[name]} {name}" for name in ("better", "worse", "changed"))
-        return f"{verdict}: {len(self.changes)} compared, {', '.join(parts)}"
+        told = f"{verdict}: {len(self.changes)} compared, {', '.join(parts)}"
+        return "; ".join((told, *self.lost))
 
     def numbers(self) -> list[dict[str, Any]]:
         """Every comparison as plain values; None where there is no number."""
@@ -195,6 +199,25 @@ class RunComparison:
             }
             for change in self.changes
         ]  # fmt: skip
+
+
+def no_longer_scored(names: Sequence[str], runs: Sequence[ResultsLike]) -> Iterator[str]:
+    """Sentences on methods that the first run scores on more of the scenes of both runs."""
+    scenes = [_scored(run.table) for run in runs]
+    for name, run, scored in zip(names[1:], runs[1:], scenes[1:], strict=True):
+        there = set(run.table["scene"])
+        for method in scenes[0].keys() & scored.keys():
+            before = scenes[0][method] & there
+            lost = len(before - scored[method])
+            if lost:
+                yield f"{method}: {lost} of {len(before)} scenes are not scored in {name}"
+
+
+def _scored(table: pd.DataFrame) -> dict[str, set[str]]:
+    """Scenes on which each method has an error; of one that failed on all there are none."""
+    rows = overall_rows(table, "nmse")
+    scored = {str(name): set(part) for name, part in rows.groupby("method", observed=True)["scene"]}
+    return {str(method): scored.get(str(method), set()) for method in distinct(table["method"])}
 
 
 def _or_none(value: float) -> float | None:

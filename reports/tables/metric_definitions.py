@@ -101,7 +101,8 @@ _EVERY_SCORE = _of(
     ("signal", "signal", "", "",
      "true polarised intensity over the peak, root mean square: of the scene, not of a method"),
     ("violations", "violations", "", "lower",
-     "number of pixels and bands whose estimate is unphysical: polarised beyond all light"),
+     "number of pixels whose estimate is unphysical in some band: polarised beyond all light, "
+     "I_max + I_min other than I, or not finite"),
     ("invalid", "invalid", "", "lower", "number of pixels whose inputs allow no estimate"),
     ("converged", "converged", "", "higher", "1 where the method's own search converged"),
     ("calibration", "calibration", "", "nearer 1",

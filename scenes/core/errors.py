@@ -95,5 +95,6 @@ def first_line(error: Exception) -> str:
     >>> first_line(ValueError("bad header\\nat byte 7")), first_line(KeyError())
     ('bad header', 'KeyError')
     """
-    message = getattr(error, "strerror", None) or str(error)
+    reason = getattr(error, "strerror", None)  # of other libraries' errors it may be anything
+    message = reason if reason and isinstance(reason, str) else str(error)
     return next(iter(message.strip().splitlines()), type(error).__name__)

@@ -33,7 +33,8 @@ _EXPECTED = {
 
 def first_problem(error: ValidationError, data: Any, where: str) -> InputError:
     """The first problem of a ValidationError of `data`; `where` names the file."""
-    problems = [p for p in error.errors(include_url=False) if not _follows(p)]
+    told = error.errors(include_url=False)
+    problems = [p for p in told if not _follows(p)] or told
     # Where a value may be one of several types, the deepest complaint is about the one meant.
     first = max(problems, key=lambda problem: len(problem["loc"]))
     cause = first.get("ctx", {}).get("error")

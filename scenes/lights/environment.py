@@ -30,6 +30,10 @@ HEIGHT = 128
 """Rows of the map that malus brings."""
 SKY_HEIGHT = 256
 """Rows of a sky's map: its horizon is blurred by 0.15 % of the light that a sphere reflects."""
+_HDR_ODD = re.compile(
+    rb"^(FORMAT\s*=\s*32-bit_rle_xyze|(EXPOSURE|COLORCORR)\s*=(?!(\s*1(\.0*)?)+\s*$)[^\n]*)", re.M
+)
+"""Lines of a Radiance file by which its numbers are not radiance in red, green and blue."""
 _HDR_SIZE = re.compile(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n")
 
 _LAYOUTS = {
@@ -130,10 +134,6 @@ def _read_exr_map(path: Path) -> Float32Array:
         found = "a cube map" if name == "ENVMAP_CUBE" else name
         hint = "convert it, with OpenEXR's `exrenvmap -latlong` say"
         raise InputError(str(path), "a latitude-longitude map (attribute envmap)", found, hint)
-    data, display = (np.asarray(header[f"{window}Window"]).tolist() for window in _WINDOWS)
-    if data != display:
-        found = f"a part of it: data window {data} in display window {display}"
-        raise InputError(str(path), "a map of all directions", found, "export the whole map")
     values = read_grey(path)
     if "envmap" not in header:
         _check_layout(path, values)
@@ -159,7 +159,7 @@ def read_grey(path: Path) -> Float32Array:
     ------
     InputError
         A file that is missing, malformed, without colours or larger than 64 megapixels; one of
-        several parts, of deep data, or of luminance and chroma.
+        several parts, of deep data, of luminance and chroma, or that holds a part of its picture.
     """
     import OpenEXR
 
@@ -204,6 +204,10 @@ def _exr_header(path: Path) -> dict[str, Any]:
     if "deep" in storage:
         raise InputError(str(path), "one value a pixel and channel", storage, "flatten it first")
     check_size(path, int(size[0]), int(size[1]))
+    data, display = (np.asarray(header[f"{window}Window"]).tolist() for window in _WINDOWS)
+    if data != display:
+        found = f"a part of it: data window {data} in display window {display}"
+        raise InputError(str(path), "a whole picture", found, "export all of it")
     return header
 
 
@@ -218,6 +222,10 @@ def _read_hdr(path: Path) -> Float32Array:
         expected = "a Radiance file whose size reads -Y height +X width"
         raise InputError(str(path), expected, "another", "export the map again")
     check_size(path, int(size[2]), int(size[1]))
+    odd = _HDR_ODD.search(content, 0, size.start())
+    if odd is not None:
+        expected, hint = "RGB without EXPOSURE or COLORCORR", "export the map again, as plain RGBE"
+        raise InputError(str(path), expected, odd[0].decode("ascii", "replace").strip(), hint)
     with reading(str(path), "a whole Radiance file", "copy it again"):
         colours = imagecodecs.rgbe_decode(content)
     with np.errstate(over="ignore"):  # infinite radiance is refused by name

@@ -22,8 +22,14 @@ from malus.scenes.core.arrays import AnyArray, Float32Array, Float64Array
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.named_file import NamedFile
 
-AXES = ("phi_d", "theta_d", "theta_h")
-"""Rusinkiewicz' angles, radians, in the order of the table's first axes."""
+AXES = {
+    "phi_d": (-math.pi, math.pi),
+    "theta_d": (0.0, math.pi / 2),
+    "theta_h": (0.0, math.pi / 2),
+}
+"""Rusinkiewicz' angles in the order of the table's first axes, and their ends in radians."""
+AXIS_SLACK = 0.06
+"""Radians by which an axis may end elsewhere: beyond its ends the last value counts."""
 
 _MAGIC = b"tensor_file\0\1\0"
 _HEADER_BYTES = 1 << 16
@@ -138,10 +144,22 @@ class PBRDF:
         """Mueller matrices (phi_d, theta_d, theta_h, 4, 4) of one band, linear between two."""
         row = np.interp(wavelength_nm, self.wavelengths_nm, range(len(self.wavelengths_nm)))
         below, weight = int(row), np.float32(row % 1)
-        lower = self.mueller[:, :, :, below]
+        band = f"{wavelength_nm:g} nm"
+        lower = self._checked(self.mueller[:, :, :, below], band)
         if weight == 0:  # the next row may hold NaN, which marks invalid entries
             return np.array(lower)
-        return np.asarray(lower + weight * (self.mueller[:, :, :, below + 1] - lower))
+        upper = self._checked(self.mueller[:, :, :, below + 1], band)
+        return np.asarray(lower + weight * (upper - lower))
+
+    def _checked(self, values: Float32Array, band: str) -> Float32Array:
+        """Raise InputError for what no surface does; noise may leave single values below zero."""
+        is_infinite = bool(np.isinf(values).any())
+        total = math.nan if is_infinite else float(np.nansum(values[..., 0, 0], dtype=np.float64))
+        if not total > 0:
+            found = "infinite values" if is_infinite else f"{total:g} in all"
+            expected = f"M00 at {band} that is finite and positive, NaN where it is not known"
+            raise _damaged(self.path, expected, found)
+        return values
 
 
 def open_pbrdf(path: Path) -> PBRDF:
@@ -151,7 +169,7 @@ def open_pbrdf(path: Path) -> PBRDF:
     ------
     InputError
         A file that is missing, cut or no tensor file, a field that is missing or of another type
-        or shape, an axis that does not increase.
+        or shape, an axis that does not increase or that does not hold all directions.
     """
     fields = _fields(path)
     types = dict.fromkeys(AXES, ("float32", 2)) | {"wvls": ("uint16", 1), "M": ("float32", 6)}
@@ -172,6 +190,12 @@ def open_pbrdf(path: Path) -> PBRDF:
     for name, axis in {**axes, "wvls": bands}.items():
         if not (np.isfinite(axis).all() and (axis[1:] > axis[:-1]).all()):
             raise _damaged(path, f"field {name} to increase", str(axis.tolist()))
+    for name, (first, last) in AXES.items():
+        if not np.allclose(axes[name][[0, -1]], (first, last), rtol=0, atol=AXIS_SLACK):
+            expected = f"field {name} from {first:.4g} to {last:.4g}, radians"
+            found = f"{axes[name][0]:.4g} to {axes[name][-1]:.4g}"
+            hint = "write all directions in radians: beyond the ends, the last value would count"
+            raise InputError(str(path), expected, found, hint)
     shape = (*(len(axis) for axis in axes.values()), len(bands), 4, 4)
     if fields["M"].shape != shape:
         raise _damaged(path, f"field M of shape {shape}", str(fields["M"].shape))

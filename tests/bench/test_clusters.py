@@ -16,10 +16,12 @@ import pytest
 from runs import NOBODY, SMALL, SUITE, TINY, assert_same_results, one_line, run_malus
 
 from malus.bench import run
+from malus.bench.running import cluster
 from malus.bench.running.cluster import WAITING, spread
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
 from malus.renderers.variant import choose
+from malus.scenes import InputError
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +145,17 @@ def test_wrong_clusters_are_one_line(tmp_path: Path, options: list[str], says: s
     done = run_malus(*TINY, "--out", str(tmp_path), *options)
     assert done.returncode == 2
     assert says in one_line(done.stderr)
+
+
+def test_a_scheduler_without_workers_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed")
+    monkeypatch.setattr(cluster, "CONNECT_SECONDS", 1)
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as none,
+        pytest.raises(InputError, match=r"a worker, found none in 1 s; start `dask worker tcp://"),
+        ExitStack() as stack,
+    ):
+        cluster._existing(none.scheduler_address, stack)
 
 
 def test_without_workers_nothing_of_dask_is_imported(tmp_path: Path) -> None:

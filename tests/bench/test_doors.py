@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import pytest
-from runs import NOBODY, formula_dataset
+from runs import NOBODY, SUITE, formula_dataset, one_line, run_malus
 
 import malus
+from malus.bench import read_results, run
 from malus.bench.running.overrides import chosen_suite
 from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
+from malus.scenes.core.errors import first_line
+from malus.scenes.core.result_files import RUN
 from malus.scenes.polarisation import stokes_from_extremes
 
 SCENE = Scene(
@@ -93,3 +97,65 @@ def test_one_name_is_a_list_of_one(tmp_path: Path) -> None:
     dataset = formula_dataset(tmp_path / "dataset")
     table = malus.score_dataset(dataset, "eq8").table
     assert table.method.unique().tolist() == ["eq8"]
+
+
+MESH = """
+name = "mesh"
+shapes = [{ kind = "mesh", path = "a.obj" }]
+materials = ["pmma"]
+surfaces = ["carbon"]
+lights = [{ kind = "uniform" }]
+wavelengths_nm = [550]
+methods = ["eq8"]
+"""
+
+
+def test_files_of_a_suite_are_found_from_wherever_it_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by a worker of a cluster that stands in another folder, also where options change it."""
+    (tmp_path / "files").mkdir()
+    (tmp_path / "files" / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "ascii")
+    (tmp_path / "files" / "mesh.toml").write_text(MESH, encoding="ascii")
+    monkeypatch.chdir(tmp_path)
+    suites = [chosen_suite("files/mesh.toml", NOBODY, samples=samples) for samples in (None, 6)]
+    monkeypatch.chdir("/")
+    for suite in suites:
+        assert suite.shapes[0].file == tmp_path / "files" / "a.obj"
+        assert pickle.loads(pickle.dumps(suite)).shapes[0].checked().is_file()
+    assert suites[1].sampling.samples == 6
+
+
+@pytest.mark.parametrize(
+    "record", ["[]", "null", '{"suite": 3}', "{}", '{"suite": {}, "variant": 1}']
+)
+def test_a_record_of_something_else_is_no_run(record: str, tmp_path: Path) -> None:
+    run(SUITE, tmp_path, NOBODY)
+    assert read_results(tmp_path).run["suite"]["name"] == SUITE.name
+    (tmp_path / RUN).write_text(record, encoding="ascii")
+    with pytest.raises(InputError, match=r"finished run, found a run\.json that is the record"):
+        read_results(tmp_path)
+    for command in (("compare", str(tmp_path), str(tmp_path)), ("report", str(tmp_path))):
+        done = run_malus(*command)
+        assert done.returncode == 2
+        assert "the record of something else" in one_line(done.stderr)
+
+
+def test_a_run_of_which_all_failed_tells_how_it_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("malus.bench.running.truths.render_torrance_sparrow", None)
+    with pytest.raises(InputError, match="2 that failed.*; `retry_failed` tries them again"):
+        run(SUITE, tmp_path, NOBODY)
+    told = run_malus("status", str(tmp_path))
+    assert "0 done, 2 failed, 0 left" in told.stdout
+    assert "--retry-failed tries the failed ones again" in told.stdout
+    assert "goes on where it was" not in told.stdout
+
+
+def test_errors_of_other_libraries_have_a_first_line() -> None:
+    class Odd(Exception):
+        strerror = 7
+
+    assert first_line(Odd("bad header\nat 7")) == "bad header"
+    assert first_line(OSError(28, "No space left on device")) == "No space left on device"

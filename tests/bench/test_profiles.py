@@ -211,3 +211,20 @@ def test_small_pictures_are_refused() -> None:
         PROFILES["profile:rgb2pol"](
             truth_of(frame * np.linspace(0, 1, 8)[:, None, None, None], np.ones((8, 8), bool))
         )
+
+
+def test_an_estimate_that_is_not_finite_has_no_value() -> None:
+    """Not that of an unpolarised one; and it is impossible."""
+    estimate, truth, mask = random_frames()
+    broken = estimate.copy()
+    broken[tuple(np.argwhere(mask)[0])] = np.nan
+    for profile in PROFILES:
+        name = profile.removeprefix("profile:")
+        found = values_of(name, (broken, truth, mask))
+        told = {"polarscale_impossible", "polarscale_aolp_pixels"}
+        assert all(math.isnan(value) for key, value in found.items() if key not in told), found
+    whole = values_of("polarscale", (estimate, truth, mask))["polarscale_impossible"]
+    more = values_of("polarscale", (broken, truth, mask))["polarscale_impossible"]
+    length = np.linalg.norm(estimate[tuple(np.argwhere(mask)[0])][:, 1:], axis=-1)
+    were = int((length > estimate[tuple(np.argwhere(mask)[0])][:, 0]).sum())
+    assert more - whole == pytest.approx((BANDS - were) / (SIDE * SIDE * BANDS))

@@ -139,6 +139,21 @@ def test_other_scenes_are_compared_by_their_means() -> None:
     assert change.half_width == pytest.approx((interval.high - interval.low) / 2)
 
 
+def test_scenes_that_are_no_longer_scored_are_told() -> None:
+    values = [0.2, 0.3, 0.4, 0.5, 0.6]
+    before = run_of({"nmse": {"eq8": values, "mine": values}})
+    after = run_of({"nmse": {"eq8": values, "mine": values}})
+    gone = (after.table["method"] == "mine") & after.table["scene"].isin(["s1", "s3"])
+    assert gone.sum() == 2
+    after.table = after.table[~gone]
+    comparison = RunComparison.of(("a", "b"), (before, after))
+    assert comparison.lost == ("mine: 2 of 5 scenes are not scored in b",)
+    assert comparison.headline.endswith("; mine: 2 of 5 scenes are not scored in b")
+    # Scenes that the other run does not have, and methods it does not name, are no loss.
+    fewer = run_of({"nmse": {"eq8": values[:3]}})
+    assert not RunComparison.of(("a", "b"), (before, fewer)).lost
+
+
 def test_chance_alone_seldom_makes_a_change() -> None:
     """One comparison in twenty; of 60 with 20 lines each, more than 9 would be a rate of 0.15."""
     rng = np.random.default_rng(3)

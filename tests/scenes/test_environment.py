@@ -78,8 +78,10 @@ def test_a_square_map_may_say_that_it_is_one(tmp_path: Path) -> None:
 def test_a_part_of_a_map_is_refused(tmp_path: Path) -> None:
     whole = ((0, 0), (15, 7))
     path = written(tmp_path / "a.exr", dataWindow=((0, 0), (7, 3)), displayWindow=whole)
-    with pytest.raises(InputError, match="a map of all directions"):
+    with pytest.raises(InputError, match="a whole picture, found a part of it"):
         radiance_map(Environment(name=str(path)))
+    with pytest.raises(InputError, match="a whole picture, found a part of it"):
+        ImageTexture(path=str(path)).grey()
 
 
 @pytest.mark.parametrize(

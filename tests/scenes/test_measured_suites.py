@@ -34,6 +34,7 @@ from malus.scenes import (
     Surroundings,
     load_suite,
 )
+from malus.scenes.materials.measured import open_pbrdf
 
 
 def test_methods_are_told_what_is_known(tmp_path: Path) -> None:
@@ -150,6 +151,22 @@ BAD: dict[str, tuple[Any, str]] = {
     ),
     "falling": (TINY | {"theta_h": TINY["theta_h"][:, ::-1]}, "field theta_h to increase"),
     "not finite": (TINY | {"theta_d": np.float32([[0, np.nan]])}, "field theta_d to increase"),
+    "degrees": (
+        TINY | {name: np.degrees(TINY[name]) for name in ("phi_d", "theta_d", "theta_h")},
+        "field phi_d from -3.142 to 3.142, radians, found -183.3 to 183.3",
+    ),
+    "from 0 to 2π": (
+        TINY | {"phi_d": TINY["phi_d"] + np.float32(np.pi)},
+        "field phi_d from -3.142 to 3.142, radians, found -0.058",
+    ),
+    "half of phi_d": (
+        TINY | {"phi_d": np.float32([[0, 1.6, 3.2]])},
+        "field phi_d .* found 0 to 3.2",
+    ),
+    "not to grazing": (
+        TINY | {"theta_h": np.float32([[0, 0.7]])},
+        "field theta_h from 0 to 1.571, radians, found 0 to 0.7",
+    ),
     "bands": (
         TINY | {"wvls": TINY["wvls"] + np.uint16(60)},
         "bands within its table, 510 to 710 nm, found 500 nm",
@@ -171,6 +188,29 @@ def test_a_bad_file_is_told_before_anything_is_rendered(suite: Path, name: str) 
         path.write_bytes(content)
     with pytest.raises(InputError, match=rf"gold\.pbsdf: expected {message}"):
         load_suite(suite)
+
+
+NO_SURFACE = {
+    "infinite": (np.inf, "infinite values"),
+    "negative": (-1.0, r"-[\d.]+ in all"),
+    "unknown": (np.nan, "0 in all"),
+}
+
+
+@pytest.mark.parametrize("name", NO_SURFACE)
+@pytest.mark.parametrize("band", [500.0, 525.0])
+def test_values_of_no_surface_are_refused(tmp_path: Path, name: str, band: float) -> None:
+    """Of the band that is rendered; single unknown or negative values are noise."""
+    value, says = NO_SURFACE[name]
+    mueller = TINY["M"].copy()
+    mueller[0, 0, 0], mueller[1, 0, 0] = np.nan, -0.01
+    path = write(tmp_path / "noisy.pbsdf", **(TINY | {"M": mueller}))
+    assert np.isfinite(open_pbrdf(path).mueller_at(band)).sum() > 100
+    mueller[:, :, :, 1:3] *= value
+    path = write(tmp_path / "bad.pbsdf", **(TINY | {"M": mueller}))
+    with pytest.raises(InputError, match=rf"bad\.pbsdf: expected M00 at {band:g} nm .*{says}"):
+        open_pbrdf(path).mueller_at(band)
+    assert open_pbrdf(path).mueller_at(600.0).shape == (3, 2, 2, 4, 4)  # of another band
 
 
 @pytest.mark.parametrize("command", ["plan", "run"])

@@ -128,3 +128,13 @@ def test_an_orthographic_view_is_the_image_frame() -> None:
 
 def test_no_horizontal_under_a_view_straight_down() -> None:
     assert np.isnan(polarisation.viewing_frame(np.ones(3), np.array([0.0, 1.0, 0.0]))[:2]).all()
+
+
+def test_what_is_not_a_number_has_no_degree_and_no_angle() -> None:
+    """A score of it would be that of unpolarised light."""
+    for k in range(3):
+        stokes = np.array([1.0, 0.3, 0.2])
+        stokes[k] = np.nan
+        assert np.isnan(polarisation.dolp(stokes))
+        assert np.isnan(polarisation.aolp(stokes)) == (k > 0)
+        assert np.isnan(polarisation.phase(stokes)) == (k > 0)

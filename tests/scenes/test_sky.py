@@ -185,6 +185,38 @@ def test_a_broken_radiance_file_is_refused(tmp_path: Path, content: bytes, expec
         radiance_map(Environment(name=str(path)))
 
 
+@pytest.mark.parametrize(
+    ("line", "is_read"),
+    [
+        ("EXPOSURE=4.0", False),
+        ("EXPOSURE= 1.0", True),
+        ("COLORCORR=1 1 1.00", True),
+        ("COLORCORR=1 0.9 1", False),
+        ("SOFTWARE=EXPOSURE=2", True),
+    ],
+)
+def test_numbers_that_are_no_radiance_are_refused(tmp_path: Path, line: str, is_read: bool) -> None:
+    path = write_hdr(tmp_path / "map.hdr", made_up_map())
+    content = path.read_bytes()
+    first, rest = content.split(b"\n", 1)
+    path.write_bytes(first + b"\n" + line.encode() + b"\n" + rest)
+    light = Environment(name=str(path))
+    if is_read:
+        write_hdr(tmp_path / "plain.hdr", made_up_map())
+        plain = radiance_map(Environment(name=str(tmp_path / "plain.hdr")))
+        np.testing.assert_array_equal(radiance_map(light), plain)
+        return
+    with pytest.raises(InputError, match=f"without EXPOSURE or COLORCORR, found {line}"):
+        radiance_map(light)
+
+
+def test_colours_of_other_primaries_are_refused(tmp_path: Path) -> None:
+    path = write_hdr(tmp_path / "map.hdr", made_up_map())
+    path.write_bytes(path.read_bytes().replace(b"32-bit_rle_rgbe", b"32-bit_rle_xyze"))
+    with pytest.raises(InputError, match="found FORMAT=32-bit_rle_xyze"):
+        radiance_map(Environment(name=str(path)))
+
+
 def test_suites_name_skies_and_radiance_files(tmp_path: Path) -> None:
     write_hdr(tmp_path / "map.hdr", made_up_map())
     (tmp_path / "suite.toml").write_text(

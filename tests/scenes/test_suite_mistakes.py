@@ -101,6 +101,13 @@ MISTAKES = [
     ('"carbon"', "3", "surfaces.0", "a name, { alpha = … } or { pattern = …, parts = […] }", "3"),
     (
         '"carbon"',
+        '{ pattern = { kind = "checker" }, parts = ["carbon"] }',
+        "surfaces.0.parts",
+        "at least 2 item(s)",
+        "['carbon']; correct this value",
+    ),
+    (
+        '"carbon"',
         PATTERN.replace("checker", "chequer"),
         "surfaces.0.pattern.kind",
         "one of checker, stripes, spots, noise, image",
