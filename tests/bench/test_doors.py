@@ -145,7 +145,7 @@ def test_a_run_of_which_all_failed_tells_how_it_is_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("malus.bench.running.truths.render_torrance_sparrow", None)
-    with pytest.raises(InputError, match="2 that failed.*; `retry_failed` tries them again"):
+    with pytest.raises(InputError, match=r"2 that failed.*; `retry_failed` tries them again"):
         run(SUITE, tmp_path, NOBODY)
     told = run_malus("status", str(tmp_path))
     assert "0 done, 2 failed, 0 left" in told.stdout
