@@ -6,6 +6,12 @@ function number(value, digits = SIGNIFICANT) {
   return Number.isFinite(value) ? String(Number(value.toPrecision(digits))) : "not finite";
 }
 
+// The place beside the axis takes eight characters.
+function short(value) {
+  const small = value !== 0 && Math.abs(value) < 1e-3;
+  return small ? value.toExponential(2) : number(value, 3);
+}
+
 function rowOf([s0, s1, s2], degrees) {
   const polarised = Math.hypot(s1, s2);
   const aolp = aolpOf(s1, s2);
@@ -60,8 +66,8 @@ class Readout {
     const margin = Math.max(0.08 * (high - low), 0.002 * Math.abs(high), 1e-12);
     this.low = low - margin;
     this.high = high + margin;
-    this.least.textContent = number(this.low, 3);
-    this.most.textContent = number(this.high, 3);
+    this.least.textContent = short(this.low);
+    this.most.textContent = short(this.high);
   }
 
   height(value) { return 110 - 100 * (value - this.low) / (this.high - this.low); }
