@@ -15,7 +15,9 @@ from runs import NOBODY, SUITE
 import malus
 from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
+from malus.bench.running import captures
 from malus.bench.running.capture_suite import CaptureSuite
+from malus.bench.running.output_folder import CAPTURES
 from malus.bench.scoring.capture_score import score_capture, write_fit
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
 from malus.reconstruct.photos import estimate as photo_estimate
@@ -147,3 +149,22 @@ def strong(observation: Observation) -> Components:
 
 
 STRONG = replace(get_method("unpolarised"), name="strong", reconstruct=strong)
+
+
+def test_a_run_that_fails_leaves_the_record_of_older_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = exported(tmp_path, "numpy", THREE)
+    suite = CaptureSuite.of_folders([folder], ["unpolarised"])
+    malus.run_captures(suite, tmp_path / "results")
+    before = (tmp_path / "results" / CAPTURES).read_text("utf-8")
+    other = CaptureSuite.of_folders([folder], ["unpolarised"], name="another")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(captures, "write_results", full)
+    for out, is_older in ((tmp_path / "results", True), (tmp_path / "new", False)):
+        with pytest.raises(OSError, match="No space"):
+            malus.run_captures(other, out)
+        assert ((out / CAPTURES).read_text("utf-8") == before) == is_older
