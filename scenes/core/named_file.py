@@ -64,11 +64,16 @@ class NamedFile(Model):
         Raises
         ------
         InputError
-            If the file cannot be read.
+            If the file cannot be read, or has another digest than the part.
         """
         file = folder / self.found_in / (self.file_name or "")
+        digest = digest_of(file, self.file_kind)
+        if self.digest not in ("", digest):
+            hint = "leave the digest out, or find the file that has it"
+            expected = f"a {self.file_kind} with digest {self.digest}"
+            raise InputError(str(file), expected, digest, hint)
         found = self.model_copy()
-        found._place(file, digest_of(file, self.file_kind))
+        found._place(file, digest)
         return found
 
     def read_from(self, file: Path) -> Self:

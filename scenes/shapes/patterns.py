@@ -192,6 +192,12 @@ class ImageTexture(NamedFile):
 Pattern = Annotated[Checker | Stripes | Spots | Noise | ImageTexture, Field(discriminator="kind")]
 
 
+_PNG_DEPTH = 24
+"""Place of the bits a channel in a PNG file."""
+_LUMA = (0.299, 0.587, 0.114)
+"""Weights of red, green and blue in grey, as Pillow has them for 8 bits (ITU-R 601-2)."""
+
+
 def _read_png(path: Path) -> Float32Array:
     from PIL import Image
 
@@ -205,6 +211,18 @@ def _grey(path: Path, opened: PIL.Image.Image) -> Float32Array:
     """Grey values in 0..1 of an opened PNG, of 8 or 16 bits."""
     with opened as picture:
         check_size(path, *picture.size)
-        deep = picture.mode.startswith("I")
-        values = np.asarray(picture if deep else picture.convert("L"), dtype=np.float32)
-    return values / np.float32(65535 if deep else 255)
+        content = path.read_bytes()
+        if content[_PNG_DEPTH] == 16:
+            return _deep(content)
+        values = np.asarray(picture.convert("L"), dtype=np.float32)
+    return values / np.float32(255)
+
+
+def _deep(content: bytes) -> Float32Array:
+    """The same of 16 bits, of which Pillow reads colours and opacity with 8."""
+    import imagecodecs
+
+    codes = np.atleast_3d(imagecodecs.png_decode(content))
+    is_colour = codes.shape[2] > 2
+    grey = codes[..., :3] @ np.array(_LUMA) if is_colour else codes[..., 0]
+    return np.asarray(grey, dtype=np.float32) / np.float32(65535)

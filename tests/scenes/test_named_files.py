@@ -170,3 +170,13 @@ def test_an_open_dataset_reads_a_file_of_many_scenes_once(
     read[0].write_bytes(b"another")
     with pytest.raises(InputError, match=f"a pBRDF file with digest {digest}"):
         opened(found[1].scene)
+
+
+def test_a_suite_with_the_digest_of_another_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(OBJ, encoding="ascii")
+    right = MeshFile.parse({"path": "a.obj"}, "test").located(tmp_path).digest
+    told = MeshFile.parse({"path": "a.obj", "digest": right}, "test")
+    assert told.located(tmp_path).digest == right
+    other = MeshFile.parse({"path": "a.obj", "digest": "aa"}, "test")
+    with pytest.raises(InputError, match=rf"a mesh file with digest aa, found {right}"):
+        other.located(tmp_path)

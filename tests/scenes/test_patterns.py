@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import pytest
 import trimesh
@@ -201,6 +202,16 @@ def test_coordinates_that_are_not_there_are_told(tmp_path: Path) -> None:
         render_family([scene(surface, MeshFile(path=str(path)))], FEW)
     with pytest.raises(ValueError, match='projection = "uv" only on mesh files'):
         scene(surface)
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_pictures_of_16_bits_have_all_of_them(tmp_path: Path, channels: int) -> None:
+    codes = np.random.default_rng(0).integers(0, 65536, (5, 7, channels)).astype(np.uint16)
+    content = imagecodecs.png_encode(codes[..., 0] if channels == 1 else codes)
+    (tmp_path / "deep.png").write_bytes(content)
+    grey = ImageTexture(path=str(tmp_path / "deep.png")).grey()
+    expected = codes[..., :3] @ [0.299, 0.587, 0.114] if channels > 2 else codes[..., 0]
+    np.testing.assert_allclose(grey, expected / 65535, rtol=1e-6)  # single precision
 
 
 def test_grey_is_a_mixture_and_its_errors_are_honest(tmp_path: Path) -> None:
