@@ -114,7 +114,9 @@ def reflectances(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[Float64Array
     perpendicular = (np.abs(delta) / _square_modulus(outgoing)) ** 2
     cq = cosine * q
     ratio = _square_modulus(cq - sine2) / _square_modulus(cq + sine2)
-    return np.asarray(perpendicular), np.asarray(perpendicular * ratio)
+    # Rounding may take total reflection above one.
+    perpendicular = np.minimum(perpendicular, 1.0)
+    return np.asarray(perpendicular), np.asarray(np.minimum(perpendicular * ratio, 1.0))
 
 
 def smooth_dolp(cos_incidence: ArrayLike, eta: ArrayLike) -> Float64Array:

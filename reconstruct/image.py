@@ -38,9 +38,9 @@ def from_lobes(
     Returns
     -------
     Components
-        Of the image's dtype. Pixels with an intensity that is negative, not finite or above
-        half the largest number (the sum of both lobes must be a number), or with a normal that
-        is not one, carry zeros and are False in `valid`.
+        Of the specular light's dtype, float32 at least. Pixels with an intensity that is negative,
+        not finite or above half the largest number (the sum of both lobes must be a number), or
+        with a normal that is not one, carry zeros and are False in `valid`.
 
     Raises
     ------

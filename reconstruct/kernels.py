@@ -37,7 +37,7 @@ def mark_valid_pixels(specular: Any, diffuse: Any, normals: Any, largest: Any, v
 
     specular, diffuse (pixels, bands); normals (pixels, 3), or (0, 3) where none are given; valid
     (pixels,) bool is written. Normals must have length one to 5e-4: float32 normals that were
-    averaged and normalised again have it to 1e-6.
+    averaged and normalised again have it to 1e-6. Those of a limb may be so much behind it.
     """
     pixels, bands = specular.shape
     valid[:] = True
@@ -53,7 +53,7 @@ def mark_valid_pixels(specular: Any, diffuse: Any, normals: Any, largest: Any, v
                 valid[i] &= s >= 0 and s <= largest and d >= 0 and d <= largest
     for i in range(normals.shape[0]):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
-        valid[i] &= (abs(x * x + y * y + z * z - 1) < 1e-3) & (z >= 0)
+        valid[i] &= (abs(x * x + y * y + z * z - 1) < 1e-3) & (z > -1e-6)
 
 
 @compiled

@@ -21,11 +21,12 @@ from typing import NamedTuple
 import numpy as np
 
 from malus.reconstruct.fresnel import EtaArray, excess, reflectances
-from malus.reconstruct.lobe_models import StokesRatios
+from malus.reconstruct.lobe_models import Lobe, half_vector
 from malus.reconstruct.observation import Image, Observation
 from malus.reconstruct.pixel_block import Block, below_one, uniform_alpha, uniform_eta
 from malus.reconstruct.quadrature import Directions, quadrature
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
+from malus.scenes.lights.lights import Distant
 
 BLOCK = 1 << 24
 """Largest number of pixel-direction pairs in memory at once."""
@@ -35,7 +36,7 @@ DARK = 1e-30
 smallest float32, rounding would decide its polarisation."""
 
 
-def known_lights(observation: Observation) -> StokesRatios:
+def known_lights(observation: Observation) -> Lobe:
     """Lobe model of specular light: facets weighted by the light that each mirrors to the viewer.
 
     Raises
@@ -46,6 +47,8 @@ def known_lights(observation: Observation) -> StokesRatios:
     light = observation.require("light")
     observation.require("normals")
     eta, alpha = uniform_eta(observation), uniform_alpha(observation)
+    if isinstance(light, Distant):  # one direction: whatever facets mirror it polarise it alike
+        return half_vector(observation)
     lamp = quadrature(light, _smallest_alpha(observation) if alpha is None else alpha)
     ggx = observation.distribution == "ggx"
     shared = None

@@ -76,8 +76,8 @@ class Method:
 
 def _unpolarised(observation: Observation) -> Components:
     """The image without any polarised part."""
-    zeros = np.zeros_like(observation.image)
-    return Components(observation.image, zeros, zeros)
+    image = observation.image
+    return Components(image, np.zeros_like(image), np.zeros_like(image))
 
 
 TRIVIAL = Method(
@@ -156,6 +156,9 @@ def get_method(name: str) -> Method:
     >>> get_method("malus.reconstruct.methods:TRIVIAL").name
     'unpolarised'
     """
+    if not isinstance(name, str):
+        hint = "name one of `malus list methods`, or package.module:object"
+        raise InputError("method", "the name of a method", f"{type(name).__name__}", hint)
     if name.startswith(_NETWORKS) and name.endswith(".onnx"):
         return _of_file(name)
     if ":" in name:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Self, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray, FloatArray, NumberArray
@@ -52,6 +53,10 @@ def as_mask(values: object) -> BoolArray:
         return np.asarray(array != 0)
     expected, hint = "True and False, 0 and 1, or 0 and 255", "compare it with a threshold"
     raise InputError("mask", expected, f"other values of {array.dtype}", hint)
+
+
+_ARRAYS = ("image", "specular", "diffuse", "normals", "view_direction", "eta", "illuminant")
+"""Attributes of an Observation that are arrays; lists are taken for them."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,12 @@ class Observation:
         if self.distribution not in (None, *get_args(Distribution)):
             names = " or ".join(get_args(Distribution))
             raise ValueError(f"distribution: expected {names}, found {self.distribution!r}")
+        for name in _ARRAYS:
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, np.ndarray):
+                object.__setattr__(self, name, np.asarray(value))
+        if self.light is not None and not hasattr(self.light, "kind"):
+            raise ValueError(f"light: expected one of malus.scenes, found {self.light!r}")
         if np.ndim(self.image) != 3:
             raise ValueError(f"image: expected (height, width, bands), found {self.image.shape}")
         height, width, bands = self.image.shape
@@ -153,6 +164,33 @@ class Observation:
         if value is None:
             raise Inapplicable(f"{name} is not known")
         return value
+
+
+def checked_picture(image: ArrayLike, mask: object) -> tuple[Image, BoolArray]:
+    """A picture and its mask as arrays that belong together.
+
+    Raises
+    ------
+    InputError
+        For an image that is not (height, width, bands), or a mask of another size.
+
+    Examples
+    --------
+    >>> image, mask = checked_picture([[[0.5], [1.0]]], [[0, 1]])
+    >>> image.shape, mask.tolist()
+    ((1, 2, 1), [[False, True]])
+    """
+    values, inside = np.asarray(image), as_mask(mask)
+    if values.ndim != 3:
+        hint = "grey pictures have one band: image[..., None]"
+        raise InputError("image", "(height, width, bands)", f"shape {values.shape}", hint)
+    if inside.shape != values.shape[:2]:
+        expected, hint = (
+            f"shape {values.shape[:2]}, as the image has",
+            "give one that belongs to it",
+        )
+        raise InputError("mask", expected, f"{inside.shape}", hint)
+    return values, inside
 
 
 @dataclass(frozen=True)
@@ -229,7 +267,7 @@ class Components:
         >>> Components(image, image, image, valid=np.array([[True, False]])).invalid(mask)
         1
         """
-        return 0 if self.valid is None else int(np.count_nonzero(mask & ~self.valid))
+        return 0 if self.valid is None else int(np.count_nonzero(as_mask(mask) & ~self.valid))
 
     @property
     def stokes(self) -> Image:

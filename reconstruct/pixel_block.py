@@ -112,7 +112,12 @@ class Block:
     @functools.cached_property
     def normals(self) -> Image:
         """Normals (pixels, 3) in the frame of each pixel, whose z points to the camera."""
-        return self._filled(self._unchecked["normals"], (0.0, 0.0, 1.0))
+        normals = self._filled(self._unchecked["normals"], (0.0, 0.0, 1.0))
+        behind = normals[:, 2] < 0  # by rounding only
+        if behind.any():
+            normals = normals.copy()
+            normals[behind, 2] = 0
+        return normals
 
     @functools.cached_property
     def cosine(self) -> Float64Array:

@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from malus.scenes.core.arrays import Float64Array, FloatArray
+from malus.scenes.core.arrays import AnyArray, Float64Array, FloatArray
 
 PAPER_ANGLES_DEG = (0.0, 30.0, 45.0, 60.0, 90.0)
 """The five polariser angles of the paper's synthetic experiment (Section IV)."""
@@ -101,9 +101,10 @@ def polarised(stokes: FloatArray, angle_deg: float) -> FloatArray:
     >>> float(polarised(np.array([1.0, 1.0, 0.0]), 90.0))
     1.0
     """
-    if not math.isfinite(angle_deg):
-        raise ValueError(f"angle_deg: expected a finite angle in degrees, found {angle_deg}")
+    if np.ndim(angle_deg) or isinstance(angle_deg, str) or not math.isfinite(angle_deg):
+        raise ValueError(f"angle_deg: expected a finite angle in degrees, found {angle_deg!r}")
     cos2, sin2 = _double_angle(angle_deg)
+    stokes = _floats(stokes)
     dtype = stokes.dtype.type
     result: FloatArray = dtype(0.5) * (
         stokes[..., 0] - dtype(cos2) * stokes[..., 1] - dtype(sin2) * stokes[..., 2]
@@ -174,7 +175,14 @@ def polarised_intensity(stokes: FloatArray) -> FloatArray:
     >>> float(polarised_intensity(np.array([9.0, 3.0, 4.0])))
     5.0
     """
+    stokes = _floats(stokes)
     return np.hypot(stokes[..., 1], stokes[..., 2])
+
+
+def _floats(values: AnyArray) -> FloatArray:
+    """The values themselves; whole numbers, of which a half may be none, in double precision."""
+    values = np.asarray(values)
+    return values if values.dtype.kind == "f" else values.astype(np.float64)
 
 
 def extremes(stokes: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -201,6 +209,7 @@ def phase(stokes: FloatArray) -> FloatArray:
     >>> float(phase(np.array([1.0, -1.0, 0.0])))
     0.0
     """
+    stokes = _floats(stokes)
     # I(ϑ) = ½ (s0 + (−s1) cos 2ϑ + (−s2) sin 2ϑ) is largest at 2ϑ = atan2(−s2, −s1); adding 0.0
     # turns −0.0 into 0.0, which atan2 would send to ±π.
     return _half_turn(0.5 * np.arctan2(0.0 - stokes[..., 2], 0.0 - stokes[..., 1]))
@@ -214,7 +223,7 @@ def dolp(stokes: FloatArray) -> FloatArray:
     >>> float(dolp(np.array([10.0, 3.0, 4.0])))
     0.5
     """
-    total = stokes[..., 0]
+    total = _floats(stokes)[..., 0]
     lit = ~(total <= 0)
     return np.divide(polarised_intensity(stokes), total, out=np.zeros_like(total), where=lit)
 
@@ -227,6 +236,7 @@ def aolp(stokes: FloatArray) -> FloatArray:
     >>> round(float(np.degrees(aolp(np.array([1.0, 0.0, 1.0])))), 6)
     45.0
     """
+    stokes = _floats(stokes)
     return _half_turn(0.5 * np.arctan2(stokes[..., 2], stokes[..., 1]))
 
 
@@ -252,10 +262,7 @@ def stokes_from_extremes(i_max: FloatArray, i_min: FloatArray, phase: FloatArray
     >>> stokes_from_extremes(np.array(7.5), np.array(2.5), np.array(0.0)).tolist()
     [10.0, -5.0, -0.0]
     """
-    i_max, i_min = (
-        values if values.dtype.kind == "f" else values.astype(np.float64)
-        for values in map(np.asarray, (i_max, i_min))
-    )
+    i_max, i_min = map(_floats, (i_max, i_min))
     amplitude = i_max - i_min
     return np.stack(
         np.broadcast_arrays(

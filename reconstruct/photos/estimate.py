@@ -62,6 +62,9 @@ def estimate(
     InputError
         Where no method works on this picture, with the method's reason.
     """
+    if not np.isfinite(image).all():
+        bad = int(np.count_nonzero(~np.isfinite(image)))
+        raise InputError(where, "finite values", f"{bad} others", "repair the picture")
     if not image.max() > 0:
         raise InputError(where, "a picture with some light in it", "an all-dark one", "check it")
     if knowledge.is_nothing:
@@ -209,7 +212,7 @@ def _by_method(
     statements: tuple[str, ...] = ()
     if method.needs & {"specular", "diffuse"}:
         filled, statements = _with_lobes(observation, knowledge)
-    _require(filled, method.needs)
+    _require(filled, method.needs - {"distribution"})  # untold it is Beckmann's
     try:
         components = method.reconstruct(filled)
     except (InputError, Inapplicable):

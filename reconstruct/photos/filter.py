@@ -142,6 +142,9 @@ def filter_picture(
     """
     output, tell = output or FilterOutput(), progress or (lambda _step, _share: None)
     _check_angles(output.angles_deg)
+    if not isinstance(picture, (Picture, str, Path)):
+        hint = 'make one of an array: malus.Picture(linear, "EXR", None)'
+        raise InputError("picture", "a path or a malus.Picture", type(picture).__name__, hint)
     if not isinstance(picture, Picture):
         stem = stem or Path(picture).stem
         picture = read_picture(picture)
@@ -166,6 +169,8 @@ def filter_picture(
 
 
 def _check_angles(angles_deg: Sequence[float]) -> None:
+    if np.ndim(angles_deg) != 1:
+        raise InputError("angles", "a list of degrees", f"{angles_deg}", "give a list of one")
     for angle in angles_deg:
         if not math.isfinite(angle):
             raise InputError("angles", "degrees from the vertical", f"{angle}", "correct it")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import NamedTuple
 
@@ -84,7 +85,12 @@ class Knowledge:
         if self.mask is not None:
             object.__setattr__(self, "mask", as_mask(self.mask))
         if self.labels is not None:
-            labelled = np.asarray(self.labels != 0)
+            labels = np.asarray(self.labels)
+            if labels.dtype.kind not in "iub" or labels.ndim != 2:
+                found = f"{labels.dtype} of {labels.ndim} dimensions"
+                raise InputError("labels", "whole numbers (height, width)", found, "convert them")
+            object.__setattr__(self, "labels", labels)
+            labelled = np.asarray(labels != 0)
             mask = labelled if self.mask is None else labelled & self.mask
             object.__setattr__(self, "mask", mask)
         if self.method is not None:
@@ -214,9 +220,14 @@ def _check_values(
     light: tuple[float, float, float] | None, eta: float | None, alpha: float | None
 ) -> None:
     """Refuse a light of no direction, and an index or a roughness that no surface has."""
-    if eta is not None and not 1 < eta < np.inf:
-        raise InputError("eta", "a refractive index above 1", f"{eta:g}", "correct this value")
-    if alpha is not None and not 0 < alpha <= 1:
-        raise InputError("alpha", "a roughness in (0, 1]", f"{alpha:g}", "correct this value")
-    if light is not None and not (len(light) == 3 and 1e-6 < float(np.linalg.norm(light)) < np.inf):
-        raise InputError("light", "a direction X,Y,Z that is not zero", f"{light}", "correct it")
+    hint = "correct this value"
+    if eta is not None and not (isinstance(eta, Real) and 1 < eta < np.inf):
+        raise InputError("eta", "a refractive index above 1", f"{eta}", hint)
+    if alpha is not None and not (isinstance(alpha, Real) and 0 < alpha <= 1):
+        raise InputError("alpha", "a roughness in (0, 1]", f"{alpha}", hint)
+    if light is None:
+        return
+    vector = np.asarray(light)
+    fits = vector.shape == (3,) and vector.dtype.kind in "iuf"
+    if not (fits and 1e-6 < float(np.linalg.norm(vector)) < np.inf):
+        raise InputError("light", "a direction X,Y,Z that is not zero", f"{light}", hint)

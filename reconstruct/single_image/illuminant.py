@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from skimage.util import view_as_blocks
 
-from malus.reconstruct.observation import Image, Inapplicable, as_mask
+from malus.reconstruct.observation import Image, Inapplicable, checked_picture
 from malus.reconstruct.single_image.value_range import all_finite
 from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
@@ -104,7 +104,8 @@ def estimate_illuminant(
     if method not in ILLUMINANTS:
         names = ", ".join(ILLUMINANTS)
         raise InputError("method", f"one of {names}", method, "choose one of them")
-    return ILLUMINANTS[method](image, None if mask is None else as_mask(mask))
+    picture, inside = checked_picture(image, np.ones(np.shape(image)[:2]) if mask is None else mask)
+    return ILLUMINANTS[method](picture, None if mask is None else inside)
 
 
 def neutral(image: Image, mask: BoolArray | None = None) -> Illuminant:

@@ -9,6 +9,7 @@ and only if, the irradiance is given.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -20,8 +21,10 @@ from malus.reconstruct.single_image.shading import (
     facet_reflectance,
     index_of,
     specular_shading,
+    unit_direction,
 )
 from malus.scenes.core.arrays import Float64Array, FloatArray
+from malus.scenes.core.errors import InputError
 
 ALPHA_RANGE = (0.03, 0.9)
 """Roughnesses that are searched: smoother is a mirror, rougher shows no lobe."""
@@ -30,6 +33,10 @@ _STARTS = 7
 _STARTING_ALPHAS = (0.1, 0.2, 0.4)
 TYPICAL_ETA = 1.5
 """Index of most plastics, glass and dry organic matter: assumed where no irradiance is given."""
+
+
+_LENGTH_SLACK = 1e-2
+"""By how much the length of a normal may differ from 1: means over pixels do by less."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +93,7 @@ def fit_parameters(
     ----------
     pixels : (n, bands) radiances under one distant light
     normals : (n, 3) unit normals in the image frame: x right, y up, z towards the viewer
-    direction : (3,) unit vector towards the light, in the image frame
+    direction : (3,) vector towards the light, in the image frame
     body : 'unpolarised' or 'polarised'
         Lambertian, or diffuse light that crosses the surface twice.
     irradiance : float, optional
@@ -103,6 +110,8 @@ def fit_parameters(
     ------
     Inapplicable
         If the light shines from exactly behind the object.
+    InputError
+        For arrays that do not belong together, normals that are none, or an unknown body.
 
     Notes
     -----
@@ -121,6 +130,8 @@ def fit_parameters(
     >>> round(fit.eta, 3), round(fit.alpha, 3)
     (1.5, 0.2)
     """
+    _check(pixels, normals, body)
+    direction = unit_direction(direction)
     index = eta if eta is not None else TYPICAL_ETA
     roughness = alpha
     if body == "polarised" and eta is None and irradiance is not None:
@@ -136,6 +147,21 @@ def fit_parameters(
     eta_known = eta is not None or irradiance is not None
     notes = _notes(eta_known, index, roughness, level)
     return SurfaceParameters(index, eta_known, roughness, body, albedo, level, error / peak, notes)
+
+
+def _check(pixels: Float64Array, normals: Float64Array, body: str) -> None:
+    """Raise InputError for what are no pixels, no normals of them, or no body."""
+    if body not in get_args(BodyKind):
+        expected = f"one of {', '.join(get_args(BodyKind))}"
+        raise InputError("body", expected, str(body), "choose one of them")
+    if np.ndim(pixels) != 2 or np.shape(normals) != (len(pixels), 3):
+        found = f"{np.shape(pixels)} and {np.shape(normals)}"
+        hint = "pixels of one band are pixels[:, None]"
+        raise InputError("pixels, normals", "shapes (n, bands) and (n, 3)", found, hint)
+    lengths = np.linalg.norm(normals, axis=1)
+    if len(lengths) and not np.abs(lengths - 1).max() < _LENGTH_SLACK:
+        found = f"lengths from {lengths.min():.4g} to {lengths.max():.4g}"
+        raise InputError("normals", "unit vectors", found, "divide them by their lengths")
 
 
 def _index(

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from malus.reconstruct.observation import Image, Inapplicable, as_mask
+from malus.reconstruct.observation import Image, Inapplicable, checked_picture
 from malus.reconstruct.single_image.separation_chromaticity import chromaticity_diffuse
 from malus.reconstruct.single_image.separation_ratio import ratio_diffuse
 from malus.reconstruct.single_image.separation_space import SourceSpace, source_space
@@ -159,9 +159,10 @@ def separate(
     True
     """
     check_separation(method, "method")
+    image, mask = checked_picture(image, mask)
     if image.shape[-1] < 2:
         raise Inapplicable("grey image where colour is needed: it has one band")
-    image, mask = np.asarray(image, np.result_type(image.dtype, np.float32)), as_mask(mask)
+    image = np.asarray(image, np.result_type(image.dtype, np.float32))
     if not all_finite(image):
         finite = finite_pixels(image, mask)
         image, mask = np.where(finite[..., None], image, 0), mask & finite

@@ -15,17 +15,40 @@ import math
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from malus.reconstruct.fresnel import reflectances
 from malus.reconstruct.observation import Inapplicable
 from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.errors import InputError
 
 BodyKind = Literal["unpolarised", "polarised"]
 """Whether light that scatters inside the body leaves it unpolarised or as Fresnel transmits it."""
 
 ETA_RANGE = (1.05, 3.0)
 """Range of dielectrics' indices that a specular level may be explained with."""
+
+
+def unit_direction(direction: ArrayLike) -> Float64Array:
+    """The unit vector (3,) of a direction.
+
+    Raises
+    ------
+    InputError
+        For what is no direction.
+
+    Examples
+    --------
+    >>> unit_direction([0, 0, 5]).tolist()
+    [0.0, 0.0, 1.0]
+    """
+    vector = np.asarray(direction, dtype=np.float64)
+    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else math.nan
+    if not 1e-6 < length < math.inf:
+        expected, hint = "a vector (3,) that is not zero", "correct it"
+        raise InputError("direction", expected, f"{vector.tolist()}", hint)
+    return vector if abs(length - 1.0) < 1e-12 else vector / length
 
 
 def half_vector(direction: Float64Array) -> Float64Array:

@@ -13,7 +13,7 @@ from typing import get_args
 
 import numpy as np
 
-from malus.reconstruct.observation import Image, Inapplicable
+from malus.reconstruct.observation import Image, Inapplicable, checked_picture
 from malus.reconstruct.single_image.convergence import UNDECIDED, Convergence
 from malus.reconstruct.single_image.outline import Outline, outline_of
 from malus.reconstruct.single_image.parameters import (
@@ -22,14 +22,19 @@ from malus.reconstruct.single_image.parameters import (
     fit_parameters,
 )
 from malus.reconstruct.single_image.reduced import ReducedPicture, reduce
-from malus.reconstruct.single_image.shading import BodyKind, facet_reflectance, index_of
+from malus.reconstruct.single_image.shading import (
+    BodyKind,
+    facet_reflectance,
+    index_of,
+    unit_direction,
+)
 from malus.reconstruct.single_image.shape_solver import (
     MaskedPicture,
     ResidualWeights,
     ShapeEstimate,
     ShapeProblem,
 )
-from malus.reconstruct.single_image.value_range import unit_scale
+from malus.reconstruct.single_image.value_range import finite_pixels, unit_scale
 from malus.scenes.core.arrays import BoolArray, Float64Array
 
 SMOOTHNESS = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
@@ -138,7 +143,7 @@ def recover_shape(
     ----------
     image : (height, width, bands) linear radiance under white light
     mask : (height, width) bool, the object
-    direction : (3,) unit vector towards a distant light, in the image frame
+    direction : (3,) vector towards a distant light, in the image frame
     given : GivenParameters, optional
         Irradiance of the light, and parameters that need not be found.
     specular : (height, width, bands), optional
@@ -159,6 +164,8 @@ def recover_shape(
     ------
     Inapplicable
         If the object is too small, dark or without outline, or no shape explains the picture.
+    InputError
+        For arrays that do not belong together, or a direction that is none.
 
     Notes
     -----
@@ -179,6 +186,9 @@ def recover_shape(
     (16, 16, 3)
     """
     given = given or GivenParameters()
+    image, mask = checked_picture(image, mask)
+    mask = mask & finite_pixels(image, mask)
+    direction = unit_direction(direction)
     unit = unit_scale(float(image[mask].max(initial=0)))
     if unit == 1.0:
         return _searched(image, mask, direction, given, specular, size, refuse)

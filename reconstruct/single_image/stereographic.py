@@ -23,7 +23,7 @@ def normals_of(f: Float64Array, g: Float64Array) -> Float64Array:
     """
     square = f * f + g * g
     scale = 1.0 / (1.0 + square)
-    return np.stack([2 * f * scale, 2 * g * scale, (1 - square) * scale], axis=-1)
+    return np.stack([2 * f * scale, 2 * g * scale, np.maximum(1 - square, 0) * scale], axis=-1)
 
 
 def plane_slopes(f: Float64Array, g: Float64Array) -> list[list[Float64Array]]:

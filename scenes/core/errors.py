@@ -47,15 +47,18 @@ class InputError(ValueError):
         )
 
 
-def printable(text: str) -> str:
+def printable(text: object) -> str:
     r"""Text with control characters, line breaks and lone surrogates written as escapes.
+
+    What is no text is that of `str`.
 
     Examples
     --------
     >>> printable("two\nlines")
     'two\\nlines'
     """
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    shown = str(text)
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown)
 
 
 def _shortened(text: str) -> str:
