@@ -223,9 +223,9 @@ def dolp(stokes: FloatArray) -> FloatArray:
     >>> float(dolp(np.array([10.0, 3.0, 4.0])))
     0.5
     """
-    total = _floats(stokes)[..., 0]
-    lit = ~(total <= 0)
-    return np.divide(polarised_intensity(stokes), total, out=np.zeros_like(total), where=lit)
+    total, length = _floats(stokes)[..., 0], polarised_intensity(stokes)
+    lit = ~(total <= 0) | np.isnan(length)
+    return np.divide(length, total, out=np.zeros_like(total), where=lit)
 
 
 def aolp(stokes: FloatArray) -> FloatArray:

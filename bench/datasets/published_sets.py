@@ -35,7 +35,7 @@ from malus.bench.running.results import (
 )
 from malus.bench.scoring.capture_metrics import CapturedPixels
 from malus.bench.scoring.metric_value import MetricValue
-from malus.bench.scoring.metrics import Residuals, brightest
+from malus.bench.scoring.metrics import brightest
 from malus.bench.scoring.profiles import PROFILES
 from malus.reconstruct import Inapplicable, Method, get_method
 from malus.reconstruct.methods import by_name
@@ -199,9 +199,9 @@ class _Scorer:
         true = self.truth.stokes[self.truth.mask].astype(np.float64)
         peak = brightest(true[..., 0])
         bands = true.shape[1]
-        none = Residuals(np.zeros((bands, 3, 3)), len(true))
-        channels = RGB if bands == 3 else GREY
-        yield from CapturedPixels(true / peak, peak, none, channels).values(estimated / peak)
+        none, channels = np.zeros(true.shape[:2]), RGB if bands == 3 else GREY
+        pixels = CapturedPixels(true / peak, peak, none, np.zeros((3, 3)), channels)
+        yield from pixels.values(estimated / peak)
         for profile in self.profiles:
             yield from profile(estimated)
 

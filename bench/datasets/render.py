@@ -280,9 +280,10 @@ def _all_outcomes(
     if worker is not None and tasks:
         variant = tasks[0].variant
 
-        def load(worker: WorkerProcess) -> None:
+        def load(worker: WorkerProcess, task: RenderTask) -> None:
             worker.begin(import_all, __name__)
-            worker.begin(mitsuba, variant)
+            if task.renderer == "mitsuba":
+                worker.begin(mitsuba, variant)
 
         yield from shared_later(tasks, worker, processes(variant), _outcomes, load)
         return

@@ -123,7 +123,7 @@ def train_model(
     options = _agreed(options, parent)
     data = read_data(folder, options, progress)
     if begin_from is None or begin_from.resolve() != model.resolve():
-        _check_replaced(model, data, options)
+        _check_replaced(model, data, options, parent)
     kept = KeptTraining(model, _identity(data, options, parent), began)
     training = fit(
         data.train,
@@ -169,31 +169,36 @@ def _check_beside(model: Path) -> None:
     InputError
         Naming the first of them.
     """
-    own = (".onnx", ".json", ".svg") if facts_in(model) is not None else ()
-    for suffix in (".onnx", ".json", ".svg"):
+    is_record = _is_record(model.with_suffix(".json"))
+    own = {".onnx": facts_in(model) is not None, ".json": is_record, ".svg": is_record}
+    for suffix, is_own in own.items():
         path = model.with_suffix(suffix)
-        if path.exists() and (suffix not in own or (suffix == ".json" and not _is_record(path))):
+        if path.exists() and not is_own:
             hint = "choose another `out`; nothing was changed"
             raise InputError("out", "a new name, or that of a training", str(path), hint)
 
 
 def _is_record(path: Path) -> bool:
     """Whether a JSON file is the record of a training."""
-    with suppress(OSError, ValueError):
+    with suppress(OSError, ValueError, AttributeError):
         record = json.loads(path.read_text("utf-8"))
-        return isinstance(record, dict) and {"recipe", "history"} <= set(record)
+        kinds = [type(record.get(key)) for key in ("recipe", "history", "validation_skill")]
+        return kinds[:2] == [dict, list] and kinds[2] in (float, int)
     return False
 
 
-def _check_replaced(model: Path, data: Data, options: TrainingOptions) -> None:
+def _check_replaced(
+    model: Path, data: Data, options: TrainingOptions, parent: Model | None
+) -> None:
     """Refuse to replace a finished model of other data or options: it may have taken hours."""
     facts = facts_in(model)
     if facts is None:
         return
     recipe = facts.get("recipe") or {}
     same = json.loads(json.dumps(asdict(options)))
-    dataset = (recipe.get("dataset") or {}).get("sha256")
-    if (dataset, recipe.get("options")) != (data.dataset.sha256, same):
+    dataset, began = ((recipe.get(key) or {}).get("sha256") for key in ("dataset", "from"))
+    wanted = (data.dataset.sha256, same, parent and parent.sha256)
+    if (dataset, recipe.get("options"), began) != wanted:
         expected, found = "a new name, or the same training", "a model of other data or options"
         raise InputError(f"out {model}", expected, found, "choose another `out`, or remove it")
 

@@ -353,7 +353,7 @@ def scene_id(entry: CaptureEntry, capture: Capture) -> str:
     folder = Path(entry.folder)
     files = [folder] if folder.is_file() else [folder / name for name in capture.names]
     if not any(file.is_file() for file in files):  # a scene of an export, in folders of its bands
-        files = sorted(file for file in folder.rglob("*") if file.is_file())
+        files = sorted([folder / "truth.npz", *folder.glob("*nm/*")])
     files += [Path(file) for file in (entry.mask, entry.labels) if file is not None]
     digests = [digest_of(file, "picture") for file in files if file.is_file()]
     told = entry.model_dump(mode="json", exclude={"folder", "mask", "labels", "name", "group"})

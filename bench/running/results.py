@@ -315,16 +315,16 @@ def read_results(folder: Path | str) -> Results:
     return Results(table, run)
 
 
-_PARTS = ("suite", "variant", "versions")
+_PARTS = ("suite", "variant", "versions", "seconds", "machine")
 """Keys of a run's record whose values are objects."""
 
 
 def _checked(run: Any) -> dict[str, Any]:
     """The record of a run; raises ValueError for another object."""
-    parts = [run, *(run.get(name, {}) for name in _PARTS)] if isinstance(run, dict) else [run]
-    if not all(isinstance(part, dict) for part in parts) or "suite" not in parts[0]:
-        raise ValueError(f"a {RUN} that is the record of something else")
-    return dict(parts[0])
+    is_whole = isinstance(run, dict) and all(isinstance(run.get(k, {}), dict) for k in _PARTS)
+    if is_whole and isinstance(run.get("suite", {}).get("name"), str):
+        return dict(run)
+    raise ValueError(f"a {RUN} that is the record of something else")
 
 
 def _read_table(parquet: BinaryIO) -> pd.DataFrame:

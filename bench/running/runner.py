@@ -109,6 +109,7 @@ class SuiteRun:
     seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     taken_over: int = 0
     finished: int = 0
+    label: str = ""
     stamps: dict[str, dict[str, str]] = field(default_factory=dict)
     """Of each task's methods, when the task was given out."""
 
@@ -127,7 +128,8 @@ class SuiteRun:
             if not missing:
                 self.finished += 1
                 continue
-            self.progress(self.finished, len(self.families), family.label)
+            self.label = family.label
+            self.progress(self.finished, len(self.families), self.label)
             self.stamps[name] = {key: stamped(reference) for key, reference in missing.items()}
             yield FamilyTask(
                 name,
@@ -199,6 +201,7 @@ class SuiteRun:
         for stage, seconds in result.seconds.items():
             self.seconds[stage] += seconds
         self.finished += 1
+        self.progress(self.finished, len(self.families), self.label)
 
     def tables(self, totals: RunTotals) -> Iterator[pd.DataFrame]:
         """Tables of all families, one at a time; each is counted in `totals`.

@@ -29,15 +29,19 @@ from malus.scenes.scene import Scene
 
 
 def scored(
-    task: FamilyTask, variant: Variant, threads: int = 1, ahead: bool = False
+    task: FamilyTask,
+    variant: Variant,
+    threads: int = 1,
+    ahead: bool = False,
+    result: FamilyResult | None = None,
 ) -> FamilyResult:
     """Render a family and score every method on each of its scenes; the result has records.
 
     Scenes are shared out among `threads` where every method allows it. The seconds of a stage are
     then its part of the time that passed. With `ahead`, the kernels of the family that follows run
-    meanwhile.
+    meanwhile. A `result` that is given has the seconds of what was done before.
     """
-    result, plan, renders = FamilyResult(), _plan_of(task), None
+    result, plan, renders = result or FamilyResult(), _plan_of(task), None
     with result.guard():
         renders = renders_of(task.family, task.renderer, variant, result, False)
         if ahead and task.following is not None:

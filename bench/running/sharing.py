@@ -29,6 +29,9 @@ WORTH_SECONDS = 1.5
 """Work after the first task for which one process gets others beside it: they take as long to
 start."""
 
+POLL_SECONDS = 0.02
+"""Time after which a process that loads is looked at again."""
+
 WARMING_SECONDS = 10.0
 """The first task loads and compiles what all need, which takes no longer than this."""
 
@@ -61,20 +64,20 @@ def shared_later(
     worker: WorkerProcess,
     most: int,
     do: Work[Task, _Item],
-    load: Callable[[WorkerProcess], object],
+    load: Callable[[WorkerProcess, Task], object],
     apart: Callable[[WorkerProcess], Work[Task, _Item]] | None = None,
 ) -> Iterator[tuple[Task, _Item]]:
     """Do tasks in one process, and where they take a while in `most` of them; yields as they come.
 
     One process hardly profits from several cores: what is Python in it has one. Where those
-    in sight will take `WORTH_SECONDS` at the pace of the last, others start, and `load` what tasks
-    need; once they have, all take tasks. With `apart`, the first process is from then on beside the
-    others: `apart` of it is what these do.
+    in sight will take `WORTH_SECONDS` at the pace of the last, others start, and `load` what such a
+    task needs; those that have take tasks, too. With `apart`, the first process is beside the
+    others as soon as one of these has: `apart` of it is what they do.
     """
     queue, pace = TaskQueue(tasks, one_renders=apart is not None), _Pace()
     with ExitStack() as stack:
         more: list[WorkerProcess] = []
-        while not more or not all(other.is_free() for other in more):
+        while not more or not (apart is None or any(other.is_free() for other in more)):
             task = queue.next_of(worker)
             if task is None:
                 return
@@ -84,7 +87,7 @@ def shared_later(
                 others = (WorkerProcess(worker.timeout) for _ in range(most - (apart is None)))
                 more = [stack.enter_context(other) for other in others]
                 for other in more:
-                    load(other)
+                    load(other, task)
         if apart is None:
             yield from shared(queue, [worker, *more], do)
         else:
@@ -105,10 +108,11 @@ def shared(
         sharing = _Sharing(queue, do, pool, len(workers), beside)
         try:
             for worker in workers:
-                sharing.hand_over(worker)
+                sharing.admit(worker)
             while sharing.busy:
                 task, items = sharing.next_items()
                 for item in items:
+                    assert task is not None
                     yield task, item
         finally:
             sharing.stop()
@@ -150,6 +154,20 @@ class _Sharing(Generic[Task, _Item]):
         # No more wait than are made at once: they may be large.
         self._arrived: Queue[_Arrived[Task, _Item]] = Queue(workers)
         self.busy: set[WorkerProcess] = set()
+        self._loading: set[WorkerProcess] = set()
+
+    def admit(self, worker: WorkerProcess) -> None:
+        """Give a process its first task, at once or when it has loaded what it was to begin."""
+        if worker.is_free():
+            self.hand_over(worker)
+            return
+        self._loading.add(worker)
+        self._pool.submit(self._await, worker)
+
+    def _await(self, worker: WorkerProcess) -> None:
+        while not worker.is_free():
+            time.sleep(POLL_SECONDS)
+        self._arrived.put(_Arrived(worker, None, [], ended=True))
 
     def hand_over(self, worker: WorkerProcess) -> None:
         """Give a process its next task, where one is left."""
@@ -171,34 +189,42 @@ class _Sharing(Generic[Task, _Item]):
             raised = error
         self._arrived.put(_Arrived(worker, task, last, ended=True, raised=raised))
 
-    def next_items(self) -> tuple[Task, list[_Item]]:
-        """What arrives next; its process has its next task then, where it has ended this one."""
+    def next_items(self) -> tuple[Task | None, list[_Item]]:
+        """What arrives next, nothing of a process that has loaded.
+
+        Its process has its next task then, where it has ended this one.
+        """
         arrived = self._arrived.get()
         if arrived.raised is not None:
             self.busy.discard(arrived.worker)
             raise arrived.raised
         if arrived.ended:
+            self._loading.discard(arrived.worker)
             self.hand_over(arrived.worker)
         return arrived.task, arrived.items
 
     def stop(self) -> None:
         """End what is under way, and take what its threads wait to hand in."""
-        for worker in self.busy:
+        for worker in self.busy | self._loading:
             worker.give_up()
         if self.busy and self._beside is not None:
             self._beside.give_up()
-        while self.busy:
+        while self.busy or self._loading:
             arrived = self._arrived.get()
             if arrived.ended:
                 self.busy.discard(arrived.worker)
+                self._loading.discard(arrived.worker)
 
 
 @dataclass(frozen=True)
 class _Arrived(Generic[Task, _Item]):
-    """What came of a task, with its last item that it has ended, and what it raised."""
+    """What came of a task, with its last item that it has ended, and what it raised.
+
+    Of a process that has loaded what it was to begin there is no task.
+    """
 
     worker: WorkerProcess
-    task: Task
+    task: Task | None
     items: list[_Item]
     ended: bool = False
     raised: BaseException | None = None

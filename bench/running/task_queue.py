@@ -24,6 +24,7 @@ smaller, and a sphere needs no tree."""
 class TaskQueue(Generic[Task]):
     """Tasks for one process in their order, or shared out among several.
 
+    Among those that it has looked at already the first ones go first that cost a process least.
     Who takes a task is told which family it will be given next. Several processes get tasks whose
     meshes and roughnesses they have had before, and of others those that no other process has had;
     with `one_renders`, where one process renders for all of them, a mesh is had once for all.

@@ -51,9 +51,9 @@ def in_worker_process(variant: Variant, worker: WorkerProcess) -> Engine:
     work_of, card = partial(_in_worker, variant), on_a_card(variant)
     apart = partial(_Apart, variant) if card else None
 
-    def load(worker: WorkerProcess) -> None:
+    def load(worker: WorkerProcess, task: FamilyTask) -> None:
         worker.begin(import_all, *SCORING)
-        if not card:
+        if not card and task.renderer == "mitsuba":
             worker.begin(mitsuba, variant)
 
     return lambda tasks: shared_later(tasks, worker, cpu_processes(), work_of, load, apart)
@@ -116,7 +116,7 @@ def _rendered(task: FamilyTask, variant: Variant) -> Iterator[RenderedApart | Fa
     with result.guard():
         rendered = rendered_apart(task.family, variant, result)
     if rendered is None and not result.failures:
-        result = scored(task, variant, usable_cores())
+        result = scored(task, variant, usable_cores(), result=result)
     yield result if rendered is None else rendered
 
 

@@ -85,6 +85,7 @@ class WorkerProcess:
         self._connection: Connection | None = None
         self._told: IO[bytes] | None = None  # its errors, until it is ready
         self._begun = 0
+        self._loads: list[tuple[Any, ...]] = []
         self._given_up = False
 
     def __enter__(self) -> WorkerProcess:
@@ -139,7 +140,8 @@ class WorkerProcess:
     def begin(self, function: Callable[..., object], *arguments: Any) -> None:
         """Start the process where there is none, and let it do what nobody waits for: imports.
 
-        What goes wrong is told by the task that needs it.
+        One that is started after it died does again what was done. What goes wrong is told by the task that
+        needs it.
 
         Examples
         --------
@@ -149,21 +151,25 @@ class WorkerProcess:
         ...     list(worker.stream(range, 2))
         [0, 1]
         """
+        self._loads.append((function, *arguments))
         with suppress(Died, OSError):
             if self._process is None:
                 self._start()
-            assert self._connection is not None
-            # Imports may take longer than tasks that are given little time.
-            seconds = max(self.timeout, _START_SECONDS)
-            self._connection.send((without_results, (function, *arguments), seconds))
-            self._begun += 1
+            else:
+                self._load(self._loads[-1])
+
+    def _load(self, call: tuple[Any, ...]) -> None:
+        assert self._connection is not None
+        # Imports may take longer than tasks that are given little time.
+        self._connection.send((without_results, call, max(self.timeout, _START_SECONDS)))
+        self._begun += 1
 
     def is_free(self) -> bool:
         """Whether it would begin a task at once: it has started, and done what it was to begin.
 
-        So is one that died: its next task tells.
+        So is one that died, or was never started: its next task starts another.
         """
-        with suppress(Died, EOFError, ConnectionResetError):
+        try:
             while self._connection is not None and (self._begun or self._told is not None):
                 if not self._connection.poll():
                     return False
@@ -171,6 +177,8 @@ class WorkerProcess:
                     self._wait_until_ready()
                 else:
                     self._begun -= self._connection.recv()[0] in (END, ERROR)
+        except (Died, EOFError, ConnectionResetError):
+            self._stop()
         return True
 
     def _start(self) -> None:
@@ -199,6 +207,9 @@ class WorkerProcess:
                 raise self._not_started(f"it ended with {error}") from None
             finally:
                 worker_end.close()
+        with suppress(OSError):  # its task tells
+            for call in self._loads:
+                self._load(call)
 
     def _wait_until_ready(self) -> None:
         """Wait until a process that was started is ready.
@@ -238,6 +249,9 @@ class WorkerProcess:
         return f"the process that did it ended with code {code}"
 
     def _stop(self) -> None:
+        if self._begun:  # what it did not survive, or was not done with, is not begun again
+            del self._loads[-self._begun :]
+            self._begun = 0
         if self._told is not None:
             self._told.close()
             self._told = None

@@ -44,9 +44,11 @@ class CapturedPixels:
     stokes : (pixels, channels, 3)
     peak : float
         In the light of the pictures.
-    noise : Residuals
-        Expected error moments of the fit, from what it leaves of the pictures; zero where three
-        pictures leave nothing.
+    scatter : (pixels, channels)
+        Variance of a picture's value there, over the peak's square, from what the fit leaves of
+        the pictures; zero where three pictures leave nothing.
+    covariance : (3, 3)
+        Of the Stokes vector that is fitted to values of variance 1.
     channels : names of the channels
 
     Examples
@@ -66,7 +68,8 @@ class CapturedPixels:
 
     stokes: Float64Array
     peak: float
-    noise: Residuals
+    scatter: Float64Array
+    covariance: Float64Array
     channels: tuple[str, ...]
 
     @classmethod
@@ -74,17 +77,22 @@ class CapturedPixels:
         """The pixels of `mask` (height, width), at least one, with the noise of the fit there."""
         stokes = fit.stokes[mask].astype(np.float64)
         peak = brightest(stokes[..., 0])
-        variance = np.zeros(stokes.shape[1])
+        scatter = np.zeros(stokes.shape[:2])
         matrix = analyser(capture.angles_deg)
         count = len(matrix)
         if count > 3:
-            squares = np.square(fit.residual[mask], dtype=np.float64).sum(axis=0) * count
-            variance = squares / (count - 3) / peak**2
+            squares = np.square(fit.residual[mask], dtype=np.float64) * count
+            scatter = np.asarray(squares / (count - 3) / peak**2)
         covariance = np.linalg.inv(matrix.T @ matrix)
         covariance[0] = covariance[:, 0] = 0.0  # methods are given the same s0, with its noise
-        noise = Residuals(variance[:, None, None] * covariance, len(stokes))
         names = capture.channels or (RGB if stokes.shape[1] == 3 else GREY)
-        return cls(stokes / peak, peak, noise, names)
+        return cls(stokes / peak, peak, scatter, np.asarray(covariance, np.float64), names)
+
+    @functools.cached_property
+    def noise(self) -> Residuals:
+        """Expected error moments of the fit."""
+        moments = self.scatter.sum(axis=0)[:, None, None] * self.covariance
+        return Residuals(moments, len(self.stokes))
 
     def values(self, estimated: FloatArray) -> Iterator[MetricValue]:
         """Rows of the table for estimated Stokes vectors (pixels, channels, 3) over the peak.
@@ -115,9 +123,9 @@ class CapturedPixels:
         return float(nmse[0]), float(_skills(nmse, guess, noise, error.pixels)[0])
 
     def part(self, chosen: BoolArray) -> CapturedPixels:
-        """Some of the pixels, with the same peak; their noise is not told apart."""
-        noise = Residuals(self.noise.moments * chosen.mean(), int(chosen.sum()))
-        return CapturedPixels(self.stokes[chosen], self.peak, noise, self.channels)
+        """Some of the pixels, with the same peak."""
+        stokes, scatter = self.stokes[chosen], self.scatter[chosen]
+        return CapturedPixels(stokes, self.peak, scatter, self.covariance, self.channels)
 
     def _agreement(
         self, estimated: Float64Array, guess: Float64Array, noise: Float64Array

@@ -206,7 +206,7 @@ def no_longer_scored(names: Sequence[str], runs: Sequence[ResultsLike]) -> Itera
     scenes = [_scored(run.table) for run in runs]
     for name, run, scored in zip(names[1:], runs[1:], scenes[1:], strict=True):
         there = set(run.table["scene"])
-        for method in scenes[0].keys() & scored.keys():
+        for method in filter(scored.__contains__, scenes[0]):
             before = scenes[0][method] & there
             lost = len(before - scored[method])
             if lost:

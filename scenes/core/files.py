@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import json
 import os
@@ -51,11 +52,24 @@ def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
             os.rename(final, aside / final.name)
         os.rename(temporary, final)
     except OSError as error:
+        if temporary is not None and not _is_of_writing(error, temporary):
+            raise
         raise _not_written(final, "folder", error) from error
     finally:
         for left in (temporary, aside):
             if left is not None:
                 shutil.rmtree(left, ignore_errors=True)
+
+
+_NOT_WRITABLE = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
+"""Errors that no reading has."""
+
+
+def _is_of_writing(error: OSError, temporary: Path) -> bool:
+    """Whether an error is of what is written, and not of a file that is read for it."""
+    name = error.filename
+    is_own = name is None or str(name).startswith(str(temporary))
+    return is_own or error.errno in _NOT_WRITABLE
 
 
 def _not_written(final: Path, kind: str, error: OSError) -> InputError:
@@ -99,7 +113,7 @@ def add_to_folder(final: Path, write: Callable[[Path], object]) -> list[str]:
         if is_new:
             with contextlib.suppress(OSError):
                 final.rmdir()
-        if isinstance(error, OSError):
+        if isinstance(error, OSError) and _is_of_writing(error, temporary):
             raise _not_written(final, "folder", error) from error
         if isinstance(error, InputError) and str(temporary) in error.where:
             where = error.where.replace(str(temporary), str(final))
@@ -137,6 +151,8 @@ def replace_file(final: Path, write: Callable[[Path], object]) -> None:
         temporary.chmod(0o644)
         os.replace(temporary, final)
     except OSError as error:
+        if temporary is not None and not _is_of_writing(error, temporary):
+            raise
         raise _not_written(final, "file", error) from error
     finally:
         if temporary is not None:

@@ -157,7 +157,7 @@ class PBRDF:
         total = math.nan if is_infinite else float(np.nansum(values[..., 0, 0], dtype=np.float64))
         if not total > 0:
             found = "infinite values" if is_infinite else f"{total:g} in all"
-            expected = f"M00 at {band} that is finite and positive, NaN where it is not known"
+            expected = f"finite values at {band}, a sum of M00 above 0, NaN for what is not known"
             raise _damaged(self.path, expected, found)
         return values
 

@@ -127,7 +127,8 @@ def test_files_of_a_suite_are_found_from_wherever_it_is_done(
 
 
 @pytest.mark.parametrize(
-    "record", ["[]", "null", '{"suite": 3}', "{}", '{"suite": {}, "variant": 1}']
+    "record",
+    ["[]", "null", '{"suite": 3}', "{}", '{"suite": {}}', '{"suite": {"name": "a"}, "seconds": 4}'],
 )
 def test_a_record_of_something_else_is_no_run(record: str, tmp_path: Path) -> None:
     run(SUITE, tmp_path, NOBODY)

@@ -98,7 +98,7 @@ def test_results_are_the_same_to_the_bit(name: str, tmp_path: Path) -> None:
     assert both(SUITES[name], tmp_path, choose()) == [name != "formulas", False, False]
     stages = read_results(tmp_path / "apart").run["seconds"]
     assert stages["render"] > 0
-    assert (stages["reconstruct"], stages["score"]) > (0, 0)
+    assert min(stages["reconstruct"], stages["score"]) > 0
 
 
 @needs_arrays
@@ -106,6 +106,7 @@ def test_results_are_the_same_to_the_bit(name: str, tmp_path: Path) -> None:
 def test_renders_of_several_surfaces_and_bounces_are_the_same(name: str, tmp_path: Path) -> None:
     """Of scenes that are rendered one by one the process that renders has the scores, too."""
     assert both(OF_ARRAYS[name], tmp_path, choose()) == [True, False, False]
+    assert read_results(tmp_path / "apart").run["seconds"]["render"] > 0
 
 
 def test_what_cannot_be_rendered_costs_its_family(tmp_path: Path) -> None:

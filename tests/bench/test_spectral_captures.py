@@ -18,15 +18,16 @@ from malus.bench.datasets.render import render_dataset
 from malus.bench.running import captures
 from malus.bench.running.capture_suite import CaptureSuite
 from malus.bench.running.output_folder import CAPTURES
+from malus.bench.scoring.capture_metrics import CapturedPixels
 from malus.bench.scoring.capture_score import score_capture, write_fit
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
 from malus.reconstruct.photos import estimate as photo_estimate
-from malus.reconstruct.photos.capture import read_capture
+from malus.reconstruct.photos.capture import Capture, read_capture
 from malus.reconstruct.photos.capture_fit import fit_capture
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.renderers.datasets.dataset import open_dataset
 from malus.reports.viewer.examples import read_examples
-from malus.scenes import Camera
+from malus.scenes import Camera, polarisation
 from malus.scenes.core.result_files import EXAMPLES
 
 THREE, FIVE = (450.0, 550.0, 650.0), (420.0, 480.0, 550.0, 600.0, 680.0)
@@ -168,3 +169,26 @@ def test_a_run_that_fails_leaves_the_record_of_older_results(
         with pytest.raises(OSError, match="No space"):
             malus.run_captures(other, out)
         assert ((out / CAPTURES).read_text("utf-8") == before) == is_older
+
+
+def test_an_object_has_the_noise_of_its_own_pixels() -> None:
+    """A dim one beside a bright and noisy one: as when it is alone."""
+    random = np.random.default_rng(5)
+    stokes = np.zeros((40, 40, 1, 3))
+    stokes[:, :20, :, 0] = 1.0
+    stokes[:, 20:] = np.array([0.06, 0.018, 0.0])
+    angles = (0.0, 45.0, 90.0, 135.0)
+    pictures = np.stack([polarisation.polarised(stokes, angle) for angle in angles])
+    pictures[:, :, :20] += random.normal(0, 0.02, (4, 40, 20, 1))
+    clipped, right = np.zeros((40, 40), bool), np.arange(40)[None] >= 20
+    capture = Capture(pictures.astype(np.float32), angles, clipped, tuple("abcd"), "linear")
+    fit = fit_capture(capture)
+    both = CapturedPixels.of(capture, fit, ~clipped)
+    mask = np.broadcast_to(right, clipped.shape)
+    part, alone = both.part(mask[~clipped]), CapturedPixels.of(capture, fit, mask)
+    estimate = part.stokes * np.array([1.0, 0.95, 0.95])
+    nmse, skill = part.errors(estimate)
+    assert skill == pytest.approx(1 - 0.05**2, abs=1e-3)  # its pictures are of single precision
+    assert skill == pytest.approx(alone.errors(alone.stokes * [1.0, 0.95, 0.95])[1], rel=1e-6)
+    assert nmse > 0
+    np.testing.assert_allclose(part.noise.moments, alone.noise.moments * alone.peak**2, atol=1e-9)

@@ -132,6 +132,7 @@ def test_no_horizontal_under_a_view_straight_down() -> None:
 
 def test_what_is_not_a_number_has_no_degree_and_no_angle() -> None:
     """A score of it would be that of unpolarised light."""
+    assert np.isnan(polarisation.dolp(np.array([[0, np.nan, 0], [-1, 0, np.nan]]))).all()
     for k in range(3):
         stokes = np.array([1.0, 0.3, 0.2])
         stokes[k] = np.nan

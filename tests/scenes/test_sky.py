@@ -189,7 +189,12 @@ def test_a_broken_radiance_file_is_refused(tmp_path: Path, content: bytes, expec
     ("line", "is_read"),
     [
         ("EXPOSURE=4.0", False),
+        ("EXPOSURE=11", False),
+        ("EXPOSURE=1.01", False),
+        ("EXPOSURE=bright", False),
         ("EXPOSURE= 1.0", True),
+        ("EXPOSURE=1.0000e+00", True),
+        ("COLORCORR=1.01 1 1", False),
         ("COLORCORR=1 1 1.00", True),
         ("COLORCORR=1 0.9 1", False),
         ("SOFTWARE=EXPOSURE=2", True),
