@@ -8,6 +8,7 @@ and quantisation, with a gain of K digital numbers (DN) an electron.
 from __future__ import annotations
 
 import csv
+import math
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -192,6 +193,8 @@ class Sensor(Model):
     def _one_sensor(self) -> Self:
         if self.largest_number <= self.dark_level:
             raise ValueError(f"a dark_level below the largest number, {self.largest_number}")
+        if 0 < max(map(abs, self.mosaic)) <= 2 * math.pi:
+            raise ValueError("mosaic in degrees; are these radians?")
         if np.linalg.matrix_rank(analyser(np.array(self.assumed_angles_deg))) < 3:
             raise ValueError("three different directions in mosaic")
         # A file is not opened here: a dataset from elsewhere may name any.

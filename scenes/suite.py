@@ -29,7 +29,7 @@ from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.materials.measured import Measured, open_pbrdf
 from malus.scenes.materials.surface import Body, Surface
 from malus.scenes.random_suite.random_scenes import RandomScenes, SceneDraws
-from malus.scenes.random_suite.splits import Splits
+from malus.scenes.random_suite.splits import DRAWN_MATERIALS, Splits, refuse_own_values
 from malus.scenes.scene import DEPTH_AMONG_OBJECTS, Sampling, Scene, Wavelengths
 from malus.scenes.sensor import Sensor, located
 from malus.scenes.shapes.patterns import ImageTexture
@@ -142,6 +142,9 @@ class Suite(Model):
     @model_validator(mode="after")
     def _scenes_fit(self) -> Self:
         if self.draws is not None:
+            if self.random is not None and self.splits is not None:
+                items = {name: self.random.items(name) for name in DRAWN_MATERIALS}
+                refuse_own_values(items, self.splits)
             for key, content in self.draws.examples():
                 for placed in self.draws.made(content, key).objects:
                     placed.surface.indices(self.wavelengths_nm)
@@ -172,8 +175,17 @@ class Suite(Model):
     @model_validator(mode="after")
     def _sensor_fits(self) -> Self:
         if self.sensor is not None:
-            self.sensor.check_fits(self.wavelengths_nm, self.camera.resolution)
+            for resolution in self._resolutions():
+                self.sensor.check_fits(self.wavelengths_nm, resolution)
         return self
+
+    def _resolutions(self) -> set[int]:
+        """Pixels a side of all cameras; of drawn ones those that ranges and choices end with."""
+        own = {self.camera.resolution}
+        if self.draws is None:
+            return own
+        cameras = [content["camera"] for _, content in self.draws.examples()]
+        return {int(camera.get("resolution", self.camera.resolution)) for camera in cameras}
 
     @property
     def scene_count(self) -> int:
@@ -274,7 +286,8 @@ def load_suite(name_or_path: str | Path) -> Suite:
     folder = Path(where).parent
     if suite.sensor is not None:
         sensor = located(suite.sensor, folder, where)
-        sensor.check_fits(suite.wavelengths_nm, suite.camera.resolution)
+        for resolution in suite._resolutions():
+            sensor.check_fits(suite.wavelengths_nm, resolution)
         suite = suite.model_copy(update={"sensor": sensor})
     shapes = tuple(_with_mesh(shape, folder) for shape in suite.shapes)
     lights = tuple(_with_map(light, folder) for light in suite.lights)

@@ -140,8 +140,8 @@ class WorkerProcess:
     def begin(self, function: Callable[..., object], *arguments: Any) -> None:
         """Start the process where there is none, and let it do what nobody waits for: imports.
 
-        One that is started after it died does again what was done. What goes wrong is told by the task that
-        needs it.
+        One that is started after it died does again what was done. What goes wrong is told by the
+        task that needs it.
 
         Examples
         --------

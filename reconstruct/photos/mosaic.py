@@ -99,7 +99,8 @@ def demosaic_grey(frame: Float32Array) -> Float32Array:
             row, column = divmod(index, 2)
             samples = np.zeros_like(strip)
             samples[row::2, column::2] = 1.0
-            picture = _residual_interpolation(strip, samples, guide, floor**2)
+            least = max(floor**2, float(np.finfo(np.float32).tiny))  # of a dark frame
+            picture = _residual_interpolation(strip, samples, guide, least)
             result[index, first : first + _ROWS] = picture[inner]
     return result
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal, Self
@@ -16,7 +16,7 @@ from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
 from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.surface import Patterned
-from malus.scenes.random_suite.templates import distributions
+from malus.scenes.random_suite.templates import distributions, variants
 from malus.scenes.scene import Scene
 
 SplitName = Literal["train", "val", "test"]
@@ -173,6 +173,66 @@ def separate(
         lacking[chosen] -= part.weight
         result[chosen].append(part)
     return {name: sorted(found, key=lambda p: (p.item, p.low)) for name, found in result.items()}
+
+
+DRAWN_MATERIALS = ("material", "surface", "surroundings")
+"""Axes whose items may hold materials."""
+
+
+def refuse_own_values(items: Mapping[str, Sequence[tuple[Any, float]]], splits: Splits) -> None:
+    """Refuse a random suite whose splits would share values that no axis hands out.
+
+    Bands and items of an axis are shared out among the splits; what objects of the surroundings,
+    parts of a pattern, or a second range of the same index have of their own is not. `items` are
+    pairs of template and weight by axis.
+
+    Raises
+    ------
+    InputError
+        Naming the first of them.
+    """
+    if len(splits.shares) < 2:
+        return
+    own = list(_own_values(items))
+    if "material" in splits.disjoint:
+        own += _overlapping(items["material"])
+    for key, axis, found in own:
+        if axis in splits.disjoint:
+            hint = f"let every object draw its {axis}, or leave {axis} out of `disjoint`"
+            raise InputError(f"key random.{key}", f"every {axis} in one split", found, hint)
+
+
+def _own_values(
+    items: Mapping[str, Sequence[tuple[Any, float]]],
+) -> Iterator[tuple[str, str, str]]:
+    """Key, axis, and words of what objects and parts of patterns have of their own."""
+    for number, (around, _) in enumerate(items["surroundings"]):
+        objects = around.get("objects", ()) if isinstance(around, Mapping) else ()
+        for place, thing in enumerate(objects):
+            key = f"surroundings.{number}.objects.{place}"
+            shape = thing.get("shape")
+            if not (isinstance(shape, Mapping) and shape.get("kind") == "plane"):
+                yield f"{key}.shape", "shape", "a shape of its own"
+            for axis in ("material", "surface") if "surface" in thing else ():
+                yield f"{key}.surface", axis, f"a {axis} of its own"
+    for number, (surface, _) in enumerate(items["surface"]):
+        parts = surface.get("parts", ()) if isinstance(surface, Mapping) else ()
+        for place, part in enumerate(parts if isinstance(parts, tuple) else ()):
+            if isinstance(part, Mapping) and "material" in part:
+                yield f"surfaces.{number}.parts.{place}", "material", "a material of its own"
+
+
+def _overlapping(materials: Sequence[tuple[Any, float]]) -> Iterator[tuple[str, str, str]]:
+    """The same of ranges of the index in several items that have indices in common."""
+    known: list[tuple[float, float]] = []
+    for number, (template, _) in enumerate(materials):
+        if not isinstance(template, Mapping) or set(template) != {"eta"}:
+            continue  # metals, whose indices are pairs, and materials with names
+        ends = [float(v["eta"]) for v in variants(template) if isinstance(v["eta"], float | int)]
+        low, high = min(ends, default=0.0), max(ends, default=0.0)
+        if any(low < other_high and other_low < high for other_low, other_high in known):
+            yield f"materials.{number}.eta", "material", f"{low:g} to {high:g}, as in others"
+        known.append((low, high))
 
 
 def values_of(scene: Scene, axis: Disjoint) -> set[str]:

@@ -67,3 +67,14 @@ def test_bands_and_colours_come_back_in_their_channels() -> None:
         assert stokes.shape == ideal.shape
         # The least sensitive channel has a twentieth of the electrons: noise of 2e-4.
         assert np.abs(stokes - ideal).max() < 2e-3
+
+
+@pytest.mark.parametrize("bands", [(550.0,), (450.0, 550.0, 650.0)])
+def test_a_dark_band_has_no_light_and_is_a_number(bands: tuple[float, ...]) -> None:
+    """Beside lit ones, and alone: without read noise every electron is missing."""
+    light = np.zeros((16, 16, len(bands), 3))
+    light[:, :, 1:, 0] = 1.0
+    with np.errstate(invalid="raise", divide="raise"):
+        stokes = demosaiced_stokes(expose(light, Sensor(exposure=5000.0), bands))
+    assert not stokes[:, :, 0].any()
+    np.testing.assert_allclose(stokes[:, :, 1:, 0].mean(axis=(0, 1)), 1.0, rtol=0.02)

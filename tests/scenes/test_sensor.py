@@ -245,3 +245,37 @@ def test_maps_that_are_always_there_may_be_named(tmp_path: Path) -> None:
 def test_suites_without_them_have_their_old_record() -> None:
     record = load_suite("quick").model_dump(mode="json")
     assert not {"maps", "sensor"} & record.keys()
+
+
+def test_angles_in_radians_are_asked_about(tmp_path: Path) -> None:
+    sensor = "[sensor]\nmosaic = [1.5708, 0.7854, 2.3562, 0]\n"
+    (tmp_path / "suite.toml").write_text(SUITE + sensor, encoding="utf-8")
+    with pytest.raises(InputError, match="mosaic in degrees; are these radians"):
+        load_suite(tmp_path / "suite.toml")
+
+
+RANDOM = """
+name = "drawn"
+wavelengths_nm = [450, 550, 650]
+methods = ["unpolarised"]
+camera = { resolution = 16 }
+[sensor]
+bayer = "rggb"
+sensitivities = "nikon-5100"
+[random]
+count = 2
+shapes = [{ kind = "sphere" }]
+materials = ["water"]
+surfaces = ["carbon"]
+lights = [{ kind = "uniform" }]
+cameras = [{ resolution = { choice = [%s, 19] } }]
+"""
+
+
+def test_every_drawn_resolution_fits_the_mosaic(tmp_path: Path) -> None:
+    path = tmp_path / "suite.toml"
+    path.write_text(RANDOM % 3, encoding="utf-8")
+    with pytest.raises(InputError, match="a resolution of 12 or more for its mosaic, found 3"):
+        load_suite(path)
+    path.write_text(RANDOM % 12, encoding="utf-8")
+    assert load_suite(path).scene_count == 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -155,18 +156,53 @@ def test_values_are_listed_in_one_order() -> None:
     assert list(found) == sorted(values_of(scene, "material"))
 
 
-def test_a_fixed_material_of_a_room_is_a_leak_that_is_told() -> None:
-    floor = {
-        "shape": {"kind": "plane"},
-        "surface": {"material": "pmma", "alpha": 0.1},
-        "position": [0, -1, 0],
-    }
-    made = suite(SPLITS, surroundings=[{"name": "room", "objects": [floor]}])
-    assert made.splits is not None
-    assert made.draws is not None
-    scenes = [(s, s.id, made.draws.split(i)) for i, s in enumerate(made.scenes())]
-    with pytest.raises(InputError, match="pmma in"):
-        check_leaks(scenes, made.splits)  # type: ignore[arg-type]
+FLOOR = {"shape": {"kind": "plane"}, "position": [0, -1, 0]}
+BALL = {"shape": {"kind": "sphere"}, "position": [2, 0, 0]}
+INDEX = {"eta": {"uniform": [1.3, 1.7]}}
+PMMA = FLOOR | {"surface": {"material": "pmma", "alpha": 0.1}}
+OWN = {"surface": INDEX | {"alpha": 0.2}}
+PARTS = [{"surface": {"alpha": 0.2}, "material": INDEX}, {"alpha": 0.3}]
+
+
+def around(*objects: dict[str, Any]) -> dict[str, Any]:
+    return {"surroundings": [{"name": "a", "objects": list(objects)}]}
+
+
+ITS_OWN: dict[str, tuple[dict[str, Any], str, str]] = {
+    "a floor's material": (around(PMMA), "material", "surroundings.0.objects.0.surface"),
+    "a range of it": (around(FLOOR, BALL | OWN), "material", "surroundings.0.objects.1.surface"),
+    "a roughness": (around(FLOOR | OWN), "surface", "surroundings.0.objects.0.surface"),
+    "a shape": (around(FLOOR, BALL), "shape", "surroundings.0.objects.1.shape"),
+    "a part's index": (
+        {"surfaces": [{"pattern": {"kind": "checker"}, "parts": PARTS}]},
+        "material",
+        "surfaces.0.parts.0",
+    ),
+    "ranges that overlap": (
+        {"materials": [{"eta": {"uniform": [1.3, 1.5]}}, {"eta": {"uniform": [1.4, 1.9]}}]},
+        "material",
+        "materials.1.eta",
+    ),
+}
+"""Changes of a suite whose splits would share a value, the axis, and the key that is told."""
+
+
+@pytest.mark.parametrize("name", ITS_OWN)
+def test_what_no_axis_hands_out_is_told_when_the_suite_is_read(name: str) -> None:
+    """Before a scene is drawn: whether two of a range are equal would depend on chance."""
+    change, axis, key = ITS_OWN[name]
+    halves = {"train": 0.5, "test": 0.5, "disjoint": [axis]}
+    with pytest.raises(InputError, match=rf"key random\.{key}: expected every {axis} in one split"):
+        suite(halves, **change)
+    suite({"train": 1.0, "disjoint": [axis]}, **change)  # nothing is shared
+    suite({"train": 0.5, "test": 0.5, "disjoint": ["light"]}, **change)
+
+
+def test_objects_that_draw_and_ranges_apart_are_no_leak() -> None:
+    suite(SPLITS, surroundings=[{"name": "room", "objects": [FLOOR]}])
+    apart = [{"eta": {"uniform": [1.3, 1.5]}}, {"eta": {"uniform": [1.5, 1.9]}}, "pmma"]
+    metals = [{"eta": {"uniform": [0.5, 3]}, "k": {"uniform": [2, 5]}}]
+    suite(SPLITS, materials=[*apart, *metals])
 
 
 def test_files_of_folders_are_drawn_and_kept_apart(tmp_path: Path) -> None:
