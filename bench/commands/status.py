@@ -46,6 +46,9 @@ def status_command(folder: Path, as_json: bool) -> None:
     if len(progress.failed) > SHOWN:
         console.print(f"  and {len(progress.failed) - SHOWN} more failures; --json tells all")
     if not progress.finished and (progress.left or progress.done):
+        if progress.parts and not progress.left:
+            console.print("The same command without --part takes over what parts have here.")
+            return
         hint = ", and --part those that have not begun" if progress.parts else ""
         console.print(f"The command that made the folder, given again, goes on where it was{hint}.")
     elif progress.failed:

@@ -205,6 +205,8 @@ def _of_dataset(folder: Path) -> Status:
         if each.part.renders == record.renders and each.part.count > 1
     ]
     total = max(record.planned, done + len(failed))
+    # Lists of parts that were copied here are not opened before `malus render` has read them.
+    finished = not left and len(record.scenes) + len(record.failed) >= total
     return Status(
-        f"dataset of {name}", "scenes", total, done, left, failures, not left, parts=parts
+        f"dataset of {name}", "scenes", total, done, left, failures, finished, parts=parts
     )

@@ -147,6 +147,22 @@ def test_status_counts_parts_while_they_are_made(tmp_path: Path) -> None:
     assert len(open_dataset(tmp_path)) == 7
 
 
+def test_parts_that_were_copied_together_are_not_finished(tmp_path: Path) -> None:
+    """One of their lists of scenes has come in the place of the other's."""
+    both = tmp_path / "both"
+    for number in (1, 2):
+        render_dataset(drawn(), tmp_path / str(number), NOBODY, part=f"{number}/2")
+        shutil.copytree(tmp_path / str(number), both, dirs_exist_ok=True)
+    state = status(both)
+    assert (state.done, state.left, state.finished) == (10, 0, False)
+    assert len(open_dataset(both)) == 5
+    told = CliRunner().invoke(status_command, [str(both)]).output
+    assert "The same command without --part takes over what parts have here." in told
+    assert render_dataset(drawn(), both, NOBODY)["taken_over"] == 10
+    assert status(both).finished
+    assert len(open_dataset(both)) == 10
+
+
 def test_a_part_of_other_renders_is_refused(tmp_path: Path) -> None:
     render_dataset(drawn(), tmp_path, NOBODY, part="1/2")
     before = content_of(tmp_path)
