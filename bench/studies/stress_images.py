@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from malus.reconstruct import Components, Observation, get_method
-from malus.scenes import Distant
+from malus.scenes import Area, Distant
 from malus.scenes.core.arrays import Float64Array
 
 METHODS = tuple(
@@ -143,9 +143,15 @@ def image_cases() -> list[ImageCase]:
     return cases
 
 
+OF_ANY_LIGHT = frozenset({"lights", "lights+body"})
+"""Methods that sum over directions of the light, of which a lamp as wide as this has many."""
+
+
 def image_faults(case: ImageCase, dtype: str, method: str) -> list[str]:
     """Faults of a method's result for an extreme image; warnings and exceptions are faults."""
     observation = case.make(ordinary(dtype))
+    if method in OF_ANY_LIGHT:
+        observation = replace(observation, light=Area(incidence_deg=60, half_angle_deg=20))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
