@@ -116,7 +116,7 @@ def reflectances(cos_incidence: ArrayLike, eta: ArrayLike) -> tuple[Float64Array
     ratio = _square_modulus(cq - sine2) / _square_modulus(cq + sine2)
     # Rounding may take total reflection above one.
     perpendicular = np.minimum(perpendicular, 1.0)
-    return np.asarray(perpendicular), np.asarray(np.minimum(perpendicular * ratio, 1.0))
+    return np.asarray(perpendicular), np.asarray(perpendicular * ratio)
 
 
 def smooth_dolp(cos_incidence: ArrayLike, eta: ArrayLike) -> Float64Array:

@@ -185,11 +185,8 @@ def checked_picture(image: ArrayLike, mask: object) -> tuple[Image, BoolArray]:
         hint = "grey pictures have one band: image[..., None]"
         raise InputError("image", "(height, width, bands)", f"shape {values.shape}", hint)
     if inside.shape != values.shape[:2]:
-        expected, hint = (
-            f"shape {values.shape[:2]}, as the image has",
-            "give one that belongs to it",
-        )
-        raise InputError("mask", expected, f"{inside.shape}", hint)
+        expected = f"shape {values.shape[:2]}, as the image has"
+        raise InputError("mask", expected, f"{inside.shape}", "give one that belongs to it")
     return values, inside
 
 

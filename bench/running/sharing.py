@@ -84,7 +84,8 @@ def shared_later(
             for item in do(worker, task, usable_cores()):
                 yield task, item
             if most > 1 and not more and pace.seconds_with(queue) > WORTH_SECONDS:
-                others = (WorkerProcess(worker.timeout) for _ in range(most - (apart is None)))
+                count = most - 1 if apart is None else most
+                others = (WorkerProcess(worker.timeout) for _ in range(count))
                 more = [stack.enter_context(other) for other in others]
                 for other in more:
                     load(other, task)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Real
 from pathlib import Path
 from typing import NamedTuple
 
@@ -221,9 +220,9 @@ def _check_values(
 ) -> None:
     """Refuse a light of no direction, and an index or a roughness that no surface has."""
     hint = "correct this value"
-    if eta is not None and not (isinstance(eta, Real) and 1 < eta < np.inf):
+    if eta is not None and not (_is_number(eta) and 1 < eta < np.inf):
         raise InputError("eta", "a refractive index above 1", f"{eta}", hint)
-    if alpha is not None and not (isinstance(alpha, Real) and 0 < alpha <= 1):
+    if alpha is not None and not (_is_number(alpha) and 0 < alpha <= 1):
         raise InputError("alpha", "a roughness in (0, 1]", f"{alpha}", hint)
     if light is None:
         return
@@ -231,3 +230,7 @@ def _check_values(
     fits = vector.shape == (3,) and vector.dtype.kind in "iuf"
     if not (fits and 1e-6 < float(np.linalg.norm(vector)) < np.inf):
         raise InputError("light", "a direction X,Y,Z that is not zero", f"{light}", hint)
+
+
+def _is_number(value: object) -> bool:
+    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"  # type: ignore[arg-type]

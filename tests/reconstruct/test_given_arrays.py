@@ -117,7 +117,7 @@ def test_a_shape_is_recovered_from_what_others_take_too() -> None:
     broken = image.copy()
     broken[8, 8] = np.nan
     angles = np.sum(recover_shape(broken, mask, towards, given).normals * expected, axis=-1)[mask]
-    assert np.median(angles) > 0.99
+    assert np.median(angles) > 0.99  # 8°: one of a hundred pixels tells nothing
     with pytest.raises(InputError, match="direction: expected a vector"):
         recover_shape(image, mask, np.zeros(3), given)
 
@@ -161,10 +161,12 @@ def test_lists_are_arrays_too() -> None:
     )  # fmt: skip
     assert get_method("eq8").reconstruct(seen).s1.shape == (1, 1, 1)
     assert Knowledge(labels=[[0, 1, 2]]).mask.tolist() == [[False, True, True]]
+    one = Knowledge(eta=np.array(1.5), alpha=np.float32(0.2))  # type: ignore[arg-type]
+    assert (one.eta, one.alpha) == (1.5, np.float32(0.2))
     with pytest.raises(InputError, match="labels: expected whole numbers"):
         Knowledge(labels=np.array([[0, np.nan]]))
-    one = Components(np.ones((1, 1, 1)), ANY, ANY, valid=np.array([[False]]))
-    assert one.invalid(np.ones((1, 1))) == 1
+    light = Components(np.ones((1, 1, 1)), ANY, ANY, valid=np.array([[False]]))
+    assert light.invalid(np.ones((1, 1))) == 1
 
 
 @pytest.mark.parametrize(
@@ -173,6 +175,8 @@ def test_lists_are_arrays_too() -> None:
         (lambda: get_method(ANY), "method: expected the name of a method, found NoneType"),
         (lambda: get_method(get_method("eq8")), "the name of a method, found Method"),  # type: ignore[arg-type]
         (lambda: Knowledge(light=Distant(incidence_deg=3)), "light: expected a direction X,Y,Z"),  # type: ignore[arg-type]
+        (lambda: Knowledge(eta=1.5 + 1j), "eta: expected a refractive index"),  # type: ignore[arg-type]
+        (lambda: Knowledge(alpha=[0.1]), "alpha: expected a roughness"),  # type: ignore[arg-type]
         (lambda: Knowledge(eta="1.5"), "eta: expected a refractive index"),  # type: ignore[arg-type]
         (lambda: filter_picture(np.ones((4, 4, 3))), "a path or a malus.Picture, found ndarray"),  # type: ignore[arg-type]
         (lambda: malus.render(Scene, renderer=ANY), "expected"),  # type: ignore[arg-type]
