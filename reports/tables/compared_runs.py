@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -151,8 +151,8 @@ class RunComparison:
         One a run, method, body, light and metric that both have.
     differing, means, changed : TextTable
         Facts that differ between the runs; error and skill of every method; changes beyond chance.
-    lost : tuple of str
-        Sentences on scenes of both runs that a method of both is scored on in the first only.
+    lost : tuple of Lost
+        Scenes of both runs that a method of both is scored on in the first only.
 
     Examples
     --------
@@ -168,7 +168,7 @@ class RunComparison:
     differing: TextTable
     means: TextTable
     changed: TextTable
-    lost: tuple[str, ...] = ()
+    lost: tuple[Lost, ...] = ()
 
     @classmethod
     def of(cls, names: Sequence[str], runs: Sequence[ResultsLike]) -> RunComparison:
@@ -184,11 +184,11 @@ class RunComparison:
         verdict = "changes beyond chance" if self.changed else "nothing changed beyond chance"
         parts = (f"{counts[name]} {name}" for name in ("better", "worse", "changed"))
         told = f"{verdict}: {len(self.changes)} compared, {', '.join(parts)}"
-        return "; ".join((told, *self.lost))
+        return "; ".join((told, *map(str, self.lost)))
 
     def numbers(self) -> list[dict[str, Any]]:
-        """Every comparison as plain values; None where there is no number."""
-        return [
+        """Every comparison as plain values, None where there is no number; then what was lost."""
+        changes = [
             {
                 "run": change.run, "metric": change.metric.name,
                 **dict(zip(KEYS, change.key, strict=True)),
@@ -199,10 +199,31 @@ class RunComparison:
             }
             for change in self.changes
         ]  # fmt: skip
+        return [*changes, *(lost.numbers() for lost in self.lost)]
 
 
-def no_longer_scored(names: Sequence[str], runs: Sequence[ResultsLike]) -> Iterator[str]:
-    """Sentences on methods that the first run scores on more of the scenes of both runs."""
+class Lost(NamedTuple):
+    """How many scenes of both runs a method is scored on in the first of them only."""
+
+    run: str
+    method: str
+    scenes: int
+    before: int
+    """Scenes of both runs that it is scored on in the first."""
+
+    def __str__(self) -> str:
+        """As a sentence without a stop."""
+        return f"{self.method}: {self.scenes} of {self.before} scenes are not scored in {self.run}"
+
+    def numbers(self) -> dict[str, Any]:
+        """As a line of `RunComparison.numbers`, of which it has no body, light or value."""
+        none = dict.fromkeys(("body", "light", "before", "after", "difference", "half_width"))
+        scenes = {"scenes": self.scenes, "paired": True, "outcome": "not scored"}
+        return {"run": self.run, "metric": "nmse", "method": self.method, **none, **scenes}
+
+
+def no_longer_scored(names: Sequence[str], runs: Sequence[ResultsLike]) -> Iterator[Lost]:
+    """Methods that the first run scores on more of the scenes of both runs."""
     scenes = [_scored(run.table) for run in runs]
     for name, run, scored in zip(names[1:], runs[1:], scenes[1:], strict=True):
         there = set(run.table["scene"])
@@ -210,7 +231,7 @@ def no_longer_scored(names: Sequence[str], runs: Sequence[ResultsLike]) -> Itera
             before = scenes[0][method] & there
             lost = len(before - scored[method])
             if lost:
-                yield f"{method}: {lost} of {len(before)} scenes are not scored in {name}"
+                yield Lost(name, method, lost, len(before))
 
 
 def _scored(table: pd.DataFrame) -> dict[str, set[str]]:

@@ -147,7 +147,9 @@ def test_scenes_that_are_no_longer_scored_are_told() -> None:
     assert gone.sum() == 2
     after.table = after.table[~gone]
     comparison = RunComparison.of(("a", "b"), (before, after))
-    assert comparison.lost == ("mine: 2 of 5 scenes are not scored in b",)
+    (lost,) = (line for line in comparison.numbers() if line["outcome"] == "not scored")
+    assert (lost["run"], lost["method"], lost["scenes"]) == ("b", "mine", 2)
+    assert all(line.keys() == lost.keys() for line in comparison.numbers())
     assert comparison.headline.endswith("; mine: 2 of 5 scenes are not scored in b")
     # Scenes that the other run does not have, and methods it does not name, are no loss.
     fewer = run_of({"nmse": {"eq8": values[:3]}})
