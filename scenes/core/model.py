@@ -41,6 +41,14 @@ class Model(BaseModel):
     # So pydantic makes nested models without it, and an error in one keeps its place.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """The fields as plain values, each written by its own type.
+
+        Pydantic would choose among the types of a union by calling Python, and go on whatever
+        that raises: a Ctrl-C or a SIGTERM in this moment was lost, and the work went on.
+        """
+        return super().model_dump(**{"serialize_as_any": True, **options})
+
     @property
     def id(self) -> str:
         """First 16 hexadecimal digits of the SHA-256 of the canonical JSON of the identity."""

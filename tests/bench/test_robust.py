@@ -86,7 +86,7 @@ def test_a_stop_is_one_line_and_leaves_nothing_half_written(
     # As a terminal does, to all processes of the command.
     os.killpg(process.pid, number)
     exit_code, errors = end(process)
-    assert exit_code == code
+    assert exit_code == code, errors
     assert errors.splitlines()[-1] == "malus: stopped; the same command goes on where it was"
     assert "Traceback" not in errors
     assert not [name for name in files(tmp_path) if ".part-" in name]

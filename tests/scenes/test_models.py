@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from types import FrameType
 
 import pytest
 
-from malus.scenes import Dielectric, Distant, InputError, Scene, Sphere, Uniform
+from malus.scenes import (
+    Dielectric,
+    Distant,
+    InputError,
+    Scene,
+    Sphere,
+    Uniform,
+    load_suite,
+)
 from malus.scenes.camera import Camera
 from malus.scenes.core.model import Model, content_id
+from malus.scenes.materials.surface import Conductor, Patterned
+from malus.scenes.shapes.patterns import Checker
 from malus.scenes.shapes.shapes import Plane
 from malus.scenes.surroundings import Placed
 
@@ -67,3 +79,41 @@ def test_what_is_parsed_keeps_its_zeros() -> None:
     content = Distant(incidence_deg=30, azimuth_deg=0.0).model_dump(mode="json")
     signed = content | {"azimuth_deg": -0.0}
     assert Distant.parse(signed, "test").id == content_id(signed) != content_id(content)
+
+
+def test_a_stop_while_a_scene_is_written_is_not_lost() -> None:
+    """Whichever Python function Ctrl-C falls into: pydantic drops what some of them raise."""
+    parts = (PAINT, Conductor(material="gold", alpha=(0.1, 0.3)))
+    scene = Scene(
+        shape=Sphere(),
+        surface=Patterned(pattern=Checker(), surfaces=parts),
+        light=Uniform(),
+    )
+    for model in (scene, load_suite("quick")):
+        stops = 0
+        while _stopped_in_call(model, stops):
+            stops += 1
+        assert stops
+
+
+def _stopped_in_call(model: Model, number: int) -> bool:
+    """Whether writing a model calls so many Python functions, and stops in the last of them."""
+    left = number
+
+    def stop(frame: FrameType, event: str, _: object) -> None:
+        nonlocal left
+        if event == "call" and frame.f_code.co_name != "model_dump":
+            left -= 1
+            if left < 0:
+                sys.setprofile(None)
+                raise KeyboardInterrupt
+
+    sys.setprofile(stop)
+    try:
+        model.model_dump(mode="json")
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.setprofile(None)
+    assert left >= 0, "a stop was lost"
+    return False
