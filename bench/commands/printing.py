@@ -9,6 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from malus.bench.running.results import Results, headline
+from malus.reports.tables.formats import counted
 from malus.scenes.core.json_text import json_text
 
 
@@ -45,8 +46,8 @@ def results_table(results: Results) -> Table:
         without[place] = max(without.get(place, 0), row["without_skill"])
     if any(without.values()):
         table.caption = (
-            f"{sum(without.values())} scenes have no skill and are in no median: there the guess "
-            "is inside the noise; more samples help"
+            f"{counted(sum(without.values()), 'scene')} without a skill, in no median: the noise "
+            "is too large to tell it; more samples help"
         )
     return table
 

@@ -102,6 +102,11 @@ SIGNIFICANCE = 10.0
 """Standard deviations by which the trivial guess must rise above the noise to have a skill: the
 skill then carries an error of at most about a tenth."""
 
+MOST_SKILL = 1.5
+"""A skill beyond is none: five times its error above a perfect one. So much more noise was expected
+than there is error only where a method does not answer to noise smoothly, such as a search that
+ends in another minimum."""
+
 _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
@@ -216,12 +221,16 @@ def skills(
     trivial_noise: Float64Array | float,
     pixels: IntArray | int,
 ) -> Float64Array:
-    """Skill of many pairs of errors at once, from their biases and the noise of the guess."""
+    """Skill of many pairs of errors at once, from their biases and the noise of the guess.
+
+    NaN where the guess does not rise above the noise, and above `MOST_SKILL`.
+    """
     # The noise is a mean of about `pixels` squares: its own relative deviation is √(2/pixels).
     spread = trivial_noise * np.sqrt(2.0 / np.maximum(pixels, 1))
     significant = (trivial_bias > SIGNIFICANCE * spread) & (trivial_bias > 0.0)
     undefined = np.full(significant.shape, np.nan)
-    return 1.0 - np.divide(method_bias, trivial_bias, out=undefined, where=significant)
+    skill = 1.0 - np.divide(method_bias, trivial_bias, out=undefined, where=significant)
+    return np.where(skill > MOST_SKILL, np.nan, skill)
 
 
 def cos_zenith(truth: Truth) -> Float64Array:

@@ -184,7 +184,7 @@ def _skills(rows: pd.DataFrame, best: str) -> Iterator[Tile]:
     inside = skills["value"].isna() & ~not_finite(rows, skills)
     without = int(inside[skills["method"] == best].sum())
     if without:
-        yield str(without), "scenes without a skill: trivial guess inside the noise"
+        yield str(without), "scenes without a skill: too much noise to tell it"
 
 
 def price_tiles(mismatch: pd.DataFrame) -> Iterator[Tile]:

@@ -88,7 +88,7 @@ _EVERY_SCORE = _of(
      "the squared peak of the unpolarised image"),
     ("skill", "skill", "", "higher",
      "1 − NMSE / NMSE of the guess I(ϑ) = I/2, noise subtracted from both: 1 is perfect, 0 no "
-     "better than the guess; none where the guess's error is within the noise"),
+     "better than the guess; none where the noise is too large to tell it"),
     ("skill_unmixed", "skill, unmixed", "", "higher",
      "skill over the pixels that see one normal; none where nobody measured which do"),
     ("mixed", "mixed", "", "", "number of pixels that see more than one normal, of the scene"),

@@ -152,7 +152,7 @@ def test_scenes_that_are_in_no_median_are_told() -> None:
     hidden = (table["metric"] == "skill") & table["scene"].isin(scenes)
     results = Results(table.assign(value=table["value"].mask(hidden)), sample.run())
     printed = " ".join(str(printing.results_table(results).caption).split())
-    assert printed.startswith(f"{len(scenes)} scenes have no skill and are in no median")
+    assert printed.startswith(f"{len(scenes)} scenes without a skill, in no median")
     assert printing.results_table(Results(table, sample.run())).caption is None
 
 
