@@ -17,6 +17,8 @@ from typing import Any, Self
 
 import numpy as np
 
+from malus.scenes.core.arrays import Float32Array, Float64Array
+from malus.scenes.lights.angles import incidence_and_azimuth
 from malus.scenes.lights.environment import radiance_map
 from malus.scenes.lights.lights import Area, Distant, Light, MapLight, Uniform
 from malus.scenes.lights.polarised import Oscillation, oscillation
@@ -26,6 +28,10 @@ Pairs = list[tuple[Any, Any]]
 """Pairs of (local direction, weight)."""
 Draws = list[tuple[Any, Any, list[Any]]]
 """Triples of (local direction, weight, Stokes vector over s0: of one component if unpolarised)."""
+
+NEAR = 1e-4
+"""Least angle between a distant lamp and the camera, radians, as a hit sees them: closer ones are
+taken for this far apart, by which polarisation changes by 1e-9."""
 
 
 @dataclass
@@ -159,8 +165,24 @@ class _Distant:
 
     def draws(self, hit: Any, _bsdf: Any, _random: Any, valid: Any) -> Pairs:
         import drjit as dr
+        import mitsuba as mi
 
-        return [(hit.to_local(self.direction), dr.select(valid, self.irradiance, 0.0))]
+        toward = hit.to_local(self.direction)
+        # A lamp at the camera: Mitsuba's plane of incidence has no direction there, and now and
+        # then its Mueller matrix is not a number.
+        near = dr.squared_norm(toward - hit.wi) < NEAR**2
+        turned = mi.Vector3f(toward.x + NEAR * toward.z, toward.y, toward.z - NEAR * toward.x)
+        toward = dr.select(near, dr.normalize(turned), toward)
+        return [(toward, dr.select(valid, self.irradiance, 0.0))]
+
+
+def beside(light: Light, to_camera: Float64Array) -> Light:
+    """A light as `_Distant` draws it, for Mitsuba's own integrators: not quite at the camera."""
+    if not isinstance(light, Distant) or np.linalg.norm(light.direction - to_camera) >= NEAR:
+        return light
+    across = np.cross(to_camera, np.eye(3)[np.argmin(np.abs(to_camera))])
+    turned = to_camera + NEAR * across / np.linalg.norm(across)
+    return light.model_copy(update=incidence_and_azimuth(turned))
 
 
 @dataclass
@@ -273,10 +295,24 @@ class _Environment:
 
 def environment_emitter(mi: ModuleType, light: MapLight) -> dict[str, Any]:
     """Mitsuba's `envmap` of a radiance map, turned as the light is."""
-    values = radiance_map(light)
+    values = _from_pole_to_pole(radiance_map(light))
     bitmap = mi.Bitmap(np.ascontiguousarray(np.repeat(values[..., None], 3, axis=-1)))
     to_world = mi.ScalarTransform4f().rotate([0, 0, 1], light.turn_deg)
     if light.tilt_deg or light.heading_deg:
         tilt = mi.ScalarTransform4f().rotate([1, 0, 0], light.tilt_deg)
         to_world = to_world @ tilt @ mi.ScalarTransform4f().rotate([0, 1, 0], light.heading_deg)
     return {"type": "envmap", "bitmap": bitmap, "to_world": to_world}
+
+
+def _from_pole_to_pole(rows: Float32Array) -> Float32Array:
+    """A map (height, width) as (2 height + 1, width): its own rows, and those half-way between.
+
+    A row of a map is a band of directions. Mitsuba has the first row straight up and the last one
+    straight down, and interpolates between; here each row of the map stands in the middle of its
+    band.
+    """
+    fine = np.empty((2 * len(rows) + 1, rows.shape[1]), rows.dtype)
+    fine[1::2] = rows
+    fine[0], fine[-1] = rows[0], rows[-1]
+    fine[2:-1:2] = 0.5 * (rows[:-1] + rows[1:])
+    return fine

@@ -157,6 +157,29 @@ def _with_variances(
     )
 
 
+def finite(sums: FloatArray) -> FloatArray:
+    """What Mitsuba has rendered, the same array.
+
+    Raises
+    ------
+    FloatingPointError
+        Where it is not finite: one such sample would spoil a pixel, and the mean of an image.
+
+    Examples
+    --------
+    >>> finite(np.array([1.0, np.nan]))
+    Traceback (most recent call last):
+    ...
+    FloatingPointError: expected finite light from Mitsuba, found 1 of 2 values that are not
+    """
+    if not np.isfinite(sums.sum(dtype=np.float64)):
+        count = int(np.count_nonzero(~np.isfinite(sums)))
+        raise FloatingPointError(
+            f"expected finite light from Mitsuba, found {count} of {sums.size} values that are not"
+        )
+    return sums
+
+
 def as_float32(values: FloatArray) -> Float32Array:
     """The values in float32: the same array where it has them already."""
     return np.asarray(values, dtype=np.float32)

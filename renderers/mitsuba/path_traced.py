@@ -4,8 +4,7 @@ Mitsuba's own BSDFs and its `path` integrator do the work. Where a ray of the ca
 object, the BSDF is evaluated for the specular and the diffuse lobe apart. That point is lit by the
 light itself, sampled as in `lighting` and shadowed by all objects, and by these objects: along
 a direction drawn from the BSDF, by the Stokes vector that the integrator returns there with the
-light hidden from it. All bands use the same random numbers, so that their noise is alike and
-colours are not speckled.
+light hidden from it. All bands use the same random numbers: colours are not speckled.
 
 The fourth component of the Stokes vector is kept where it can be non-zero (`may_be_circular`). It
 belongs to the specular lobe: diffuse light was depolarised inside the body.
@@ -24,7 +23,14 @@ import numpy as np
 from malus.renderers.mitsuba.coverage import covering
 from malus.renderers.mitsuba.distances import camera_distance, scene_radius, view_length
 from malus.renderers.mitsuba.lighting import Sampler, sampler
-from malus.renderers.mitsuba.lobe_samples import HALVES, as_float32, in_float64, spread_of, unit
+from malus.renderers.mitsuba.lobe_samples import (
+    HALVES,
+    as_float32,
+    finite,
+    in_float64,
+    spread_of,
+    unit,
+)
 from malus.renderers.mitsuba.padding import padding
 from malus.renderers.mitsuba.patterns import surface_shares
 from malus.renderers.mitsuba.placed import object_bsdf, parts_of, pattern_on, placed_object
@@ -52,8 +58,7 @@ PIXELS_A_LAUNCH = 1 << 16
 _NORMAL, _SPECULAR, _DIFFUSE, _SQUARES = (slice(i, i + 3) for i in (0, 3, 6, 9))
 _HITS, _S3, _S3_SQUARE = 12, slice(13, 14), slice(14, 15)
 _CHANNELS = 13
-"""Channels of the sums over samples: normal, both lobes, squares of their sum, and hits. Where it
-is kept, s3 and its square follow."""
+"""Channels of the sums: normal, lobes, squares of their sum, hits; s3 and its square may follow."""
 
 Setting = tuple[float | complex, float]
 """Index and albedo of a surface in one render."""
@@ -332,7 +337,7 @@ class Room:
             _, sums, *_ = dr.while_loop(state, lambda i, *_: i < samples, step)
         dr.eval(sums)
         for row, values in zip(result, sums, strict=True):
-            row[:] = np.asarray(values).reshape(HALVES, -1)
+            row[:] = finite(np.asarray(values)).reshape(HALVES, -1)
 
     def _sample(
         self, ray: Any, owner: Any, light: Sampler, draws: Any, path_sampler: Any
@@ -359,9 +364,8 @@ class Room:
         normal = [dr.select(valid, c, 0.0) for c in hit.sh_frame.n]
         whole = [a + b for a, b in zip(shaded[:3], shaded[3:], strict=True)]
         # The shapes' addresses are data, so that they alone make no new kernel.
-        on_owner = (owner >= 0) & (
-            hit.shape == dr.gather(mi.ShapePtr, self.shape_pointers, owner, owner >= 0)
-        )
+        owners = dr.gather(mi.ShapePtr, self.shape_pointers, owner, owner >= 0)
+        on_owner = (owner >= 0) & (hit.shape == owners)
         values = [*normal, *shaded, *(w * w for w in whole), dr.select(on_owner, mi.Float(1), 0.0)]
         return [*values, s3, s3 * s3] if self.circular else values
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.coverage import check_seen, inside
-from malus.renderers.mitsuba.lobe_samples import Lobes, spread_of, unit
+from malus.renderers.mitsuba.lighting import beside
+from malus.renderers.mitsuba.lobe_samples import Lobes, finite, spread_of, unit
 from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
 from malus.renderers.mitsuba.translate import (
     diffuse_bsdf,
@@ -48,8 +49,9 @@ def render_lobes(
     specular_bsdfs = _specular_bsdfs(variant, key, nodes)
     diffuse_nodes = nodes if key.body == "polarised" else nodes[:1]
     diffuse_bsdfs = [diffuse_bsdf(node, key.facets, key.body) for node in diffuse_nodes]
-    specular = _renders(mi, base_scene, key.light, specular_bsdfs, batches, sampling, stream=0)
-    diffuse = _renders(mi, base_scene, key.light, diffuse_bsdfs, batches, sampling, stream=1)
+    light = beside(key.light, key.camera.axes[2])
+    specular = _renders(mi, base_scene, light, specular_bsdfs, batches, sampling, stream=0)
+    diffuse = _renders(mi, base_scene, light, diffuse_bsdfs, batches, sampling, stream=1)
     pixels = np.flatnonzero(touched)
     specular, diffuse = specular[:, :, pixels], diffuse[:, :, pixels]
     return Lobes(
@@ -134,7 +136,7 @@ def _renders(
                 seed = (sampling.seed * BATCHES + batch) * 2 + stream
                 raw = np.asarray(mi.render(scene, spp=sampling.samples // batches, seed=seed))
                 images[batch, node] += _stokes(raw).reshape(-1, 3) / response
-    return images
+    return finite(images)
 
 
 def _set_index(mi: ModuleType, scene: Any, bsdf: dict[str, Any]) -> None:

@@ -23,7 +23,7 @@ from malus.renderers.mitsuba.lighting import (
     radiance_map_of,
     sampler,
 )
-from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, in_float64, lobes_from_sums
+from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, finite, in_float64, lobes_from_sums
 from malus.renderers.mitsuba.rays import Film, stream_number, streams
 from malus.renderers.mitsuba.shading import CameraView, KeptHits, Shading, Threads, shade
 from malus.renderers.mitsuba.translate import sensor, shape_object
@@ -151,7 +151,7 @@ class Stage:
             for sums in (launched, *map(launch, others)):
                 self.dr.sync_thread()
                 started = time.perf_counter()
-                blocks.append(np.asarray(sums))
+                blocks.append(finite(np.asarray(sums)))
                 seconds += time.perf_counter() - started
             started = time.perf_counter()
             lobes = lobes_from_sums(
