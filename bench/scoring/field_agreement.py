@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 from typing import Self
 
+from malus.bench.scoring.metrics import LEAST_ERROR
 from malus.scenes.core.arrays import Float64Array
 
 ALONG, ACROSS, ERROR, ENERGY, TRIVIAL = range(5)
@@ -91,9 +92,9 @@ class Agreement:
         return 1.0 - ratio, error
 
     def _ratio(self, numerator: int, denominator: int) -> tuple[float, float]:
-        """Ratio of two totals and its standard error, NaN where the denominator is not above 0."""
+        """Ratio of two totals and its standard error, NaN where the denominator is rounding."""
         divisor = float(self.totals[denominator])
-        if not divisor > 0.0:
+        if not divisor > LEAST_ERROR * self.count:
             return math.nan, math.nan
         ratio = float(self.totals[numerator]) / divisor
         covariance = self.covariance

@@ -102,6 +102,10 @@ SIGNIFICANCE = 10.0
 """Standard deviations by which the trivial guess must rise above the noise to have a skill: the
 skill then carries an error of at most about a tenth."""
 
+LEAST_ERROR = float(np.finfo(np.float32).eps) ** 2
+"""NMSE of the guess below which a truth has no polarisation: what light of single precision rounds
+to, which is the same in both halves of the samples, so that no noise shows it."""
+
 MOST_SKILL = 1.5
 """A skill beyond is none: five times its error above a perfect one. So much more noise was expected
 than there is error only where a method does not answer to noise smoothly, such as a search that
@@ -223,11 +227,11 @@ def skills(
 ) -> Float64Array:
     """Skill of many pairs of errors at once, from their biases and the noise of the guess.
 
-    NaN where the guess does not rise above the noise, and above `MOST_SKILL`.
+    NaN where the guess does not rise above noise and rounding, and above `MOST_SKILL`.
     """
     # The noise is a mean of about `pixels` squares: its own relative deviation is √(2/pixels).
     spread = trivial_noise * np.sqrt(2.0 / np.maximum(pixels, 1))
-    significant = (trivial_bias > SIGNIFICANCE * spread) & (trivial_bias > 0.0)
+    significant = trivial_bias > np.maximum(SIGNIFICANCE * spread, LEAST_ERROR)
     undefined = np.full(significant.shape, np.nan)
     skill = 1.0 - np.divide(method_bias, trivial_bias, out=undefined, where=significant)
     return np.where(skill > MOST_SKILL, np.nan, skill)

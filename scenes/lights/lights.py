@@ -251,7 +251,8 @@ class Sky(AllAround):
     counts from straight behind the viewer, over the right, to straight ahead at 180. `turbidity` is
     2 for clear air, 10 for haze. Like every light the sky has one radiance for all bands, that of
     its light at `wavelength_nm`: its colours take a scene for every wavelength. It is unpolarised
-    unless it is `polarised`; the light of the sun itself always is. `AllAround` says how it is
+    unless it is `polarised`; the light of the sun itself always is. Lower than 2° and higher than
+    88° the sun is as bright as there, where the model's table ends. `AllAround` says how the sky is
     turned.
 
     Examples

@@ -171,6 +171,17 @@ def test_pure_noise_has_no_skill_to_report() -> None:
     assert math.isnan(skill(Error(1.0, 0.0), Error(0.0, 0.0), 10))
 
 
+def test_rounding_is_no_polarisation() -> None:
+    """Gold under a lamp at the camera: s1 of 5e-9 of the peak, the same in both halves."""
+    truth = made_up_truth(noise=0.0)
+    dark = replace(truth, specular=truth.specular * [1.0, 5e-9, 5e-9], diffuse=0.0 * truth.diffuse)
+    result = score(dark, "eq8")
+    of_noise = result.agreement.gain, result.agreement.rotation, result.agreement.facing_skill
+    assert all(map(math.isnan, (result.skill, *(value for value, _ in of_noise))))
+    told = replace(dark, specular=truth.specular * [1.0, 1e-4, 1e-4])
+    assert math.isfinite(score(told, "eq8").skill)
+
+
 def test_more_noise_than_error_is_no_skill() -> None:
     """The guess's own error beside a response of 50 times it: a search that a draw turned over."""
     guess = Error(1.6e-5, 8.1e-6)
