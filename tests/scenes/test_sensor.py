@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from malus.scenes import InputError, load_suite
+from malus.scenes.core.colour_science import colour_science
 from malus.scenes.polarisation import analyser, polarised
 from malus.scenes.sensor import SensitivityFile, Sensor, presets
 from malus.scenes.sensor_frame import expose, seen
@@ -107,6 +109,14 @@ def test_pixels_saturate_and_exposure_finds_the_brightest() -> None:
     assert expose(0 * light, Sensor()).raw.max() == 0  # no light, no exposure to find
 
 
+def test_a_well_holds_no_more_than_it_is_deep() -> None:
+    """Where numbers reach farther than the well, the well ends them."""
+    sensor = Sensor(
+        full_well=1000, bit_depth=16, gain=1.0, dark_level=100, read_noise=0.0, exposure=1e9
+    )
+    assert (expose(field(0, 0), sensor).raw == 1000 + 100).all()
+
+
 @pytest.mark.parametrize(
     ("light", "words"),
     [
@@ -167,6 +177,19 @@ def test_channels_are_means_over_their_sensitivity() -> None:
     # Cells of 100, 150 and 200 nm, as scenes.colour cuts the spectrum.
     assert channels.weights[0] == pytest.approx((100 / 450, 150 / 450, 200 / 450))
     assert channels.wavelengths_nm[0] == pytest.approx(np.dot(channels.weights[0], (400, 500, 700)))
+
+
+def test_a_colours_response_is_the_integral_of_its_own_curve() -> None:
+    curves = colour_science().MSDS_CAMERA_SENSITIVITIES["Nikon 5100 (NPL)"]
+    integrals = trapezoid(curves.values, curves.wavelengths, axis=0)
+    expected = dict(zip(curves.labels, integrals / integrals.max(), strict=True))
+    sensor = Sensor(bayer="rggb", sensitivities="nikon-5100")
+    channels = sensor.channels(tuple(np.arange(400.0, 701.0, 10.0)))
+    responses = dict(zip(channels.names, channels.responses, strict=True))
+    for colour in ("red", "green", "blue"):
+        # Less than 1 % of a curve lies beyond 400 and 700 nm, or between its trapezia and cells.
+        assert responses[colour[0]] == pytest.approx(expected[colour], rel=0.01)
+    assert abs(expected["red"] - expected["blue"]) > 0.1  # else they could be swapped
 
 
 def test_curves_of_a_file(tmp_path: Path) -> None:
