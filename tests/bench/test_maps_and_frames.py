@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
+from made_up import BANDS, made_up_truth
 from rooms import needs_arrays
 from runs import NOBODY, SUITE, run_malus
 
-from malus.bench.datasets.maps_and_frames import Additions, seed_of, sensor_truth
+from malus.bench.datasets.maps_and_frames import Additions, seed_of, sensor_truth, well_lit
 from malus.bench.datasets.render import render_dataset
 from malus.bench.datasets.score import score_dataset
 from malus.bench.public.suites import dataset_bytes
@@ -28,7 +30,7 @@ from malus.scenes import Camera, InputError
 from malus.scenes.maps import MAPS
 from malus.scenes.polarisation import dolp
 from malus.scenes.sensor import SensitivityFile, Sensor
-from malus.scenes.sensor_frame import expose
+from malus.scenes.sensor_frame import SensorFrame, expose
 from malus.scenes.suite import Suite
 
 SENSOR = Sensor(preset="imx250mzr", extinction_ratio=300.0)
@@ -200,6 +202,21 @@ def test_the_raw_frame_is_read_as_that_of_a_camera(tmp_path: Path) -> None:
     stokes = dataset.frame(truth.scene.id).stokes[:, :, 0]
     bright = truth.mask & (stokes[..., 0] > 0.1 * stokes[..., 0].max())
     assert dolp(fit.stokes[:, :, 0])[bright] == pytest.approx(dolp(stokes)[bright], abs=1e-3)
+
+
+def test_pixels_with_a_hundredth_of_the_well_in_every_channel_are_scored() -> None:
+    """A polariser passes half of light that is not polarised: 10 electrons of 1000 are of 20."""
+    truth = made_up_truth(side=4)
+    sensor = Sensor(full_well=1000.0)
+    channels = sensor.channels(BANDS)
+    frame = SensorFrame(sensor, np.zeros((3, 4, 4), np.uint16), exposure=2.0, channels=channels)
+    light = np.zeros_like(truth.specular)
+    light[0, 0, :, 0] = 0.5 * 20.1  # the light of 20.1 electrons, at 2 electrons a unit
+    light[0, 1, :, 0] = 0.5 * 19.9
+    light[0, 2, 0, 0] = 100.0
+    light[0, 3, :, 0] = [100.0, 100.0, 0.5 * 19.9]
+    ideal = replace(truth, specular=light, diffuse=np.zeros_like(light))
+    assert np.argwhere(well_lit(ideal, frame)).tolist() == [[0, 0]]
 
 
 def test_a_plan_tells_what_is_left_out() -> None:

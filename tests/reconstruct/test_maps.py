@@ -82,6 +82,22 @@ def test_two_halves_are_two_surfaces(method: str) -> None:
         np.testing.assert_allclose(getattr(both, name), np.concatenate(halves, axis=1), atol=TABLE)
 
 
+def test_a_smooth_patch_under_a_lamp_is_as_it_is_alone() -> None:
+    """The roughest surface of a picture does not decide how finely the lamp is summed."""
+    picture = random_observation(20, 20)
+    picture = replace(picture, light=Area(incidence_deg=50, half_angle_deg=30))
+    alpha = np.full((20, 20), 0.6)
+    alpha[:, :10] = 0.04
+    patched = reconstruct(replace(picture, alpha=alpha), "lights")
+    alone = reconstruct(replace(picture, alpha=0.04), "lights")
+    for name in ("s1", "s2"):
+        patch, expected = (getattr(each, name)[:, :10] for each in (patched, alone))
+        lit = np.abs(expected) > 1e-3  # where next to nothing is mirrored, float32 weights end
+        assert lit.sum() > 20
+        # float32 weights and Stokes vectors of thousands of directions
+        np.testing.assert_allclose(patch[lit], expected[lit], atol=1e-5)
+
+
 @pytest.mark.parametrize("measure", MEASURES)
 @pytest.mark.parametrize("metal", [False, True])
 def test_a_texture_of_many_surfaces_is_the_integral_everywhere(measure: str, metal: bool) -> None:

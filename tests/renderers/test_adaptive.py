@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import made_up_truth
 
 from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
@@ -13,6 +15,7 @@ from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.families.adaptive import RepeatedRenders, relative_error
 from malus.renderers.families.family import render_family
+from malus.renderers.truth import Truth
 from malus.scenes import Area, Camera, Dielectric, Sampling, Scene, Sphere, load_suite
 
 LIT = {"shape": Sphere(), "light": Area(incidence_deg=45), "camera": Camera(resolution=10)}
@@ -80,6 +83,28 @@ def test_passes_are_independent_and_average() -> None:
     assert abs(np.corrcoef(noise)[0, 1]) < 0.4
     errors = np.hypot(0.25 * first.standard_error, 0.75 * second.standard_error)
     np.testing.assert_allclose(found.truth(ONE).standard_error, errors, rtol=1e-4)
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """Renders of one scene, as a family has them."""
+
+    one: Truth
+
+    def truth(self, scene: Scene, standard_error: bool = True) -> Truth:
+        del scene, standard_error
+        return self.one
+
+
+def test_a_pixel_is_covered_where_it_is_in_every_pass() -> None:
+    truths = [
+        replace(made_up_truth(seed), normal_spread=np.zeros((6, 6), np.float32)) for seed in (0, 1)
+    ]
+    both = RepeatedRenders(tuple(map(Rendered, truths)), (16, 48)).truth(truths[0].scene)
+    first, second = (truth.mask for truth in truths)
+    assert (first & ~second).any()
+    assert (second & ~first).any()
+    assert both.mask.tolist() == (first & second).tolist()
 
 
 def test_stopping_biases_nothing() -> None:
