@@ -92,6 +92,18 @@ def test_polarisation_errors_equal_brute_force() -> None:
     assert values == pytest.approx(brute_force(truth, estimate), rel=1e-10)
 
 
+def test_s3_and_its_noise_are_rms_over_the_peak() -> None:
+    """Of the draw: the standard error is another estimate of the noise."""
+    truth, estimate = made_up()
+    s3, noise = np.random.default_rng(7).normal(size=(2, SIDE, SIDE, BANDS))
+    truth = replace(truth, s3=s3, s3_noise=0.1 * noise, s3_standard_error=np.full(s3.shape, 0.3))
+    values = {v.metric: v for v in METRICS["polarisation"](truth)(estimate.stokes[truth.mask])}
+    largest = truth.image[truth.mask].max()
+    for found, each in ((values["s3_rmse"].value, s3), (values["s3_rmse"].noise, 0.1 * noise)):
+        expected = math.sqrt(np.mean((each[truth.mask] / largest) ** 2))
+        assert found == pytest.approx(expected, rel=1e-12)
+
+
 def test_shards_add_up_to_the_whole() -> None:
     """Two halves of the mask, scored apart, are the whole, with a peak that both share."""
     truth, estimate = made_up()
@@ -219,6 +231,10 @@ def test_zenith_bins_are_scores_of_their_pixels() -> None:
         if inside.any():
             part = Residuals.of(difference[inside], largest).nmse()
             assert by_name[f"nmse_zenith_{name}"].value == pytest.approx(part, rel=1e-10)
+            # A method that keeps the image has the noise of s1 and s2, and none of s0.
+            noise = truth.specular_noise[truth.mask][inside] * np.array([0.0, 1.0, 1.0])
+            expected = Residuals.of(noise, largest).nmse()
+            assert by_name[f"nmse_zenith_{name}"].noise == pytest.approx(expected, rel=1e-10)
     perfect = METRICS["zenith"](truth)(truth.stokes[truth.mask])
     skills = [v.value for v in perfect if v.metric.startswith("skill")]
     # What noise is subtracted from a perfect estimate lifts its skill above one, by the noise.

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import made_up as single
 import numpy as np
 import pytest
 
+from malus.bench.scoring.extra_metrics import METRICS
 from malus.bench.scoring.judge import Judge, score
 from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.metrics import Error, Residuals, cos_zenith, nmse_by, skill
@@ -20,6 +22,7 @@ from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere, Uniform
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, polarised
 
 SIDE, BANDS = 20, 3  # more pixels than are summed at once
+NOISES = ("standard_error", "specular_noise", "diffuse_noise")
 SCENE = Scene(
     shape=Sphere(),
     surface=Dielectric(eta=1.5, alpha=0.3),
@@ -164,6 +167,18 @@ def test_pure_noise_has_no_skill_to_report() -> None:
     assert math.isnan(skill(Error(1.0, 0.0), Error(0.0, 0.0), 10))
 
 
+def test_a_black_picture_has_no_error_and_no_skill() -> None:
+    shape = (SIDE, SIDE, BANDS, 3)
+    black = replace(
+        made_up_truth(),
+        **{name: np.zeros(shape) for name in ("specular", "diffuse", *NOISES)},
+    )
+    scored = Judge(black).score(GUESS, [METRICS["polarisation"]])
+    values = {v.metric: v.value for v in scored.values() if v.angle_deg is None}
+    assert [values[name] for name in ("nmse", "s1_rmse", "s2_rmse", "nmse_i_max")] == [0.0] * 4
+    assert math.isnan(values["skill"])
+
+
 def test_violations_are_counted() -> None:
     truth = made_up_truth()
     truth.mask[:] = False
@@ -183,6 +198,32 @@ def test_violations_are_counted() -> None:
     assert Judge(truth).score(method).violations == 2
     total[0, 0] = -1.0
     assert Judge(truth).score(method).violations == 3
+
+
+@pytest.mark.parametrize(("excess", "found"), [(1e-3, 1), (1e-5, 1), (2e-7, 0)])
+def test_single_precision_hides_no_violation(excess: float, found: int) -> None:
+    """A few roundings of 1.2e-7 lead to a degree of one and no more."""
+    truth = single.made_up_truth()
+    image = truth.image
+    s1 = np.zeros_like(image)
+    s1[truth.mask] = image[truth.mask] * [np.float32(1.0 + excess), 0, 0]
+    method = Method("over", frozenset(), lambda _: Components(image, s1, 0 * s1), "")
+    assert Judge(truth).score(method).violations == found * truth.mask.sum()
+
+
+def test_pixels_are_invalid_as_rendered_and_not_by_their_noise() -> None:
+    truth = made_up_truth()
+    (dark, noisy), at = np.argwhere(truth.mask)[:2], (0, 0)
+    truth.specular[*dark, *at] = -1.0  # with a body of 0.5
+    truth.specular_noise[*noisy, *at] = -100.0
+
+    def lit(observation: Observation) -> Components:
+        image = observation.image
+        return Components(image, 0 * image, 0 * image, valid=(image > 0).all(axis=-1))
+
+    for per_pixel in (True, False):
+        method = Method("lit", frozenset(), lit, "of what is lit", per_pixel=per_pixel)
+        assert Judge(truth).score(method).invalid == 1
 
 
 def test_table_values_belong_together() -> None:

@@ -95,6 +95,15 @@ def test_noise_of_the_truth_stands_beside_it() -> None:
     assert rows[0].noise == pytest.approx(0.25)
 
 
+def test_noise_counts_over_the_light_as_errors_do() -> None:
+    """An estimate that is wrong by the draw has an error of what stands beside it."""
+    random = np.random.default_rng(4)
+    image, stated = random.uniform(0.5, 4.0, (50, 3)), random.uniform(0.1, 0.3, (50, 3))
+    true, draw = random.normal(0, 0.1, (2, 2, 50, 3))
+    row = next(iter(calibration_values(image, true, true + draw, stated, draw)))
+    assert row.noise == pytest.approx(row.value, rel=1e-12)
+
+
 def test_a_picture_without_light_has_neither() -> None:
     dark, zero = np.zeros((50, 1)), np.zeros((2, 50, 1))
     assert not list(calibration_values(dark, zero, zero, np.full((50, 1), 0.2)))

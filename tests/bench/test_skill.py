@@ -11,7 +11,8 @@ import pytest
 from malus.bench import score
 from malus.bench.scoring.metrics import SIGNIFICANCE, Error, skill
 from malus.renderers import render
-from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+from malus.renderers.truth import Truth
+from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere
 
 SCENE = Scene(
     shape=Sphere(),
@@ -21,19 +22,21 @@ SCENE = Scene(
 )
 
 
-def weights(polarised: float) -> np.ndarray:
-    return np.array([1.0, polarised, polarised], np.float32)
+def of_degree(truth: Truth, factor: float) -> Truth:
+    """The mirrored light alone, its polarisation and that of its noise times a factor."""
+    weights = np.array([1.0, factor, factor], np.float32)
+    specular, noise = truth.specular * weights, truth.specular_noise * weights
+    dark = np.zeros_like(specular)
+    return replace(truth, specular=specular, specular_noise=noise, diffuse=dark, diffuse_noise=dark)
 
 
 def test_rounding_is_no_polarisation() -> None:
     """Gold under a lamp at the camera: s1 of 5e-9 of the peak, the same in both halves."""
-    truth = render(SCENE, renderer="torrance-sparrow")
-    dark = replace(truth, specular=truth.specular * weights(5e-9), diffuse=0.0 * truth.diffuse)
-    result = score(dark, "eq8")
+    truth = render(SCENE, Sampling(samples=64))
+    result = score(of_degree(truth, 5e-9), "eq8")
     of_noise = result.agreement.gain, result.agreement.rotation, result.agreement.facing_skill
     assert all(map(math.isnan, (result.skill, *(value for value, _ in of_noise))))
-    told = replace(dark, specular=truth.specular * weights(1e-4))
-    assert math.isfinite(score(told, "eq8").skill)
+    assert math.isfinite(score(of_degree(truth, 1e-4), "eq8").skill)
 
 
 def test_more_noise_than_error_is_no_skill() -> None:
@@ -44,3 +47,14 @@ def test_more_noise_than_error_is_no_skill() -> None:
     barely = Error(1.0 + SIGNIFICANCE * math.sqrt(2 / 800), 1.0)
     lucky = 1.0 - 4 * math.sqrt(2 / 800)
     assert skill(Error(lucky, 1.0), barely, pixels=801) == pytest.approx(1.4, abs=0.01)
+
+
+def test_a_guess_is_significant_by_how_far_drawn_noise_strays() -> None:
+    """Noise is known as well as a mean of squares of normal deviates, one a pixel."""
+    pixels = 50
+    means = np.square(np.random.default_rng(3).normal(size=(20000, pixels))).mean(axis=1)
+    threshold = SIGNIFICANCE * means.std()  # which 20000 draws know to 0.6 %
+    hidden, clear = (Error(1.0 + factor * threshold, 1.0) for factor in (0.95, 1.05))
+    perfect = Error(1.0, 1.0)
+    assert math.isnan(skill(perfect, hidden, pixels))
+    assert skill(perfect, clear, pixels) == 1.0
