@@ -1,0 +1,87 @@
+"""Scenes that a gate pools: lost ones are told, broken ones too, and noise that they share stays."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import pandas as pd
+import pytest
+from runs import SUITE
+
+from malus.bench.gates.baseline import DEFAULT_RULES, PooledMetric, measure
+from malus.bench.gates.gate import gate, updated
+from malus.bench.running.results import Results
+
+VALUES = {"gain": 0.9, "rotation": 0.01, "facing_skill": 0.8, "signal": 0.1, "nmse": 1e-4}
+NOISE = 0.003
+GROUP = {
+    "method": "mine",
+    "knowledge": "everything",
+    "body": "polarised",
+    "light": "uniform",
+    "surface": "rust",
+}
+WHOLE = {"band_nm": math.nan, "angle_deg": math.nan, "note": ""}
+
+
+def results(scenes: int, seed: int = 1) -> Results:
+    """A run of alike scenes of one group."""
+    table = [
+        {"scene": f"{k:016x}", **GROUP, **WHOLE, "metric": name, "value": value, "noise": NOISE}
+        for k in range(scenes)
+        for name, value in VALUES.items()
+    ]
+    suite: dict[str, Any] = SUITE.model_dump(mode="json")
+    suite["sampling"]["seed"] = seed
+    return Results(pd.DataFrame.from_records(table), {"suite": suite, "variant": {"name": "none"}})
+
+
+def without(run: Results, metric: str) -> Results:
+    """The run with a value of its second scene lost."""
+    table = run.table
+    lost = (table["scene"] == f"{1:016x}") & (table["metric"] == metric)
+    return dataclasses.replace(run, table=table[~lost])
+
+
+def outcomes(run: Results, reviewed: Results) -> dict[str, str]:
+    compared = gate(run, updated(reviewed, None, DEFAULT_RULES))
+    return {comparison.key[0]: comparison.outcome for comparison in compared}
+
+
+SAME = dict.fromkeys(("gain", "rotation", "facing_skill"), "same")
+
+
+@pytest.mark.parametrize("seed", [1, 2], ids=["same seed", "other seed"])
+def test_a_lost_scene_is_missing_whatever_the_seed(seed: int) -> None:
+    reviewed, run = results(2), results(2, seed)
+    assert outcomes(run, reviewed) == SAME
+    assert outcomes(without(run, "gain"), reviewed) == SAME | {"gain": "missing"}
+
+
+def test_a_scene_whose_skill_another_seed_hides_is_not_lost() -> None:
+    """Whether a guess rises above the noise of a render, and so has a skill, is a draw."""
+    reviewed = results(2)
+    assert outcomes(without(results(2, seed=2), "facing_skill"), reviewed) == SAME
+    told = outcomes(without(reviewed, "facing_skill"), reviewed)
+    assert told == SAME | {"facing_skill": "missing"}
+
+
+def test_a_scene_that_is_not_finite_is_named_for_every_metric() -> None:
+    """A skill over the other scenes alone would be taken for one over all."""
+    reviewed = results(2)
+    table = reviewed.table
+    broken = (table["scene"] == f"{1:016x}") & (table["metric"] != "signal")
+    run = dataclasses.replace(reviewed, table=table.assign(value=table["value"].mask(broken)))
+    assert outcomes(run, reviewed) == dict.fromkeys(SAME, "not finite")
+
+
+def test_noise_that_scenes_share_does_not_fall_with_their_number() -> None:
+    """Scenes of one seed share their random numbers: two alike know no more than one."""
+    for scenes in (1, 2):
+        pooled = [value for value in measure(results(scenes)) if isinstance(value, PooledMetric)]
+        assert len(pooled) == len(SAME)
+        for value in pooled:
+            # A sum of two equal halves.
+            assert value.noise == pytest.approx(NOISE, rel=1e-12)
