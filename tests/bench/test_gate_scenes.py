@@ -1,4 +1,4 @@
-"""Scenes that a gate pools: lost ones are told, broken ones too, and noise that they share stays."""
+"""Scenes that a gate pools: lost and broken ones are told, and noise that they share stays."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import imagecodecs
@@ -11,12 +12,13 @@ import numpy as np
 import OpenEXR
 import pytest
 from click.testing import CliRunner
+from made_up import made_up_truth, stored
 from runs import formula_dataset
 
 from malus.bench.commands.score import score_command
 from malus.bench.datasets.export import export
 from malus.bench.datasets.export_views import pose
-from malus.bench.datasets.layouts import layout_predictions
+from malus.bench.datasets.layouts import LAYOUTS, layout_predictions
 from malus.bench.datasets.predictions import PredictionErrors
 from malus.bench.datasets.render import render_dataset
 from malus.bench.datasets.score import score_dataset
@@ -89,6 +91,18 @@ def test_a_perfect_prediction_has_skill_one(
     # PolarAnything's maps are of one band: the others of a dielectric differ by its dispersion.
     np.testing.assert_allclose(skill, 1.0, atol=2e-3 if layout == "polaranything" else 1e-5)
     assert results.run["predictions"]["suspicions"] == []
+
+
+def test_light_off_the_object_does_not_decide_the_scale() -> None:
+    truth = made_up_truth()
+    assert 0 < truth.mask.sum() < truth.mask.size
+    bright = np.where(truth.mask[..., None, None], truth.specular, 100 * truth.specular)
+    codes = list(np.random.default_rng(1).random((2, *truth.image.shape)))
+    plain, beside = (
+        LAYOUTS["rgb2pol"].decode(codes, each)[..., 1:]
+        for each in (truth, replace(truth, specular=bright))
+    )
+    assert np.array_equal(plain, beside)
 
 
 @pytest.mark.parametrize("layout", WRITERS)
@@ -185,6 +199,28 @@ def test_views_have_their_poses(tmp_path: Path) -> None:
     render_dataset(suite, tmp_path / "flat", NOBODY)
     with pytest.raises(InputError, match="a perspective camera with an even number"):
         export(tmp_path / "flat", "neisf", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("distances", "stored_as"), [((2.0, 2.0), (2.0, 2.0)), ((4.0, 4.0), (3, 3)), ((2, 4), (1.5, 3))]
+)
+def test_far_cameras_come_nearer_and_near_ones_stay(
+    tmp_path: Path, distances: tuple[float, float], stored_as: tuple[float, float]
+) -> None:
+    """The world of an object shrinks into a ball of radius 3, and never grows."""
+    truth, truths = made_up_truth(), []
+    for azimuth, distance in zip((0.0, 70.0), distances, strict=True):
+        camera = Camera(
+            projection="perspective", fov_deg=40, distance=distance, resolution=6,
+            azimuth_deg=azimuth,
+        )  # fmt: skip
+        scene = truth.scene.model_copy(update={"camera": camera})
+        truths.append(replace(truth, scene=scene))
+    export(stored(tmp_path / "views", *truths), "neisf", tmp_path / "out")
+    (path,) = (tmp_path / "out").glob("*/poses_bounds.npy")
+    positions = np.load(path)[:, :15].reshape(2, 3, 5)[:, :, 3]
+    # Poses are rounded to 12 digits.
+    assert sorted(np.linalg.norm(positions, axis=1)) == pytest.approx(stored_as, abs=1e-11)
 
 
 def test_an_orbit_is_one_object(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from malus.bench.commands import printing
 from malus.bench.running.results import (
     Results,
     given_command,
+    headline,
     origin,
     write_results,
     write_run,
@@ -154,6 +155,19 @@ def test_scenes_that_are_in_no_median_are_told() -> None:
     printed = " ".join(str(printing.results_table(results).caption).split())
     assert printed.startswith(f"{len(scenes)} scenes without a skill, in no median")
     assert printing.results_table(Results(table, sample.run())).caption is None
+
+
+def test_a_scene_that_is_not_finite_is_not_one_without_a_skill() -> None:
+    """Of six scenes one has an estimate that is no number, another a guess inside the noise."""
+    table = sample.table()
+    chosen = (table["method"] == "eq8") & (table["light"] == "uniform")
+    broken, hidden, *_ = table.loc[chosen, "scene"].unique()
+    lost = chosen & (table["scene"] == broken) & table["metric"].isin(["nmse", "skill"])
+    lost |= chosen & (table["scene"] == hidden) & (table["metric"] == "skill")
+    rows = headline(Results(table.assign(value=table["value"].mask(lost)), sample.run()))
+    row = next(r for r in rows if (r["method"], r["light"]) == ("eq8", "uniform"))
+    assert (row["scenes"], row["without_skill"]) == (6, 1)
+    assert (row["nmse_mean"], row["skill_median"]) == (None, None)
 
 
 @pytest.mark.parametrize(

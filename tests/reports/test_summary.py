@@ -27,6 +27,7 @@ from malus.reports.tables.skills import (
     negative_skills,
     unreported_skills,
 )
+from malus.reports.tables.text_tables import beside_paper
 
 
 def with_skill(table: pd.DataFrame, value: float, **where: Any) -> pd.DataFrame:
@@ -140,6 +141,18 @@ def test_skill_map_is_in_order_of_roughness_and_keeps_its_holes(table: pd.DataFr
     assert math.isnan(skills.loc["uniform", "carbon"])
 
 
+@pytest.mark.parametrize(("worst", "below"), [(3.9e-3, "yes"), (5e-3, "no")])
+def test_the_worst_scene_is_compared_with_the_papers_best_mean(
+    table: pd.DataFrame, worst: float, below: str
+) -> None:
+    """The paper's means lie between 0.004 and 0.006."""
+    scene = (table["scene"] == f"{0:016x}") & (table["method"] == "eq8")
+    chosen = scene & (table["metric"] == "nmse")
+    told = beside_paper(table.assign(value=table["value"].mask(chosen, worst)))
+    assert told.heads[-1] == "every scene below 0.004"
+    assert {line[1]: line[-1] for line in told.lines}["eq8"] == below
+
+
 def test_table_1_pools_pixels_and_stands_beside_the_paper() -> None:
     random = np.random.default_rng(1)
     pixels = {scene: random.uniform(0, 9, 50) for scene in ("a", "b", "c")}
@@ -208,6 +221,14 @@ def test_the_headline_answers_what_the_suite_asks(table: pd.DataFrame) -> None:
     one = table[table["material"] == "pmma"]
     assert "by material" not in headline_of(one)
     assert "0.95 median skill of eq8" in headline_of(one)
+
+
+def test_scenes_that_no_method_could_score_are_among_those_left_out() -> None:
+    table = sample.coloured()
+    lost = table["scene"] == f"{0:016x}"
+    refused = table[lost].drop_duplicates("method").assign(metric="inapplicable", value=1.0)
+    rows = pd.concat([table[~lost], refused], ignore_index=True)
+    assert "on the 11 of 12 scenes of eq8" in headline_of(rows)
 
 
 def test_errors_of_degree_and_angle_stand_first_where_they_were_asked_for(

@@ -123,7 +123,9 @@ def test_clutter_touches_nothing_and_leaves_the_camera_clear() -> None:
                 assert apart >= one.scale + other.scale - 1e-9
         for thing in balls[2:]:
             pinhole = (0, 0, scene.camera.distance)
-            assert math.dist(thing.position, pinhole) > thing.scale
+            # Half its radius and 0.25 between its bounding sphere and the pinhole.
+            gap = math.dist(thing.position, pinhole) - thing.scale
+            assert gap >= 0.5 * thing.scale + 0.25 - 1e-9
             assert thing.position[1] == pytest.approx(thing.scale - 1)
     assert numbers == {3, 4, 5, 6}
     crowded = Clutter(count=60, scale=(1.0, 1.0), within=2.5)

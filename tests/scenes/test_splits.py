@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +133,29 @@ def test_single_values_beside_ranges_are_trained_on_and_alone_are_shared_out() -
     assert set(found["train"]) == set(range(6))
     alone = shares(suite(SPLITS, materials=whole), "material")
     assert [len(alone[name]) for name in ("train", "val", "test")] == [3, 1, 1]
+
+
+def test_single_values_go_to_the_largest_split_whatever_its_name() -> None:
+    mostly_test = {"train": 0.1, "val": 0.1, "test": 0.8, "disjoint": ["material"]}
+    materials = [{"eta": {"uniform": [1.3, 1.8]}, "weight": 2}, "pmma", "water"]
+    found = shares(suite(mostly_test, materials=materials), "material")
+    assert found["train"] == found["val"] == {0: 1.0}
+    assert set(found["test"]) == {0, 1, 2}
+
+
+def test_another_seed_shares_the_values_out_otherwise() -> None:
+    """Not the lowest indices first: a split of neighbours would be tested beyond its range."""
+    bands: list[set[float]] = []
+    for seed in range(4):
+        made = suite(SPLITS, seed=seed, materials=[INDEX])
+        assert made.splits is not None
+        assert made.random is not None
+        cut = portions(made.random.items("material"), cut=True)
+        parts = separate(cut, made.splits, "material", Numbers(seed, 0).plain)
+        bands.append({part.low for part in parts["test"]})
+        assert len(bands[-1]) == 10  # of 100
+    # Of ten drawn from a hundred a second draw shares one on average, and nine once in 1e10.
+    assert all(len(one & other) < 9 for one, other in combinations(bands, 2))
 
 
 def test_a_planted_leak_is_an_error() -> None:
