@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from malus.renderers.families.family import render_family
+from malus.renderers.variant import choose
 from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere
 
 
+@pytest.mark.skipif(not choose().vectorised, reason="without LLVM or CUDA lobes share no samples")
 def test_noise_that_both_lobes_share_is_in_the_standard_error() -> None:
-    """Within a pixel of a ball both lobes grow towards the lamp: a sample has much or little of
-    both. Here they weigh alike, and without their covariance half of the variance is missing."""
+    """A sample nearer to the lamp has more of both: half of the variance is their covariance."""
     scene = Scene(
         shape=Sphere(),
         surface=Dielectric(eta=1.5, alpha=0.6, albedo=0.05, body="unpolarised"),
