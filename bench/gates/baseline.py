@@ -163,7 +163,7 @@ DEFAULT_RULES = (
         metric="gain", tolerance=0.005, reason="a quarter of the 2 % that must never pass"
     ),
     ToleranceRule(
-        metric="rotation", tolerance=0.005, reason="a mean angle of 0.14 degrees at gain 1"
+        metric="rotation", tolerance=0.005, reason="a turn by 0.14 degrees at equal strength"
     ),
     ToleranceRule(
         metric="facing_skill", tolerance=0.01, reason="a hundredth of the way to the trivial guess"

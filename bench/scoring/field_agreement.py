@@ -27,9 +27,9 @@ class Agreement:
     Attributes
     ----------
     totals : (5,)
-        Σ (ŝ − s)·s and Σ s × ŝ over the polarised parts (s1, s2), Σ n_z⁴ of the squared error over
-        polariser angles; Σ s·s, and the squared error of the trivial guess I(ϑ) = I/2.
-        Noise-corrected.
+        Σ (ŝ − s)·s and Σ s × ŝ over the polarised parts (s1, s2); the squared error over polariser
+        angles, weighted by cos⁴ of the angle between normal and view direction; Σ s·s, and
+        the squared error of the trivial guess I(ϑ) = I/2, weighted likewise. Noise-corrected.
     covariance : (5, 5)
         Of the totals, from one draw of the noise a pixel; pixels are independent.
     count : int
@@ -67,8 +67,8 @@ class Agreement:
     def rotation(self) -> tuple[float, float]:
         """Part of the estimate that lies across the true field, and its standard error.
 
-        The sine of twice the mean error of the angle, times the gain; positive where the estimate
-        is turned anticlockwise. 0 is perfect.
+        Of a field turned by δ at equal strength it is sin 2δ, and its gain cos 2δ; positive where
+        the estimate is turned anticlockwise. 0 is perfect.
         """
         return self._ratio(ACROSS, ENERGY)
 
@@ -84,9 +84,9 @@ class Agreement:
     def facing_skill(self) -> tuple[float, float]:
         """Skill that weighs surfaces facing the camera most, and its standard error; 1 is perfect.
 
-        Pixels weigh by the fourth power of the zenith angle's cosine: those of the rim come and go
-        with the samples, and where the error sits there, the plain skill jumps by 13 times the
-        noise that the halves can show (measured: distant light, roughness 0.4).
+        Pixels weigh by cos⁴ of the angle between normal and view direction: those of the rim come
+        and go with the samples, and where the error sits there, the plain skill jumps by 13 times
+        the noise that the halves can show (measured: distant light, roughness 0.4).
         """
         ratio, error = self._ratio(ERROR, TRIVIAL)
         return 1.0 - ratio, error

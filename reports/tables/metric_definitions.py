@@ -95,9 +95,11 @@ _EVERY_SCORE = _of(
     ("gain", "gain", "", "nearer 1",
      "slope of the estimated (s1, s2) against the true ones, least squares"),
     ("rotation", "rotation", "", "nearer 0",
-     "Σ s × ŝ / Σ s·s of the true and estimated (s1, s2): sine of twice the mean angle at gain 1"),
+     "Σ s × ŝ / Σ s·s of the true and estimated (s1, s2): of a field turned by δ "
+     "at equal strength sin 2δ (its gain is cos 2δ)"),
     ("facing_skill", "facing skill", "", "higher",
-     "skill with squared errors weighted by cos⁴ of the zenith angle: surfaces facing the camera"),
+     "skill with squared errors weighted by cos⁴ of the angle between normal and view direction: "
+     "surfaces facing the camera"),
     ("signal", "signal", "", "",
      "true polarised intensity over the peak, root mean square: of the scene, not of a method"),
     ("violations", "violations", "", "lower",

@@ -285,6 +285,18 @@ def test_agreement_equals_brute_force(noise: float) -> None:
     assert agreement.count == truth.mask.sum() * BANDS
 
 
+def test_a_turned_field_of_equal_strength_has_sine_and_cosine_of_twice_the_angle() -> None:
+    """What `rotation` and `gain` are said to be; positive is anticlockwise."""
+    truth, delta = made_up_truth(), math.radians(10)
+    turn = np.exp(2j * delta) * (truth.stokes[..., 1] + 1j * truth.stokes[..., 2])
+    method = Method(
+        "turned", frozenset(), lambda seen: Components(seen.image, turn.real, turn.imag), ""
+    )
+    agreement = score(truth, method).agreement
+    assert agreement.rotation[0] == pytest.approx(math.sin(2 * delta), abs=1e-6)  # float32
+    assert agreement.gain[0] == pytest.approx(math.cos(2 * delta), abs=1e-6)
+
+
 @pytest.mark.parametrize(("pixels", "bands"), [(0, 2), (1, 1), (700, 1), (100, 8), (3, MOST_BANDS)])
 def test_sums_equal_brute_force(pixels: int, bands: int) -> None:
     """For all sizes against what is summed at once, also where the picture is not kept."""
