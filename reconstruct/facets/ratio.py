@@ -87,7 +87,8 @@ def specular_dolp(
         Relative index, > 0; metals n + ik with n > 0, k ≥ 0. At eta = 1, where nothing is
         reflected, the limit.
     sigma : array, > 0
-        Exponent of the slope distribution exp(−σ tan²α), Equation 2; σ = 1/m².
+        Exponent of the distribution exp(−σ r²) of facet slopes r, Equation 2: σ = 1/α² at
+        Beckmann roughness α.
     measure : {"eq8", "visible", "shadowed", "shadowed_ggx"}
         Weight of a facet: Equation 8 as printed; times slope Jacobian and projected area; times
         Smith's shadowing of the mirrored direction as well. The last is that of GGX facets, whose
@@ -97,8 +98,9 @@ def specular_dolp(
 
     Returns
     -------
-    float64 array of the broadcast shape, in [−1, 1]; positive is perpendicular to the plane of
-    reflection. Negative for very rough surfaces.
+    float64 array of the broadcast shape
+        In [−1, 1]; positive is perpendicular to the plane of reflection. Negative for very rough
+        surfaces.
 
     Raises
     ------

@@ -145,7 +145,7 @@ class Material:
 class NamedSurface:
     """A rough surface of the data file.
 
-    `alpha` is the Beckmann roughness (rms slope m), `albedo` the diffuse fraction; `status`
+    `alpha` is the Beckmann roughness (rms slope), `albedo` the diffuse fraction; `status`
     is "recalled_unverified" for a value that nobody has compared with the printed source.
     """
 
@@ -157,7 +157,7 @@ class NamedSurface:
 
     @property
     def sigma(self) -> float:
-        """Exponent σ = 1/m² of the paper's Equation 2.
+        """Exponent σ = 1/α² of the paper's Equation 2.
 
         Examples
         --------

@@ -80,7 +80,7 @@ class RoughSurface(Model):
 
     @property
     def sigma(self) -> float:
-        """Exponent σ = 1/m² of the paper's Equation 2."""
+        """Exponent σ = 1/α² of the paper's Equation 2."""
         return 1.0 / self.isotropic_alpha**2
 
     @property

@@ -231,6 +231,19 @@ def test_crossed_polarisers_leak_as_the_lamp_moves_away() -> None:
     assert 10 * max(leaks[0], 1e-5) < leaks[1] < 0.1 * leaks[2]
 
 
+@pytest.mark.parametrize(("azimuth", "expected"), [(0, 0.025), (15, 0.0), (135, 0.25)])
+def test_what_leaks_depends_on_the_lamps_azimuth(azimuth: float, expected: float) -> None:
+    """Numbers of `physics.md`: the same polariser, the lamp 60° away on another side."""
+    surface = Dielectric(material="pmma", alpha=0.2, albedo=0.5, body="unpolarised")
+    how = Polariser(angle_deg=30)
+    light = Distant(incidence_deg=60, azimuth_deg=azimuth, polarised=how)
+    truth = render(scene_of(light, surface), Sampling(samples=16))
+    specular = replace(truth, diffuse=np.zeros_like(truth.diffuse))
+    leak = specular.polarised(angle_deg=120.0)[truth.mask].sum() / specular.image.sum()
+    # Every pixel of specular light leaks alike: noise, resolution and digits of the page are small.
+    assert leak == pytest.approx(expected, abs=2e-3)
+
+
 def test_a_polarised_sky_is_many_polarised_lamps() -> None:
     """Each pixel of its map lights as parallel light would, polarised as the pattern says."""
     sky = Sky(
