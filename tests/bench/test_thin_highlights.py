@@ -47,6 +47,14 @@ def test_samples_on_the_highlight_are_those_that_fall_there(camera: Camera) -> N
     assert highlight_samples(ball(alpha, camera), samples) == expected
 
 
+def test_the_limits_tell_samples_as_they_are_counted() -> None:
+    limits = (Path(__file__).parents[2] / "reports/docs/start/limits.md").read_text("utf-8")
+    for alpha, told in ((0.02, "(42 samples)"), (0.01, "(11 samples)"), (0.003, "(one sample)")):
+        count = highlight_samples(ball(alpha, Camera(resolution=48)), 64)
+        assert told == ("(one sample)" if round(count) == 1 else f"({round(count)} samples)")
+        assert told in limits
+
+
 def test_light_from_everywhere_has_no_highlight_to_miss() -> None:
     scenes = [
         ball(1e-3, Camera(resolution=48), light) for light in (Uniform(), Distant(incidence_deg=30))
