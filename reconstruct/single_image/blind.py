@@ -45,6 +45,7 @@ class ChainResult:
     observation : Observation
         The picture with lobes, normals, eta, alpha and light filled in as estimated.
     body : 'unpolarised' or 'polarised'
+        What the surface's body was taken for.
     components : Components
         The polarisation components, (height, width, bands).
     convergence : Convergence or None
@@ -85,7 +86,8 @@ def blind(observation: Observation) -> Components:
     observation : Observation
         `image` (height, width, bands) in linear radiance under white light, and `mask`. A distant
         `light` in the image frame, `normals`, `eta` and `alpha` are used where they are given, and
-        estimated where they are not.
+        estimated where they are not; `eta` only with the irradiance of a given light, and taken
+        for 1.5 without.
 
     Returns
     -------

@@ -44,8 +44,9 @@ angles = malus.FilterOutput(angles_deg=(60, 150))
 alone = malus.filter_picture("ball.png", out="alone", output=angles)
 
 # %% [markdown]
-# The method `blind` needs a mask, and finds the rest in the picture: the lobes by colour, the shape and the lamp by shading,
-# index and roughness by the glare. On a command line: `malus filter ball.png --mask ball_mask.png --angle 60`.
+# The method `blind` needs a mask, and finds the rest in the picture: the lobes by colour, the shape and the lamp by shading, and the
+# roughness by the glare. The refractive index it takes for 1.5, unless it is told: without the lamp's irradiance no picture tells
+# it. On a command line: `malus filter ball.png --mask ball_mask.png --angle 60`.
 
 # %%
 filtered = malus.filter_picture(
