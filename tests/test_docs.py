@@ -20,6 +20,7 @@ from documents import (
     METHODS,
     README,
     ROOT,
+    blocks,
     code_spans,
     make_targets,
     name_of,
@@ -28,6 +29,7 @@ from documents import (
 
 from malus.bench.cli import cli
 from malus.bench.documents.site_hooks import generated_pages, heading_anchor
+from malus.bench.gates.baseline import DEFAULT_RULES
 from malus.reconstruct import methods
 
 WORDS_OF_THE_README = 1000
@@ -48,6 +50,45 @@ def test_names_in_contributing_exist() -> None:
 
 def test_readme_is_short() -> None:
     assert len(README.read_text("utf-8").split()) <= WORDS_OF_THE_README
+
+
+def test_the_guide_has_all_that_needs_llvm() -> None:
+    """What renderers refuse in the scalar variant, by the key of a suite that asks for it."""
+    keys = {
+        "maps": "maps",
+        "polarised light": "polarised",
+        "several surfaces on one object": "pattern",
+        "light that bounces": "max_depth",
+        "a scene of several objects": "surroundings",
+    }
+    refused = [
+        word
+        for path in (ROOT / "renderers").rglob("*.py")
+        for word in re.findall(
+            r'(?:LLVM or CUDA for|\{expected\}) ([^"{]+)"', path.read_text("utf-8")
+        )
+    ]
+    assert sorted(refused) == sorted(keys)
+    text = (DOCS / "guides" / "gpu.md").read_text("utf-8")
+    section = text.partition("## Without LLVM\n")[2].partition("\n## ")[0]
+    for key in keys.values():
+        assert f"`{key}`" in section, key
+
+
+def test_the_guide_has_what_the_gate_guards() -> None:
+    text = (DOCS / "guides" / "gates.md").read_text("utf-8")
+    for rule in DEFAULT_RULES:
+        assert f"| `{rule.metric}` | {rule.tolerance:g} |" in text, rule.metric
+
+
+def test_what_networks_train_on_has_polarised_bodies() -> None:
+    """Suites of documents that draw scenes say which body: left out, it is the paper's."""
+    texts = [b.text for d in DOCUMENTS for b in blocks(d) if b.language == "toml"]
+    texts += [p.read_text("utf-8") for p in (DOCS / "tutorials").glob("*.py")]
+    drawn = [text for text in texts if "[random]\n" in text]
+    assert len(drawn) >= 2
+    for text in drawn:
+        assert 'bodies = ["polarised"]' in text, text
 
 
 def test_commands_in_running_text_exist() -> None:

@@ -124,7 +124,7 @@ def capture_command(
 
     Several folders, or a TOML file that names folders, masks and conventions, make results like
     those of a run: tables, Table I, Figure 9, error maps and the page. So does --method. What fails
-    is named and left out, and the exit code is 1 then.
+    is named and left out, and the exit code is 1 then; a method that does not apply is no failure.
 
     \b
     Example:

@@ -59,7 +59,8 @@ def run_command(
     SUITE may also be a study, which makes tables of its own: see `malus bench`.
 
     Stopped half-way, the same command goes on where it was. What fails is recorded and left out,
-    and the exit code is 1 then; `malus status` tells why.
+    and the exit code is 1 then; `malus status` tells why. A method that does not apply to a scene
+    is no failure.
 
     \b
     Example:

@@ -12,8 +12,9 @@ from malus.bench.cli import cli
 
 INTRODUCTION = """# Commands
 
-Made from the command line itself: `malus COMMAND --help` says the same. Exit codes: 0 done, 1 a
-gate or check failed or a run left something out, 2 bad input.
+Made from the command line itself: `malus COMMAND --help` says the same. Exit codes: 0 done; 1 a
+render or a method failed for part of the work, or a gate or check failed; 2 bad input, or no room
+to work in; 130 and 143 stopped by Ctrl-C and SIGTERM. A method that does not apply is no failure.
 """
 
 
