@@ -34,6 +34,7 @@ class Method:
     Attributes
     ----------
     name : str
+        What suites, `--method` and tables call it.
     needs : frozenset of str
         Attributes of `Observation` that are filled in for it, besides image and mask.
     reconstruct : function of an Observation that returns Components
@@ -139,10 +140,12 @@ def get_method(name: str) -> Method:
     Parameters
     ----------
     name : str
+        Of a method in `list_methods`, of an object, or of a file of weights.
 
     Returns
     -------
     Method
+        The method, ready to be called.
 
     Raises
     ------

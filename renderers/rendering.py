@@ -14,13 +14,16 @@ def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mits
     Parameters
     ----------
     scene : Scene
+        What to look at.
     sampling : Sampling, optional
         Samples a pixel and seed; the Torrance-Sparrow renderer ignores it.
     renderer : 'mitsuba' or 'torrance-sparrow'
+        The second is for spheres and normal maps under distant lights, without Mitsuba.
 
     Returns
     -------
     Truth
+        Stokes images of both lobes, normals, and the noise.
 
     Raises
     ------

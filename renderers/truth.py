@@ -22,6 +22,7 @@ class Truth:
     Attributes
     ----------
     scene : Scene
+        What was rendered.
     specular, diffuse : (height, width, bands, 3)
         Linear Stokes images of the light reflected at the surface and of the light that left the
         body, in W m⁻² sr⁻¹ nm⁻¹ under lights of the scene's radiance. Their sum is the image.

@@ -32,7 +32,7 @@ class Camera(Model):
     ----------
     resolution : pixels of a side
     half_width : half the width of the image of an `orthographic` camera, in scene units
-    projection : 'orthographic' or 'perspective'
+    projection : 'orthographic', all rays parallel, or 'perspective', through a pinhole
     fov_deg : horizontal field of view of a `perspective` camera, from edge to edge
     distance : from the pinhole of a `perspective` camera to the origin; objects have radius 1
     roll_deg : turn of the camera about its axis, anticlockwise as the photographer sees it. The

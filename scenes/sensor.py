@@ -139,6 +139,7 @@ class Sensor(Model):
     gain : float, optional
         Digital numbers an electron; by default the full well reaches the largest number.
     bit_depth : int
+        Bits of a digital number.
     extinction_ratio : float, optional
         Of the polarisers, transmission along over across the axis; by default they are ideal.
     angle_errors_deg : four angles

@@ -24,12 +24,14 @@ class SensorFrame:
     Attributes
     ----------
     sensor : Sensor
+        The camera that took the frame.
     raw : (frames, height, width) uint16
         Digital numbers: a frame a band where `sensor.sensitivities` are the bands, else one.
     exposure : float
         Electrons for every W m⁻² sr⁻¹ nm⁻¹ that a polariser lets pass, in the most sensitive
         channel.
     channels : Channels
+        Names of the channels, and what each sees.
     stokes : (height, width, channels, 3) or None
         The Stokes image that was computed from `raw`, in the units of the scene's radiance.
 
@@ -67,13 +69,16 @@ def expose(
     stokes : (height, width, bands, 3)
         Linear Stokes vectors in W m⁻² sr⁻¹ nm⁻¹, as `Truth.stokes`.
     sensor : Sensor
+        The camera.
     wavelengths_nm : (bands,)
+        Of the bands of `stokes`.
     seed : integers
         The noise follows from these and the number of the frame alone.
 
     Returns
     -------
     SensorFrame
+        Digital numbers, and the exposure that made them.
 
     Raises
     ------

@@ -259,10 +259,12 @@ def load_suite(name_or_path: str | Path) -> Suite:
     Parameters
     ----------
     name_or_path : str or Path
+        Such as `quick`, or `drawn.toml`.
 
     Returns
     -------
     Suite
+        The suite, with every value checked.
 
     Raises
     ------

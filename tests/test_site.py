@@ -21,7 +21,7 @@ from browser import chromium
 
 import malus
 from malus.bench.cli import cli
-from malus.bench.documents.reference_pages import suite_page
+from malus.bench.documents.reference_pages import list_page, suite_page
 from malus.bench.documents.site_hooks import generated_pages
 from malus.bench.documents.tutorial_pages import tutorial_page
 from malus.scenes.suite import Suite
@@ -57,6 +57,27 @@ class Page(HTMLParser):
         if tag == "link" and LOADING_RELATIONS & set(given.get("rel", "").split()):
             self.loads.append(given["href"])
         self.loads += [given[name] for name in given if (tag, name) in LOADED]
+
+
+class Tables(HTMLParser):
+    """Rows of all tables of a page, a cell a text; heads of columns are a row too."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tables: list[list[list[str]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, _attributes: list[tuple[str, str | None]]) -> None:
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+
+    def handle_data(self, data: str) -> None:
+        if self.tables and self.tables[-1] and self.tables[-1][-1]:
+            self.tables[-1][-1][-1] += data
 
 
 class Site(NamedTuple):
@@ -140,6 +161,30 @@ def test_the_reference_has_every_public_name(site: Site) -> None:
         assert {f"malus.{name}", f"{home}.{name}"} & anchors, name
 
 
+def test_the_reference_says_what_everything_is(site: Site) -> None:
+    """No parameter, attribute or result without words, nor with its type for words."""
+    rows = 0
+    for path in site.folder.glob("reference/api_*.html"):
+        for head, *body in Tables(path.read_text("utf-8")).tables:
+            names = [" ".join(cell.split()) for cell in head]
+            for row in body if "Description" in names else ():
+                cells = dict(zip(names, (" ".join(c.split()) for c in row), strict=True))
+                told = cells["Description"]
+                assert told, f"{path.name}: {cells}"
+                assert told != cells["Type"], f"{path.name}: {cells}"
+                rows += 1
+    assert rows > 400  # a parser that finds no tables would pass
+
+
+def test_the_reference_says_what_methods_are_told() -> None:
+    """A mask always: an `Observation` has one whatever a method asks for besides."""
+    rows = [line.split(" | ") for line in list_page().splitlines() if line.startswith("| `")]
+    told = {name.strip("|` "): besides.strip("| ") for name, _, besides in rows}
+    assert "the picture and the mask" in list_page()
+    assert told["blind"] == told["paper"] == "nothing else"
+    assert told["half_vector"] == "diffuse, eta, light, specular"
+
+
 def test_the_reference_has_every_command_and_option(site: Site) -> None:
     text = (site.folder / "reference" / "commands.html").read_text("utf-8")
     for name, command in cli.commands.items():
@@ -194,6 +239,17 @@ def test_a_page_fits_a_telephone_and_asks_for_nothing(driver: Any, site: Site, n
     assert asked
     assert [url for url in asked if not url.startswith(LOCAL)] == []
     assert driver.get_log("browser") == []
+
+
+@pytest.mark.parametrize("name", ["physics", "conventions"])
+def test_formulas_are_not_cut(driver: Any, site: Site, name: str) -> None:
+    open_page(driver, site.folder / f"{name}.html", 1300)
+    widths = driver.execute_script(
+        "const blocks = [...document.querySelectorAll('pre > code')];"
+        "return blocks.map(block => [block.scrollWidth, block.clientWidth])"
+    )
+    assert widths
+    assert all(needed <= given for needed, given in widths)
 
 
 def test_dark_and_light_are_a_click(driver: Any, site: Site) -> None:

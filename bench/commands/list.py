@@ -85,7 +85,7 @@ def _suites() -> Table:
 def _methods() -> Table:
     from malus.bench.public.lists import list_methods
 
-    table = _new("methods", "name", "needs", "what it does")
+    table = _new("methods", "name", "needs besides picture and mask", "what it does")
     for method in list_methods().values():
         table.add_row(method.name, ", ".join(sorted(method.needs)), method.summary)
     return table

@@ -163,10 +163,11 @@ def list_page() -> str:
 def _lists() -> Iterator[str]:
     yield "## Methods\n"
     rows = [
-        [f"`{name}`", method.summary, ", ".join(sorted(method.needs)) or "the picture alone"]
+        [f"`{name}`", method.summary, ", ".join(sorted(method.needs)) or "nothing else"]
         for name, method in list_methods().items()
     ]
-    yield table(["method", "what it is", "is told"], rows)
+    yield _TOLD
+    yield table(["method", "what it is", "is told besides"], rows)
     yield "## Suites\n"
     yield table(
         ["suite", "what it is", "scenes"],
@@ -174,6 +175,11 @@ def _lists() -> Iterator[str]:
     )
     yield "`malus list` also has materials, metals, surfaces, swatches, patterns, shapes, lights,"
     yield "maps and sensors.\n"
+
+
+_TOLD = """Every method is told the picture and the mask of what is to be seen in it. `unpolarised`,
+`net` and `net-around` can do without a mask, and then take the whole picture.
+"""
 
 
 _API = {

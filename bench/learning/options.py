@@ -41,6 +41,7 @@ class TrainingOptions:
     width : int
         Channels of the network's first level, at half the resolution; the others grow with it.
     seed : int
+        Of the first weights, the order of the scenes and how they are varied.
     rate : float
         Largest learning rate; to go on from a trained model less is enough, such as 3e-4.
     side : int or None

@@ -140,7 +140,9 @@ class BaselineUpdate:
     Attributes
     ----------
     baseline : Baseline
+        What was written: rules and values.
     previous : Baseline or None
+        What the file held before; None where there was none.
     compared : GateResult or None
         The run against the previous baseline; None without one, or where its scenes are others.
 
@@ -173,6 +175,7 @@ def update_baseline(results: Results | Path | str, baseline: Path | str) -> Base
     Returns
     -------
     BaselineUpdate
+        The new baseline, and the one that it replaces.
 
     Raises
     ------

@@ -42,6 +42,7 @@ class Plan:
     Attributes
     ----------
     suite : Suite
+        What will be run.
     variant : Variant
         The Mitsuba variant that will render.
     families : tuple of FamilyPlan
@@ -49,6 +50,7 @@ class Plan:
     savings : tuple of OmittedWork
         What is left out, and why nothing is lost.
     scenes : int
+        Number of scenes.
     renders, renders_without_plan : int
         Images of one lobe that are rendered, and that one render for every scene, band, polariser
         angle and lobe would be.
@@ -88,6 +90,7 @@ def plan(suite: Suite | str | Path, backend: str | Variant = "auto") -> Plan:
     Returns
     -------
     Plan
+        Families, savings and costs.
 
     Raises
     ------

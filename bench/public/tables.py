@@ -61,6 +61,7 @@ def compare(folders: Sequence[Path | str], out: Path | str | None = None) -> Run
     Returns
     -------
     RunComparison
+        What changed beyond chance, and the facts that differ.
 
     Raises
     ------

@@ -36,6 +36,7 @@ def train(
         and history (.json) and its loss curve (.svg); `OUT.training` holds the state until it is
         finished.
     options : TrainingOptions, optional
+        How long and how to train; by default as in `TrainingOptions()`.
     progress : function of (steps done, steps in all, label)
     begin_from : path, optional
         A model that `train` has written: training goes on from its weights in place of random ones,
@@ -45,6 +46,7 @@ def train(
     Returns
     -------
     Training
+        The model's file, how good it is, and the history.
 
     Raises
     ------

@@ -116,7 +116,8 @@ class CaptureSuite(Model):
 
     Attributes
     ----------
-    name, description : of the results
+    name : what the results are called
+    description : one line about them
     methods : names of methods, or `package.module:object`
     capture : tuple of CaptureEntry
         In a TOML file, a `[[capture]]` each.
@@ -167,6 +168,7 @@ def load_captures(path: Path | str) -> CaptureSuite:
     Returns
     -------
     CaptureSuite
+        The captures and methods that the file names.
 
     Raises
     ------

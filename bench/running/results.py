@@ -286,6 +286,7 @@ def read_results(folder: Path | str) -> Results:
     Returns
     -------
     Results
+        Its table and its record.
 
     Raises
     ------

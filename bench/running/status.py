@@ -104,6 +104,7 @@ def status(folder: Path | str) -> Status:
     Returns
     -------
     Status
+        What is done, failed and left.
 
     Raises
     ------

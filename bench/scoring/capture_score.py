@@ -53,9 +53,9 @@ def score_capture(
 
     Returns
     -------
-    dict of plain values: `pixels`, `nmse`, `nmse_trivial`, `skill`, `best_gain`; `delta_e76` and
-    `delta_e76_trivial`, mean and standard deviation by image; `convention`, `statements` and
-    `warnings` in words.
+    dict of plain values
+        `pixels`, `nmse`, `nmse_trivial`, `skill`, `best_gain`; `delta_e76` and `delta_e76_trivial`,
+        mean and standard deviation by image; `convention`, `statements` and `warnings` in words.
 
     Raises
     ------

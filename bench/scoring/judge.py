@@ -361,11 +361,13 @@ def score(truth: Truth, method: Method | str) -> Score:
     Parameters
     ----------
     truth : Truth
+        What the method is told of, and judged by.
     method : Method, or the name of one
 
     Returns
     -------
     Score
+        Errors, skill and the noise in them.
 
     Raises
     ------

@@ -40,6 +40,7 @@ def observe(truth: Truth, needs: Iterable[str]) -> Observation:
     Parameters
     ----------
     truth : Truth
+        What is known in full.
     needs : set or list of str
         Attributes of Observation: specular, diffuse, normals, eta, alpha, distribution, light,
         illuminant. With normals or light comes the direction to the camera, which gives them their
@@ -48,6 +49,7 @@ def observe(truth: Truth, needs: Iterable[str]) -> Observation:
     Returns
     -------
     Observation
+        What a method with these needs is given.
 
     Raises
     ------

@@ -34,6 +34,7 @@ def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findi
     Returns
     -------
     Findings
+        Figures, in words and for machines, and whether the study passed.
 
     Raises
     ------

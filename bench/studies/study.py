@@ -58,6 +58,7 @@ class Findings:
     cells : function of a row
         The texts of a table's row.
     passed : bool
+        Whether every case is as it must be; True where nothing is judged.
 
     Examples
     --------
@@ -80,13 +81,17 @@ class Study:
 
     Attributes
     ----------
-    name, description : str
+    name : str
+        What `malus run` and `run_study` take.
+    description : str
+        One line for `malus list`.
     run : function of (folder or None, options as keywords) that returns Findings
     details : str
         More for the help, after the description.
     example : dict of str
         Values of options in the help's example, as typed.
     options : tuple of StudyOption
+        What may be given to it, with defaults.
     has_page : bool
         It writes tables and a page into a folder, by default results/NAME. Any other writes its
         figures only where it is given a folder.

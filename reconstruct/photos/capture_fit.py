@@ -34,6 +34,7 @@ class CaptureFit:
     Attributes
     ----------
     stokes : (height, width, channels, 3)
+        Linear Stokes vectors, in units of the pictures' light.
     residual : (height, width, channels)
         Root mean square over the pictures, in units of light.
     relative_residual : float
@@ -41,6 +42,7 @@ class CaptureFit:
     shifts : (pictures,)
         Pixels that each picture moved against the first.
     warnings : tuple of str
+        Why the fit may be wrong, in words.
 
     Examples
     --------

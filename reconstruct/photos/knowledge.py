@@ -142,7 +142,7 @@ def read_knowledge(
 
     Parameters
     ----------
-    shape : (height, width)
+    shape : (height, width) of the picture
     normals, mask : path, optional
         Files of the picture's size, see `malus filter --help`.
     light : (x, y, z), optional
@@ -165,6 +165,7 @@ def read_knowledge(
     Returns
     -------
     Knowledge
+        What was given, read and checked.
 
     Raises
     ------

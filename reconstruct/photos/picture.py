@@ -45,7 +45,8 @@ class Picture:
         Opacity, as it was.
     premultiplied : bool
         The file's values are multiplied by its opacity; `linear` is not.
-    kind : one of SUFFIX_OF
+    kind : str
+        Format of its file, one of `SUFFIX_OF`.
     transfer : Transfer or None
         None where the file holds linear floats.
     metadata : dict

@@ -66,6 +66,7 @@ def read_picture(path: Path | str, linear: bool = False, part: str | None = None
     Parameters
     ----------
     path : Path or str
+        Of the picture's file.
     linear : bool
         Take the codes of an integer file for linear light, whatever its profile says.
     part : str, optional

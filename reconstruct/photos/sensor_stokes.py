@@ -19,10 +19,12 @@ def demosaiced_stokes(frame: SensorFrame) -> Float32Array:
     Parameters
     ----------
     frame : SensorFrame
+        A raw frame, and the sensor that took it.
 
     Returns
     -------
-    (height, width, channels, 3) array, in the units of the scene's radiance.
+    (height, width, channels, 3) array
+        Stokes vectors, in the units of the scene's radiance.
 
     Examples
     --------

@@ -35,6 +35,7 @@ def estimate_direction(
     Returns
     -------
     ndarray of shape (3,)
+        Unit vector towards the light, in the image frame.
 
     Raises
     ------

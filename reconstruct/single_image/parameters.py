@@ -52,6 +52,7 @@ class SurfaceParameters:
     alpha : float
         Beckmann roughness.
     body : 'unpolarised' or 'polarised'
+        Which of the two bodies was fitted.
     albedo, level : (bands,) arrays
         Weights of `diffuse_shading` and `specular_shading`: irradiance times albedo, and irradiance
         times Fresnel reflectance, in units of the image times sr.
@@ -105,6 +106,7 @@ def fit_parameters(
     Returns
     -------
     SurfaceParameters
+        What fits best, and the error that is left.
 
     Raises
     ------

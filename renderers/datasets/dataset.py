@@ -52,7 +52,9 @@ class Dataset:
     Attributes
     ----------
     path : Path
+        Its folder.
     record : DatasetRecord
+        What its `dataset.json` says: the suite, the variant, every scene.
     sha256 : str
         Hash of `dataset.json`, and through the hashes in it of the whole dataset.
 

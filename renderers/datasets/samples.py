@@ -75,9 +75,11 @@ class Samples:
     Attributes
     ----------
     source : SampleSource
+        Where the arrays are read from: a dataset's folder or shards.
     numbers : (n,) array
         Of the scenes in the source.
     maps : tuple of str
+        Names of the arrays that were asked for.
     crop : int or None
         Side of a square that is cut out at random: the same for the same seed, epoch and index, in
         whichever process; where `raw` is asked for, at multiples of 4, so that every crop begins
