@@ -70,7 +70,7 @@ class FilteredPicture:
     Attributes
     ----------
     components : Components
-        s0, s1, s2 (height, width, channels) in the picture's linear light.
+        Stokes images s0, s1, s2 (height, width, channels) in the picture's linear light.
     files : tuple of Path
         What was written; empty where no folder was given.
     statements : tuple of str
