@@ -7,12 +7,19 @@ be written.
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import hashlib
 import math
 from collections.abc import Callable
+from pathlib import Path
+from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
 
 Loop = TypeVar("Loop", bound=Callable[..., Any])
 
@@ -25,10 +32,45 @@ def compiled(loop: Loop, any_order: bool = False) -> Loop:
     """
     permitted = {"contract", "reassoc"} if any_order else {"contract"}
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": permitted}
-    try:
-        return numba.njit(cache=True, **options)(loop)
-    except RuntimeError:  # no folder can be written: every process compiles again
-        return numba.njit(**options)(loop)
+    dispatcher = numba.njit(**options)(loop)
+    with contextlib.suppress(RuntimeError):  # no folder can be written: every process compiles
+        dispatcher._cache = _Cache(loop)
+    return dispatcher
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """Numba's cache, with all that is compiled into a loop in the key of its machine code.
+
+    Numba by itself looks at the loop's own file only: the loop would go on with the old code of
+    what it calls in other modules.
+    """
+
+    def _index_key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
+        fields = [getattr(argument, "fields", ()) for argument in signature]  # of named tuples
+        parts = repr((fields, sorted(_compiled_parts(self._py_func))))
+        digest = hashlib.sha256(parts.encode()).hexdigest()
+        return (*super()._index_key(signature, codegen), digest)
+
+
+@functools.cache
+def _compiled_parts(loop: FunctionType) -> frozenset[str]:
+    """Digests of the files of a loop and of those that it calls, and constants of their modules."""
+    parts = {_file_digest(loop.__code__.co_filename)}
+    for name in loop.__globals__.keys() & set(loop.__code__.co_names):
+        value = loop.__globals__[name]
+        if isinstance(value, Dispatcher):
+            if value.py_func is not loop:
+                parts |= _compiled_parts(value.py_func)
+        elif isinstance(value, np.ndarray):
+            parts.add(f"{name} {value.tolist()}")
+        elif not isinstance(value, ModuleType) and not callable(value):
+            parts.add(f"{name} {value!r}")
+    return frozenset(parts)
+
+
+@functools.cache
+def _file_digest(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 @compiled

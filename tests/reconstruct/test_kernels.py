@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import subprocess
 import sys
+from collections import namedtuple
 from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
+from numba.core.caching import CacheImpl
 
 from malus.reconstruct import kernels
 
@@ -26,18 +29,70 @@ def test_a_folder_that_cannot_be_written_costs_the_cache_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As in a container whose packages and home belong to somebody else."""
-    plain = numba.njit
-
-    def refusing(*arguments: object, cache: bool = False, **options: object) -> object:
-        if cache:
-            raise RuntimeError("cannot cache function: no locator available")
-        return plain(*arguments, **options)
-
-    monkeypatch.setattr(numba, "njit", refusing)
+    monkeypatch.setattr(CacheImpl, "_locator_classes", [])
     add = kernels.compiled(kernels.add_polarised.py_func)  # type: ignore[attr-defined]
     s1, s2 = np.zeros((2, 1, 1))
     add(np.full((1, 1), 2.0), np.array([[[0.25, 0.5]]]), s1, s2)
     assert (s1.item(), s2.item()) == (0.5, 1.0)
+
+
+CALLER = """
+from callee import FACTOR, scaled
+from malus.reconstruct.kernels import compiled
+
+@compiled
+def total(values):
+    return FACTOR * scaled(values[0])
+"""
+CALLEE = """
+from malus.reconstruct.kernels import compiled
+
+FACTOR = {factor}
+
+@compiled
+def scaled(value):
+    return {expression}
+"""
+
+
+def test_machine_code_follows_what_a_loop_takes_from_other_modules(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numba looks at the file of the loop alone: after an upgrade it would compute old numbers."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    (tmp_path / "caller.py").write_text(CALLER)
+    cached = []
+
+    def total(factor: float, expression: str) -> float:
+        source = CALLEE.format(factor=factor, expression=expression)
+        (tmp_path / "callee.py").write_text(source)
+        importlib.invalidate_caches()
+        for name in ("caller", "callee"):
+            monkeypatch.delitem(sys.modules, name, raising=False)
+        kernels._file_digest.cache_clear()  # files do not change while a process runs
+        loop = importlib.import_module("caller").total
+        value = float(loop(np.array([3.0])))
+        cached.append(sum(loop.stats.cache_hits.values()))
+        return value
+
+    assert total(2.0, "value + 1") == 8.0
+    assert total(2.0, "value + 1") == 8.0
+    assert total(2.0, "value + 5") == 16.0
+    assert total(4.0, "value + 5") == 32.0
+    assert cached == [0, 1, 0, 0]
+
+
+def test_machine_code_follows_the_fields_of_an_argument() -> None:
+    """Fields are found by their place: in another order they are other numbers."""
+    loop = kernels.compiled(kernels.add_polarised.py_func)  # type: ignore[attr-defined]
+    codegen = loop.targetctx.codegen()
+
+    def key(fields: str) -> object:
+        signature = numba.typeof((namedtuple("Pair", fields)(1.0, 2.0), 3))
+        return loop._cache._index_key(tuple(signature), codegen)[-1]
+
+    assert key("x y") == key("x y") != key("y x")
 
 
 @pytest.mark.parametrize("order", [(NUMBA, MITSUBA), (MITSUBA, NUMBA)])
