@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -112,12 +113,14 @@ def polarised(stokes: FloatArray, angle_deg: float) -> FloatArray:
     return result
 
 
-def analyser(angles_deg: Float64Array, extinction_ratio: float | None = None) -> Float64Array:
+def analyser(
+    angles_deg: Float64Array | Sequence[float], extinction_ratio: float | None = None
+) -> Float64Array:
     """What a polariser makes of a Stokes vector: weights (..., 3) whose product with it is I(ϑ).
 
     Parameters
     ----------
-    angles_deg : (...) array
+    angles_deg : (...) array or sequence
         Transmission axes in degrees, anticlockwise from the vertical as displayed.
     extinction_ratio : float, optional
         Transmission along the axis over that across it, > 1; by default none passes across. The
@@ -135,6 +138,20 @@ def analyser(angles_deg: Float64Array, extinction_ratio: float | None = None) ->
     return np.stack(
         [half, -0.5 * contrast * np.cos(turns), -0.5 * contrast * np.sin(turns)], axis=-1
     )
+
+
+def tell_stokes(angles_deg: Sequence[float]) -> bool:
+    """Whether light through polarisers at these angles tells its Stokes vector, in degrees.
+
+    It has three unknowns, and angles 180° apart are one: three or more must differ.
+
+    Examples
+    --------
+    >>> tell_stokes((0.0, 60.0, 120.0)), tell_stokes((30.0, 30.0, 210.0, 90.0))
+    (True, False)
+    """
+    different = {round(angle % 180.0, 3) % 180.0 for angle in angles_deg}
+    return all(map(math.isfinite, angles_deg)) and len(different) >= 3
 
 
 def _double_angle(angle_deg: float) -> tuple[float, float]:

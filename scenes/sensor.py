@@ -22,7 +22,7 @@ from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile, digest_of
 from malus.scenes.core.registry import lookup, table
-from malus.scenes.polarisation import analyser
+from malus.scenes.polarisation import tell_stokes
 
 FROM_VERTICAL_DEG = -90.0
 """Added to an angle from the horizontal, as camera makers count, it gives one from the vertical."""
@@ -196,7 +196,7 @@ class Sensor(Model):
             raise ValueError(f"a dark_level below the largest number, {self.largest_number}")
         if 0 < max(map(abs, self.mosaic)) <= 2 * math.pi:
             raise ValueError("mosaic in degrees; are these radians?")
-        if np.linalg.matrix_rank(analyser(np.array(self.assumed_angles_deg))) < 3:
+        if not tell_stokes(self.assumed_angles_deg):
             raise ValueError("three different directions in mosaic")
         # A file is not opened here: a dataset from elsewhere may name any.
         if self.sensitivities in SETS and self.bayer is None:

@@ -229,14 +229,12 @@ def _read_angles(folder: Path, shape: Shape, out: dict[str, FloatArray]) -> Iter
             angles.append(angle)
         clean = clean and not problems
         yield from problems
-    # One row an angle: what a polariser passes of s0, s1 and s2.
-    rows = np.array([polarisation.polarised(np.eye(3), angle) for angle in angles])
-    if np.linalg.matrix_rank(rows.reshape(-1, 3)) < 3:
+    if not polarisation.tell_stokes(angles):
         listed = ", ".join(f"{angle:g}" for angle in angles) or "none"
         yield InputError(str(folder), "three different polariser angles", listed, _HINT)
     elif clean:
         images = np.stack(list(arrays.values()), axis=-1)
-        out["stokes"] = images @ np.linalg.pinv(rows).T
+        out["stokes"] = images @ np.linalg.pinv(polarisation.analyser(angles)).T
 
 
 def _angle(text: str) -> float | None:

@@ -15,7 +15,6 @@ from malus.bench.scoring.metrics import Residuals, brightest, nmse_by, skills
 from malus.bench.scoring.polarisation_error import PolarisationError
 from malus.reconstruct.photos.capture import Capture
 from malus.reconstruct.photos.capture_fit import CaptureFit
-from malus.reconstruct.photos.movement import analyser
 from malus.scenes import polarisation
 from malus.scenes.colour import (
     GREY,
@@ -26,7 +25,7 @@ from malus.scenes.colour import (
     weighted_colours,
 )
 from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
-from malus.scenes.polarisation import PAPER_ANGLES_DEG
+from malus.scenes.polarisation import PAPER_ANGLES_DEG, analyser
 
 _ANGLE_SETS = (PAPER_ANGLES_DEG, *((angle,) for angle in PAPER_ANGLES_DEG))
 _NO_POLARISATION = 1e-12

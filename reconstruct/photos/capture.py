@@ -36,12 +36,12 @@ from malus.reconstruct.photos.mosaic import (
     demosaic,
     spread_over_neighbours,
 )
-from malus.reconstruct.photos.movement import analyser
 from malus.reconstruct.photos.picture import MAX_PIXELS, Picture
 from malus.reconstruct.photos.raw_frames import read_raw
 from malus.reconstruct.photos.read_picture import SUFFIXES
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
 from malus.scenes.core.errors import InputError
+from malus.scenes.polarisation import analyser
 
 MAX_CAPTURE_PIXELS = 4 * MAX_PIXELS
 """Of all pictures together: 6 GB for those of three channels, while they are put into one array."""

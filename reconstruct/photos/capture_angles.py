@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from malus.scenes.core.errors import InputError, first_line
+from malus.scenes.polarisation import tell_stokes
 
 Unit = Literal["degrees", "radians"]
 Zero = Literal["vertical", "horizontal"]
@@ -316,7 +317,7 @@ def _spans_angles(values: Sequence[float]) -> bool:
     """Whether numbers can be degrees or radians of a polariser: three or more modulo 180°."""
     if max(abs(value) for value in values) > _LARGEST_DEG:
         return False
-    return len({round(value % 180.0, 3) % 180.0 for value in values}) >= 3
+    return tell_stokes(values)
 
 
 def _counts(values: Sequence[float]) -> bool:
@@ -348,7 +349,7 @@ def check_angles(where: str, angles: Sequence[float]) -> None:
     InputError
         With the angles that there are.
     """
-    if len({round(angle % 180.0, 3) % 180.0 for angle in angles}) < 3:
+    if not tell_stokes(angles):
         listed = ", ".join(f"{angle:g}" for angle in angles)
         raise InputError(
             where,

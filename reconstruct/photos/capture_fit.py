@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from malus.reconstruct.photos.capture import Capture, read_capture
+from malus.reconstruct.photos.capture_angles import check_angles
 from malus.reconstruct.photos.movement import (
     MOVED,
     Shift,
-    analyser,
     is_sub_grids,
     measure_shifts,
 )
@@ -78,7 +78,8 @@ def fit_capture(capture: Capture | Path | str) -> CaptureFit:
     Raises
     ------
     InputError
-        From `read_capture`, and of a capture that is clipped everywhere or has no light.
+        From `read_capture`, and of a capture whose parts do not belong together, whose angles are
+        fewer than three different ones modulo 180°, that is clipped everywhere or has no light.
 
     Examples
     --------
@@ -91,8 +92,9 @@ def fit_capture(capture: Capture | Path | str) -> CaptureFit:
     where = "capture" if isinstance(capture, Capture) else str(capture)
     if not isinstance(capture, Capture):
         capture = read_capture(capture)
+    _check(capture, where)
     mean = _mean_light(capture, where)
-    matrix = analyser(capture.angles_deg)
+    matrix = polarisation.analyser(capture.angles_deg)
     inverse = np.linalg.pinv(matrix).astype(np.float32)
     stokes = np.tensordot(capture.pictures, inverse, axes=(0, 1))
     square = np.zeros(stokes.shape[:-1], dtype=np.float32)
@@ -106,6 +108,17 @@ def fit_capture(capture: Capture | Path | str) -> CaptureFit:
         shifts = list(measure_shifts(capture.pictures, capture.angles_deg))
     warnings = _warnings(capture, stokes, relative, shifts)
     return CaptureFit(stokes, residual, relative, tuple(s.length for s in shifts), warnings)
+
+
+def _check(capture: Capture, where: str) -> None:
+    """Refuse a capture whose parts do not belong together, or whose angles tell no sinusoid."""
+    shape, clipped = np.shape(capture.pictures), np.shape(capture.clipped)
+    angles, names = len(capture.angles_deg), len(capture.names)
+    if len(shape) != 4 or (angles, names, clipped) != (shape[0], shape[0], shape[1:3]):
+        expected = "pictures (n, height, width, channels), n angles, n names, clipped as large"
+        found = f"{shape}, {angles}, {names}, {clipped}"
+        raise InputError(where, expected, found, "correct what differs")
+    check_angles(where, capture.angles_deg)
 
 
 def _mean_light(capture: Capture, where: str) -> float:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from malus.scenes import polarisation
 from malus.scenes.core.arrays import Float32Array, Float64Array, FloatArray
+from malus.scenes.polarisation import analyser
 
 MOVED = 0.25
 """Pixels of shift between two pictures from which edges look polarised."""
@@ -75,11 +75,6 @@ def measure_shifts(pictures: Float32Array, angles_deg: Sequence[float]) -> tuple
     for index, shift in _moved_against_others(grey, angles_deg).items():
         shifts[index] = shift
     return tuple(shifts)
-
-
-def analyser(angles_deg: Sequence[float]) -> Float64Array:
-    """Matrix (angles, 3) that turns a Stokes vector into the light through each polariser."""
-    return np.stack([polarisation.polarised(np.eye(3), angle) for angle in angles_deg])
 
 
 def _moved_against_others(grey: Float64Array, angles_deg: Sequence[float]) -> dict[int, Shift]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import colour
 import numpy as np
@@ -103,6 +104,25 @@ def test_a_capture_without_light_or_pixels_is_refused(tmp_path: Path) -> None:
     fit = fit_capture(capture)
     with pytest.raises(InputError, match="x: expected pixels to score, found none"):
         score_capture(capture._replace(clipped=everywhere), fit, Knowledge(), "x")
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        ({"angles_deg": (30.0, 30.0, 210.0, 30.0, 210.0, 30.0)}, "three or more angles, different"),
+        ({"angles_deg": (0.0, 45.0, 90.0, 135.0, 20.0, np.nan)}, "three or more angles, different"),
+        ({"angles_deg": (0.0, 45.0, 90.0)}, "n angles"),
+        ({"names": ("a.png",)}, "n names"),
+        ({"clipped": np.zeros((3, 3), bool)}, "clipped as large"),
+    ],
+)
+def test_a_capture_made_in_python_that_tells_no_sinusoid_is_refused(
+    tmp_path: Path, changed: dict[str, Any], expected: str
+) -> None:
+    stokes, _ = dome_stokes(16)
+    write_capture(tmp_path, stokes, NAMED)
+    with pytest.raises(InputError, match=f"capture: expected .*{expected}"):
+        fit_capture(read_capture(tmp_path)._replace(**changed))
 
 
 def test_a_perfect_guess_has_skill_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
