@@ -172,9 +172,8 @@ def run_chain(
     specular, separation_statements = _by_colour(observation, separation)
     direction, irradiance, shape_statements = light_of(observation)
     irradiance = irradiance if calibrated else None
-    given = GivenParameters(
-        irradiance, mean_or_none(observation.eta), mean_or_none(observation.alpha)
-    )
+    eta, alpha = (mean_or_none(v, observation.mask) for v in (observation.eta, observation.alpha))
+    given = GivenParameters(irradiance, eta, alpha)
     if observation.normals is None:
         shape = recover_shape(observation.image, observation.mask, direction, given, specular)
         normals, parameters, convergence = shape.normals, shape.parameters, shape.convergence

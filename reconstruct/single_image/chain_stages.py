@@ -114,13 +114,18 @@ def _shaded(observation: Observation) -> tuple[Float64Array, Float64Array]:
     return pixels.mean(axis=1), normals
 
 
-def mean_or_none(value: float | NumberArray | None) -> float | None:
-    """Mean of a given value or map; Inapplicable for complex indices."""
+def mean_or_none(value: float | NumberArray | None, mask: BoolArray) -> float | None:
+    """Mean of a given value, or of a map on the mask; Inapplicable for complex indices."""
     if value is None:
         return None
     if np.iscomplexobj(value):
         raise Inapplicable("needs a dielectric, found a complex index")
-    return float(np.mean(value))
+    given = np.asarray(value)
+    if given.ndim < 2:
+        return float(given.mean())
+    if not mask.any():
+        raise Inapplicable("the mask has no pixel")
+    return float(given[mask].mean())
 
 
 def _sampled(observation: Observation, normals: Image) -> tuple[Float64Array, Float64Array]:

@@ -214,7 +214,8 @@ def _geometry(balanced: Observation, specular: Image | None, calibrated: bool) -
         return _Geometry(normals, eta, alpha, balanced.light)
     direction, irradiance, about_light = light_of(balanced, refuse=False)
     irradiance = irradiance if calibrated else None
-    given = GivenParameters(irradiance, mean_or_none(eta), mean_or_none(alpha), "unpolarised")
+    means = (mean_or_none(value, balanced.mask) for value in (eta, alpha))
+    given = GivenParameters(irradiance, *means, "unpolarised")
     convergence, about_shape = None, ("normals as given",)
     if normals is None:
         shape = recover_shape(

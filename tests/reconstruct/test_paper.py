@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from malus.bench.scoring.observe import INPUTS, observe
 from malus.reconstruct import Inapplicable, Observation, get_method
 from malus.reconstruct.photos.estimate import estimate
 from malus.reconstruct.photos.knowledge import Knowledge, read_knowledge
-from malus.reconstruct.single_image.blind import run_chain
+from malus.reconstruct.single_image.blind import ChainResult, run_chain
 from malus.reconstruct.single_image.paper import PAPER_SEPARATIONS, STAGES, paper, run_paper
 from malus.reconstruct.single_image.separation import separate
 from malus.renderers import render
@@ -64,6 +65,24 @@ def test_a_stage_that_is_given_is_kept(name: str) -> None:
     told = observe(truth, frozenset(light))
     kept = getattr(run_paper(told).observation, name)
     np.testing.assert_array_equal(kept, getattr(told, name))
+
+
+@pytest.mark.parametrize("off", [0.0, np.nan])
+@pytest.mark.parametrize("chain", [run_chain, run_paper])
+def test_maps_of_index_and_roughness_count_on_the_mask_alone(
+    chain: Callable[[Observation], ChainResult], off: float
+) -> None:
+    truth = sphere()
+    told = observe(truth, {"light", "normals"})
+    eta, alpha = np.full(3, 1.5), 0.3
+    mask = truth.mask
+    maps = {"eta": np.where(mask[..., None], eta, off), "alpha": np.where(mask, alpha, off)}
+    as_numbers = chain(replace(told, eta=eta, alpha=alpha)).components
+    as_maps = chain(replace(told, **maps)).components
+    # Means of equal numbers differ in their last digit.
+    np.testing.assert_allclose(as_maps.s1, as_numbers.s1, rtol=1e-6, atol=1e-9)
+    with pytest.raises(Inapplicable, match="no pixel"):
+        chain(replace(told, mask=np.zeros_like(mask), **maps))
 
 
 def test_equations_7_and_9_to_12_and_the_phase() -> None:
