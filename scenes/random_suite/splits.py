@@ -15,7 +15,7 @@ from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
 from malus.scenes.materials.measured import Measured
-from malus.scenes.materials.surface import Patterned
+from malus.scenes.materials.surface import Patterned, RoughSurface
 from malus.scenes.random_suite.templates import distributions, variants
 from malus.scenes.scene import Scene
 
@@ -262,9 +262,19 @@ def values_of(scene: Scene, axis: Disjoint) -> set[str]:
     ]
     if axis == "material":
         return {_name(p) if isinstance(p, Measured) else p.material_label for p in parts}
-    return {
-        p.id if isinstance(p, Measured) else f"{p.alpha} {getattr(p, 'albedo', '')}" for p in parts
-    }
+    return {p.id if isinstance(p, Measured) else _surface_name(p) for p in parts}
+
+
+_OF_OTHER_AXES = {"kind", "material", "eta", "k", "body"}
+
+
+def _surface_name(part: RoughSurface) -> str:
+    """All that the axis of surfaces gives, but for the name of the roughness, which says no more.
+
+    Conductors are told without `kind`: the material makes them so.
+    """
+    own = part.model_dump(exclude=_OF_OTHER_AXES | {"roughness"})
+    return " ".join(str(value) for value in own.values())
 
 
 def _name(value: Any) -> str:

@@ -318,6 +318,23 @@ def test_splits_without_random_scenes_and_too_few_values_are_refused() -> None:
         drawn(suite(SPLITS, lights=[{"kind": "uniform"}]))
 
 
+def test_surfaces_that_differ_in_their_distribution_are_two_values() -> None:
+    surfaces = [
+        {"alpha": 0.3},
+        {"alpha": 0.3, "distribution": "ggx"},
+        {"alpha": 0.3, "albedo": 0.2},
+    ]
+    made = suite(SPLITS | {"disjoint": ["surface"]}, surfaces=surfaces, materials=["pmma"])
+    assert made.splits is not None
+    assert made.draws is not None
+    scenes = [(s, s.id, made.draws.split(i)) for i, s in enumerate(made.scenes())]
+    found = check_leaks(scenes, made.splits)["surface"]  # type: ignore[arg-type]
+    assert set(found) == {"0.3 0.5", "ggx 0.3 0.5", "0.3 0.2"}
+    assert set(found.values()) == {"train", "val", "test"}
+    metal = drawn(suite(surfaces=surfaces[1:2], materials=["gold"], count=1))[0]
+    assert values_of(metal, "surface") == {"ggx 0.3"}
+
+
 def test_values_of_a_scene_are_those_of_all_its_objects() -> None:
     around = {
         "name": "floor",
