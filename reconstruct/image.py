@@ -13,9 +13,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from malus.reconstruct.lobe_models import Lobe, LobeModel, ZenithTables, on_steps
-from malus.reconstruct.observation import Components, Observation
+from malus.reconstruct.observation import Components, Image, Observation
 from malus.reconstruct.pixel_block import Block
-from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.arrays import BoolArray, Float64Array
 from malus.scenes.core.cores import usable_cores
 
 BLOCK_PIXELS = 1 << 17
@@ -109,3 +109,34 @@ def _blocks(shape: tuple[int, int]) -> Iterator[slice]:
     rows = max(1, BLOCK_PIXELS // max(shape[1], 1))
     for start in range(0, shape[0], rows):
         yield slice(start, min(start + rows, shape[0]))
+
+
+def joined_deviation(
+    image: Image, mask: BoolArray, parts: Sequence[tuple[BoolArray, Components]]
+) -> Image | None:
+    """Deviation of a picture of several objects; None where any of them states none.
+
+    Parameters
+    ----------
+    image : (height, width, bands)
+    mask : (height, width) bool
+        Pixels of all objects. Of one that could not be told any polarisation is possible: its
+        deviation is 1.
+    parts : pairs of mask and components
+        Of the objects that could be told.
+
+    Examples
+    --------
+    >>> image, left = np.ones((1, 3, 1)), np.array([[True, False, False]])
+    >>> told = Components(image, 0 * image, 0 * image, deviation=0.25 * image)
+    >>> deviation = joined_deviation(image, np.array([[True, True, False]]), [(left, told)])
+    >>> deviation[..., 0].tolist()
+    [[0.25, 1.0, 0.0]]
+    """
+    result = np.zeros_like(image)
+    result[mask] = 1.0
+    for own, components in parts:
+        if components.deviation is None:
+            return None
+        result[own] = components.deviation[own]
+    return result

@@ -32,7 +32,8 @@ from malus.bench.running.results import (
 from malus.bench.scoring.calibration import calibration_values
 from malus.bench.scoring.capture_metrics import CapturedPixels
 from malus.bench.scoring.metric_value import MetricValue
-from malus.reconstruct import Inapplicable, Method, Observation, get_method
+from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
+from malus.reconstruct.image import joined_deviation
 from malus.reconstruct.methods import TRIVIAL, by_name
 from malus.reconstruct.photos.angle_convention import check_outlines
 from malus.reconstruct.photos.capture import Capture
@@ -213,7 +214,7 @@ def reconstruct(
     stokes = np.zeros((*image.shape, 3), dtype=np.float32)
     stokes[..., 0] = image
     reasons: dict[int, str] = {}
-    invalid, converged, deviation = 0, [], None
+    parts: list[tuple[BoolArray, Components]] = []
     for number, mask in enumerate(objects, start=1):
         try:
             components = method.reconstruct(Observation(image, mask, wavelengths_nm=wavelengths_nm))
@@ -221,16 +222,14 @@ def reconstruct(
             reasons[number] = str(reason) if len(objects) == 1 else f"object {number}: {reason}"
             continue
         stokes[mask] = components.stokes[mask]
-        invalid += components.invalid(mask)
-        converged.append(components.converged)
-        if components.deviation is not None:
-            deviation = np.zeros(image.shape, np.float32) if deviation is None else deviation
-            deviation[mask] = components.deviation[mask]
+        parts.append((mask, components))
     if len(reasons) == len(objects):
         raise Inapplicable("; ".join(reasons.values()))
-    told = [value for value in converged if value is not None]
+    told = [found.converged for _, found in parts if found.converged is not None]
     note = f"left unpolarised: {'; '.join(reasons.values())}" if reasons else ""
     is_converged = all(told) if told else None
+    invalid = sum(found.invalid(mask) for mask, found in parts)
+    deviation = joined_deviation(image, np.any(objects, axis=0), parts)
     return Estimate(stokes, tuple(reasons), note, invalid, is_converged, deviation)
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from malus.reconstruct.image import from_lobes
+from malus.reconstruct.image import from_lobes, joined_deviation
 from malus.reconstruct.learned.net import is_network
 from malus.reconstruct.lobe_models import diffuse, microfacets
 from malus.reconstruct.methods import get_method, source_of
@@ -180,21 +180,13 @@ def _estimate_of(observation: Observation, knowledge: Knowledge) -> Estimate:
 
 
 def _together(whole: Observation, results: list[tuple[BoolArray, Estimate]]) -> Components:
-    """The components of all objects in one picture; what is off all of them is unpolarised.
-
-    Of an object of which nothing could be told any polarisation is possible: its deviation is 1.
-    """
-    deviation = np.zeros_like(whole.image)
-    deviation[whole.mask] = 1.0
+    """The components of all objects in one picture; what is off all of them is unpolarised."""
     s1, s2 = np.zeros_like(whole.image), np.zeros_like(whole.image)
-    honest = True
-    for mask, (found, *_) in results:
+    parts = [(mask, result.components) for mask, result in results]
+    for mask, found in parts:
         s1[mask], s2[mask] = found.s1[mask], found.s2[mask]
-        if found.deviation is None:
-            honest = False
-        else:
-            deviation[mask] = found.deviation[mask]
-    return Components(whole.image, s1, s2, deviation=deviation if honest else None)
+    deviation = joined_deviation(whole.image, whole.mask, parts)
+    return Components(whole.image, s1, s2, deviation=deviation)
 
 
 def _require(observation: Observation, needs: frozenset[str]) -> None:

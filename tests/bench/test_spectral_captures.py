@@ -47,6 +47,32 @@ SHORTEST = replace(get_method("unpolarised"), name="shortest", reconstruct=short
 assert isinstance(SHORTEST, Method)
 
 
+def test_a_deviation_that_one_object_lacks_is_stated_for_none() -> None:
+    """A deviation of 0 was said to be stated there, and its calibration was 5e9."""
+    image, left = np.ones((2, 4, 3), np.float32), np.zeros((2, 4), bool)
+    left[:, :2] = True
+    lacking: list[Exception | None] = [None, Inapplicable("dark")]
+
+    def stating(observation: Observation, error: Exception | None) -> Components:
+        if observation.mask[0, 0]:
+            return Components(image, 0 * image, 0 * image, deviation=0.1 * image)
+        if error is not None:
+            raise error
+        return Components(image, 0 * image, 0 * image)
+
+    untold, refused = (
+        captures.reconstruct(
+            replace(SHORTEST, reconstruct=lambda o, error=error: stating(o, error)),
+            image,
+            [left, ~left],
+        ).deviation
+        for error in lacking
+    )
+    assert untold is None
+    assert refused is not None
+    assert refused[0, :, 0].tolist() == [np.float32(0.1), np.float32(0.1), 1.0, 1.0]
+
+
 def exported(folder: Path, layout: str, bands: tuple[float, ...]) -> Path:
     """The folder of a scene with light of so many bands."""
     suite = SUITE.model_copy(
