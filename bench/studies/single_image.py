@@ -31,7 +31,9 @@ from malus.reconstruct.single_image.illuminant import ILLUMINANTS, specular_tint
 from malus.reconstruct.single_image.separation import SEPARATIONS, separate
 from malus.renderers.families.family import render_family
 from malus.renderers.truth import Truth
+from malus.renderers.variant import choose, made_by
 from malus.scenes import Blob, Camera, Dielectric, Distant, InputError, Sampling, Scene, Sphere
+from malus.scenes.core.model import content_id
 from malus.scenes.core.registry import lookup
 from malus.scenes.materials.materials import materials, surfaces
 
@@ -70,7 +72,8 @@ def single_image(
     resolution : pixels a side
     coloured : coloured bodies for the chain, too
     rows_file : Path, optional
-        Every row is written to it as a line of JSON; scenes that it has are not measured again.
+        Every row is written to it as a line of JSON; scenes that it has from this version of malus
+        are not measured again.
 
     Returns
     -------
@@ -94,7 +97,8 @@ def single_image(
 
 def _rows(scenes: Sequence[Scene], levels: Sequence[str], rows_file: Path | None) -> Iterator[Row]:
     """Row of every scene and level, the level '' being separation; rows of the file are kept."""
-    rows = _kept_rows(rows_file) if rows_file else {}
+    made = _made() if rows_file else ""
+    rows = _kept_rows(rows_file, made) if rows_file else {}
     for scene in scenes:
         missing = [level for level in levels if (scene.id, level) not in rows]
         if missing:
@@ -104,16 +108,27 @@ def _rows(scenes: Sequence[Scene], levels: Sequence[str], rows_file: Path | None
             rows[scene.id, level] = row
             if rows_file:
                 with rows_file.open("a", encoding="utf-8") as file:
-                    print(json.dumps(row), file=file)
+                    print(json.dumps(row | {_MADE: made}), file=file)
         yield from (rows[scene.id, level] for level in levels)
+
+
+_MADE = "made"
+"""Key of a row in the file: what it was made by."""
+
+
+def _made() -> str:
+    """Hash of what decides a row besides its scene and level, as of the parts of a run."""
+    return content_id([SAMPLES, choose().name, made_by("mitsuba")])
 
 
 _START = b'{"scene": "'
 """Start of every row: a file that is cut off elsewhere is not one of this study."""
 
 
-def _kept_rows(path: Path) -> dict[tuple[str, str], Row]:
-    """Rows of an earlier run by scene and level; a last line that was cut off is removed.
+def _kept_rows(path: Path, made: str) -> dict[tuple[str, str], Row]:
+    """Rows of an earlier run by scene and level, if `made` by what makes them now.
+
+    A last line that was cut off is removed.
 
     Raises
     ------
@@ -124,16 +139,18 @@ def _kept_rows(path: Path) -> dict[tuple[str, str], Row]:
         return {}
     content = path.read_bytes()
     complete = content[: content.rfind(b"\n") + 1]
-    rows = {}
-    for number, line in enumerate(complete.splitlines(), start=1):
+    lines, rows = complete.splitlines(), {}
+    for number, line in enumerate(lines, start=1):
         try:
             row = json.loads(line)
-            rows[row["scene"], row.get("level", "")] = row
+            key = row["scene"], row.get("level", "")
+            if row.pop(_MADE, None) == made:
+                rows[key] = row
         except (ValueError, TypeError, KeyError) as error:
             raise _not_a_row(path, number, line) from error
     cut_off = content[len(complete) :]
     if not cut_off.startswith(_START[: len(cut_off)]):
-        raise _not_a_row(path, len(rows) + 1, cut_off)
+        raise _not_a_row(path, len(lines) + 1, cut_off)
     if cut_off:
         path.write_bytes(complete)
     return rows

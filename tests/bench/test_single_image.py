@@ -109,12 +109,35 @@ def test_a_stopped_measurement_goes_on(
 
     def counted(truth: Truth, level: str) -> dict[str, object]:
         asked.append(truth.scene.id)
-        return json.loads(second)
+        return {key: value for key, value in json.loads(second).items() if key != "made"}
 
     monkeypatch.setattr(single_image, "chain_row", counted)
     assert _run(rows) == printed
     assert asked == [few[1].id]
     assert rows.read_bytes() == first + second
+
+
+@pytest.mark.parametrize("changed", ["SAMPLES", "made_by"])
+def test_rows_of_another_version_are_measured_again(
+    tmp_path: Path, few: list[Scene], monkeypatch: pytest.MonkeyPatch, changed: str
+) -> None:
+    rows, asked = tmp_path / "rows.jsonl", []
+
+    def row(truth: Truth, level: str) -> dict[str, object]:
+        asked.append(truth.scene.id)
+        columns = {"shape": "sphere", "body": "polarised", "skill": float(len(asked))}
+        return {"scene": truth.scene.id, **columns, "level": level}
+
+    monkeypatch.setattr(single_image, "chain_row", row)
+    printed = _run(rows)
+    assert _run(rows) == printed
+    assert len(asked) == 2
+    other = {"SAMPLES": 32, "made_by": lambda _: "malus 9"}
+    monkeypatch.setattr(single_image, changed, other[changed])
+    again = _run(rows)
+    assert again != printed
+    assert _run(rows) == again
+    assert asked == [scene.id for scene in few] * 2
 
 
 @pytest.mark.usefixtures("few")
