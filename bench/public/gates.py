@@ -13,7 +13,6 @@ from malus.bench.gates import gate as comparison
 from malus.bench.gates import gate_report
 from malus.bench.gates.baseline import (
     Baseline,
-    RunIdentity,
     default_rules,
     read_baseline,
     write_baseline,
@@ -198,7 +197,7 @@ def update_baseline(results: Results | Path | str, baseline: Path | str) -> Base
     old = read_baseline(path) if path.exists() else None
     new = updated(measured, old, default_rules(measured))
     compared = None
-    if old is not None and old.origin.scenes == RunIdentity.of(measured).scenes:
+    if old is not None and old.origin.is_of(measured):
         compared = GateResult(tuple(comparison.gate(measured, old)))
     write_baseline(path, new)
     return BaselineUpdate(new, old, compared)

@@ -8,8 +8,10 @@ import pytest
 from runs import NOBODY, SUITE, one_line, run_malus
 
 import malus
+from malus.bench.gates.baseline import write_baseline
 from malus.bench.running.runner import run
 from malus.scenes import InputError
+from malus.scenes.core.model import content_id
 
 JUNIT = "<?xml version='1.0' encoding='utf-8'?>\n<testsuites>"
 
@@ -67,6 +69,23 @@ def test_reports_of_an_earlier_gate_are_replaced(gated: Path) -> None:
         malus.gate("quick", "b.toml", junit="quick/gate.xml", summary="step_summary_1")
         assert (gated / "step_summary_1").read_text("utf-8").startswith("### gate passed")
         assert (gated / "quick" / "gate.xml").read_text("utf-8").startswith(JUNIT)
+
+
+def test_a_baseline_of_an_earlier_version_is_compared_when_it_is_replaced(gated: Path) -> None:
+    """Earlier hashes of the scenes count metrics: `gate` knows them, `update_baseline` did not."""
+    run(SUITE.model_copy(update={"metrics": ("polarisation",)}), gated / "more", variant=NOBODY)
+    path = gated / "old.toml"
+    now = malus.update_baseline("more", path).baseline
+    suite = dict(malus.read_results("more").run["suite"])
+    sampling = {key: value for key, value in suite["sampling"].items() if key != "seed"}
+    content = {k: v for k, v in suite.items() if k not in ("name", "description", "methods")}
+    earlier = content_id(content | {"sampling": sampling})
+    assert earlier != now.origin.scenes
+    origin = now.origin.model_copy(update={"scenes": earlier})
+    write_baseline(path, now.model_copy(update={"origin": origin}))
+    compared = malus.update_baseline("more", path).compared
+    assert compared is not None
+    assert compared.passed
 
 
 def test_a_folder_is_no_file_to_write(gated: Path) -> None:
