@@ -214,8 +214,8 @@ def _geometry(balanced: Observation, specular: Image | None, calibrated: bool) -
         return _Geometry(normals, eta, alpha, balanced.light)
     direction, irradiance, about_light = light_of(balanced, refuse=False)
     irradiance = irradiance if calibrated else None
-    means = (mean_or_none(value, balanced.mask) for value in (eta, alpha))
-    given = GivenParameters(irradiance, *means, "unpolarised")
+    mean_eta, mean_alpha = (mean_or_none(value, balanced.mask) for value in (eta, alpha))
+    given = GivenParameters(irradiance, mean_eta, mean_alpha, "unpolarised")
     convergence, about_shape = None, ("normals as given",)
     if normals is None:
         shape = recover_shape(
