@@ -24,6 +24,9 @@ from malus.scenes.core.arrays import AnyArray, Float64Array, FloatArray
 PAPER_ANGLES_DEG = (0.0, 30.0, 45.0, 60.0, 90.0)
 """The five polariser angles of the paper's synthetic experiment (Section IV)."""
 
+FROM_VERTICAL_DEG = -90.0
+"""Added to an angle from the horizontal, as camera makers count, it gives one from the vertical."""
+
 _STRAIGHT_UP = 1e-9
 """Distance of a direction from the y axis below which it is the axis."""
 
@@ -279,7 +282,7 @@ def stokes_from_extremes(i_max: FloatArray, i_min: FloatArray, phase: FloatArray
     >>> stokes_from_extremes(np.array(7.5), np.array(2.5), np.array(0.0)).tolist()
     [10.0, -5.0, -0.0]
     """
-    i_max, i_min = map(_floats, (i_max, i_min))
+    i_max, i_min, phase = map(_floats, (i_max, i_min, phase))
     amplitude = i_max - i_min
     return np.stack(
         np.broadcast_arrays(

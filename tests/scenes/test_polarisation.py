@@ -57,6 +57,13 @@ def test_extremes_of_whole_numbers_do_not_wrap(dtype: type) -> None:
     np.testing.assert_array_equal(whole, real)
 
 
+def test_extremes_and_phase_may_be_lists() -> None:
+    """Twice a list is a longer list: a phase of one number stood for 0."""
+    stokes = polarisation.stokes_from_extremes([[3.0]], [[1.0]], [[0.5]])  # type: ignore[arg-type]
+    expected = polarisation.stokes_from_extremes(*np.array([3.0, 1.0, 0.5])[:, None, None])
+    np.testing.assert_array_equal(stokes, expected)
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("tiny", [0.0, -0.0, 1e-30, -1e-30])
 def test_angles_stay_below_half_a_turn(dtype: type[np.floating], tiny: float) -> None:
