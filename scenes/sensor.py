@@ -22,10 +22,7 @@ from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile, digest_of
 from malus.scenes.core.registry import lookup, table
-from malus.scenes.polarisation import tell_stokes
-
-FROM_VERTICAL_DEG = -90.0
-"""Added to an angle from the horizontal, as camera makers count, it gives one from the vertical."""
+from malus.scenes.polarisation import FROM_VERTICAL_DEG, tell_stokes
 
 SETS = {"nikon-5100": "Nikon 5100 (NPL)", "sigma-sd-merrill": "Sigma SDMerill (NPL)"}
 """Measured sensitivities of red, green and blue by their names in colour-science.
@@ -260,7 +257,8 @@ class Sensor(Model):
         Raises
         ------
         InputError
-            If a channel sees none of the bands, or two see the same.
+            If a channel sees none of the bands, two see the same, or a file of sensitivities has
+            others than the sensor.
 
         Examples
         --------
@@ -296,7 +294,7 @@ class Sensor(Model):
         if self.sensitivities == "flat":
             return np.ones((1, len(wavelengths_nm)))
         if isinstance(self.sensitivities, SensitivityFile):
-            table_ = self.sensitivities.curves()
+            table_ = self._file_curves("sensor, key sensitivities")
         else:
             curves = colour_science().MSDS_CAMERA_SENSITIVITIES[SETS[self.sensitivities]]
             table_ = np.column_stack([curves.wavelengths, curves.values])
@@ -305,6 +303,23 @@ class Sensor(Model):
             for curve in table_.T[1:]
         ]
         return np.maximum(np.array(sampled), 0.0)
+
+    def _file_curves(self, where: str) -> Float64Array:
+        """The table of the file of sensitivities, of as many channels as the sensor has.
+
+        Raises
+        ------
+        InputError
+            If it is no such table; `where` names the sensor.
+        """
+        assert isinstance(self.sensitivities, SensitivityFile)
+        curves = self.sensitivities.curves()
+        needed, columns = 1 if self.bayer is None else 3, curves.shape[1] - 1
+        if columns != needed:
+            of_one, of_three = "bayer is for three channels", "give bayer, the order of colours"
+            expected = f"{needed} column(s) of sensitivities in {self.sensitivities.path}"
+            raise InputError(where, expected, str(columns), of_one if columns == 1 else of_three)
+        return curves
 
 
 def presets() -> dict[str, dict[str, Any]]:
@@ -335,9 +350,6 @@ def located(sensor: Sensor, folder: Path, where: str) -> Sensor:
         return sensor
     path = folder / named.path
     found = SensitivityFile(path=str(path), digest=digest_of(path, named.file_kind))
-    needed, columns = 1 if sensor.bayer is None else 3, found.curves().shape[1] - 1
-    if columns != needed:
-        hint = "bayer is for three channels" if columns == 1 else "give bayer, the order of colours"
-        expected = f"{needed} column(s) of sensitivities in {path}"
-        raise InputError(f"{where}, key sensor", expected, str(columns), hint)
-    return sensor.model_copy(update={"sensitivities": found})
+    result = sensor.model_copy(update={"sensitivities": found})
+    result._file_curves(f"{where}, key sensor")
+    return result

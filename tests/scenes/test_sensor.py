@@ -213,6 +213,24 @@ def test_curves_of_a_file(tmp_path: Path) -> None:
         found.channels((450.0, 500.0, 600.0))
 
 
+@pytest.mark.parametrize(
+    ("table", "bayer", "expected"),
+    [
+        ("nm,a\n400,1\n700,1\n", "rggb", r"3 column\(s\) of .*found 1; bayer is for three"),
+        ("nm,r,g,b\n400,0,0,1\n550,0,1,0\n700,1,0,0\n", None, r"1 column\(s\) of .*give bayer"),
+    ],
+)
+def test_a_sensor_made_in_python_has_the_channels_of_its_file(
+    tmp_path: Path, table: str, bayer: Any, expected: str
+) -> None:
+    path = tmp_path / "curves.csv"
+    path.write_text(table, "utf-8")
+    sensor = Sensor(sensitivities=SensitivityFile(path=str(path)), bayer=bayer)
+    light = np.tile([1.0, 0.0, 0.0], (12, 12, 3, 1))
+    with pytest.raises(InputError, match=f"^sensor, key sensitivities: expected {expected}"):
+        expose(light, sensor, (450.0, 550.0, 650.0))
+
+
 def test_presets_are_whole_and_what_is_given_wins() -> None:
     for name, values in presets().items():
         given: dict[str, Any] = {"extinction_ratio": 300.0, "sensitivities": "nikon-5100"}
