@@ -21,7 +21,7 @@ import numpy as np
 
 from malus.bench.scoring.judge import StokesMetric
 from malus.bench.scoring.metric_value import MetricValue
-from malus.bench.scoring.metrics import PixelSums
+from malus.bench.scoring.metrics import PixelSums, brightest
 from malus.bench.scoring.polarisation_error import angle_between, psnr
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
@@ -72,7 +72,7 @@ class _Pixels:
 
     @classmethod
     def of(cls, truth: Pictured) -> _Pixels:
-        return cls(truth.mask, float(truth.image[truth.mask].max()) or 1.0)
+        return cls(truth.mask, brightest(truth.image[truth.mask]))
 
     def scaled(self, stokes: FloatArray) -> Float64Array:
         return np.divide(stokes, self.peak, dtype=np.float64)

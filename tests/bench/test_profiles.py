@@ -11,7 +11,8 @@ import pytest
 from reference import field_metrics
 
 from malus.bench.scoring.extra_metrics import get_metrics
-from malus.bench.scoring.profiles import PROFILES
+from malus.bench.scoring.metrics import peak
+from malus.bench.scoring.profiles import PROFILES, _Pixels
 from malus.renderers.truth import Truth
 from malus.scenes import Camera, Dielectric, Scene, Sphere, Uniform
 from malus.scenes.core.arrays import FloatArray
@@ -202,6 +203,13 @@ def test_a_truth_with_s3_counts_it(name: str) -> None:
     four = np.concatenate([truth, s3[..., None]], axis=-1)
     zero = np.concatenate([estimate, np.zeros_like(s3)[..., None]], axis=-1)
     assert values == pytest.approx(getattr(field_metrics, name)(zero, four), rel=1e-7, abs=1e-7)
+
+
+def test_the_peak_of_a_dark_picture_is_one_as_for_every_other_metric() -> None:
+    """Noise alone may be below zero everywhere: over such a peak light would change its sign."""
+    dark = truth_of(*constant((-0.5, 0.1, 0.0), (-0.5, 0.0, 0.0))[1:])
+    assert peak(dark) == 1.0
+    assert _Pixels.of(dark).peak == 1.0
 
 
 def test_small_pictures_are_refused() -> None:
