@@ -23,7 +23,7 @@ from malus.scenes.core.arrays import BoolArray, Float64Array, NumberArray
 from malus.scenes.lights.lights import Distant
 
 _SAMPLE = 8_000
-"""Pixels that parameters are fitted to: five numbers need no more."""
+"""Pixels that parameters are fitted to, or up to twice as many: five numbers need no more."""
 
 
 _LIGHTS = ("image", "specular", "diffuse")
@@ -129,7 +129,7 @@ def mean_or_none(value: float | NumberArray | None, mask: BoolArray) -> float | 
 
 
 def _sampled(observation: Observation, normals: Image) -> tuple[Float64Array, Float64Array]:
-    """Radiances (n, bands) and unit normals (n, 3) of at most `_SAMPLE` of the object's pixels."""
+    """Radiances (n, bands) and unit normals (n, 3) of the object's pixels, or of a sample."""
     length = np.linalg.norm(normals, axis=-1)
     chosen = np.flatnonzero(observation.mask & (length > 0.5) & np.isfinite(length))
     chosen = chosen[:: max(1, len(chosen) // _SAMPLE)]

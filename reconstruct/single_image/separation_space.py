@@ -15,7 +15,8 @@ Labels = NDArray[np.integer[Any]]
 LIT = 0.02
 """Share of the brightest intensity below which a pixel's colour is mostly noise."""
 _SAMPLE = 4096
-"""Pixels from which colour clusters are learnt: enough for a handful of directions."""
+"""Pixels from which colour clusters are learnt, or up to twice as many: enough for a handful of
+directions."""
 _SAME_HUE = 0.97
 """Cosine between specular-free directions of one body colour (14°)."""
 _BLOCK = 1 << 14

@@ -53,7 +53,8 @@ SAME_COST, SAME_ALPHA = 1.02, 0.1
 _STARTING_ALPHAS = (0.12, 0.4)
 _STEPS = 30
 _SAMPLE = 8_000
-"""Pixels that the parameters are fitted to in the end: a handful of numbers needs no more."""
+"""Pixels that the parameters are fitted to in the end, or up to twice as many: a handful of numbers
+needs no more."""
 _TOLERANCE = 1e-3
 
 
