@@ -167,26 +167,6 @@ def _mean(array: AnyArray, window: Any, inside: AnyArray) -> Float64Array:
     return np.asarray(array[(slice(None), *window)][:, inside].mean(axis=1))
 
 
-def measured_reference(variant: Variant, runs: int = RUNS) -> dict[str, dict[str, Any]]:
-    """New stored values for `self_check`: mask, mean and spread over seeds, by scene."""
-    reference = {}
-    for name, scene in SCENES.items():
-        seeds = range(1000, 1000 + runs)
-        covered = rendered(variant, scene, seed=0).mask
-        truths = (rendered(variant, scene, seed) for seed in seeds)
-        values = np.stack([region_means(truth, covered)[0] for truth in truths])
-        mean, spread = values.mean(axis=0), values.std(axis=0, ddof=1)
-        rows = ["".join("01"[int(pixel)] for pixel in row) for row in covered]
-        reference[name] = {"covered": rows, "mean": _digits(mean), "spread": _digits(spread)}
-    return reference
-
-
-def _digits(values: Float64Array) -> Any:
-    """Values as nested lists of seven significant digits, which hold 32 bits."""
-    text = json.dumps(values.tolist())
-    return json.loads(text, parse_float=lambda number: float(f"{float(number):.6e}"))
-
-
 def _furnace(variant: Variant) -> float:
     """A white Lambertian body under light of radiance 1 from everywhere has radiance 1."""
     surface = Dielectric(eta=1.5, alpha=0.3, albedo=1.0, body="unpolarised")
