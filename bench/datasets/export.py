@@ -59,9 +59,6 @@ WriteAll = Callable[[Dataset, Path, Progress], None]
 ANGLES_FROM_HORIZONTAL_DEG = (0.0, 45.0, 90.0, 135.0)
 """Polariser angles of a polarisation camera, as polanalyser counts them."""
 
-FROM_VERTICAL_DEG = -90.0
-"""Added to an angle from the horizontal it gives one from the vertical, as malus counts."""
-
 WORDS, MAX_WORDS_BYTES = "conventions.json", 1 << 20
 PIXELS = ("exr", "png")
 """Forms of the images for polanalyser."""
@@ -283,7 +280,9 @@ def write_polanalyser(folder: Path, truth: Truth, pixels: str = "exr") -> None:
         images = folder / f"{wavelength:.10g}nm"
         images.mkdir()
         for index, angle in enumerate(ANGLES_FROM_HORIZONTAL_DEG):
-            radiance = polarisation.polarised(stokes[:, :, band], angle + FROM_VERTICAL_DEG)
+            radiance = polarisation.polarised(
+                stokes[:, :, band], angle + polarisation.FROM_VERTICAL_DEG
+            )
             path = images / f"image{index:05d}.{pixels}"
             if pixels == "png":
                 save_16bit(path, to_16bit(radiance / full_scale))
@@ -291,7 +290,7 @@ def write_polanalyser(folder: Path, truth: Truth, pixels: str = "exr") -> None:
                 write_exr(path, {"Y": radiance})
             facts = {
                 "angle": math.radians(angle),
-                "malus_angle_deg": (angle + FROM_VERTICAL_DEG) % 180.0,
+                "malus_angle_deg": (angle + polarisation.FROM_VERTICAL_DEG) % 180.0,
                 "full_scale": full_scale,
             }
             path.with_suffix(".json").write_text(json.dumps(facts, indent=1), encoding="utf-8")

@@ -23,8 +23,6 @@ from malus.scenes.core.files import write_whole
 from malus.scenes.scene import Scene
 
 FROM_HORIZONTAL_DEG = (0, 45, 90, 135)
-FROM_VERTICAL_DEG = -90.0
-"""Added to an angle from the horizontal it gives one from the vertical, as malus counts."""
 
 WriteNumbered = Callable[[Path, str, Truth], None]
 """Writes the files of one scene, of a name, into a folder that all scenes share."""
@@ -88,7 +86,7 @@ def write_polarisers(folder: Path, name: str, truth: Truth) -> None:
     stokes = colours(truth).astype(np.float64)
     full_scale = float(stokes[..., 0].max()) or 1.0
     for angle in FROM_HORIZONTAL_DEG:
-        seen = polarisation.polarised(stokes, angle + FROM_VERTICAL_DEG)
+        seen = polarisation.polarised(stokes, angle + polarisation.FROM_VERTICAL_DEG)
         save_png(folder / f"pol{angle:03}" / f"{name}.png", to_16bit(seen / full_scale))
     save_png(folder / "normal" / f"{name}.png", to_16bit((truth.normals + 1.0) / 2.0))
     _save_mask(folder, name, truth)

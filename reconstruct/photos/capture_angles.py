@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from malus.scenes.core.errors import InputError, first_line
-from malus.scenes.polarisation import tell_stokes
+from malus.scenes.polarisation import FROM_VERTICAL_DEG, tell_stokes
 
 Unit = Literal["degrees", "radians"]
 Zero = Literal["vertical", "horizontal"]
@@ -64,7 +64,7 @@ def conventional(angle_deg: float, zero: Zero, sense: Sense) -> float:
     (0.0, -30)
     """
     turned = angle_deg if sense == "anticlockwise" else -angle_deg
-    return turned - 90.0 if zero == "horizontal" else turned
+    return turned + FROM_VERTICAL_DEG if zero == "horizontal" else turned
 
 
 def in_degrees(angles: Sequence[float], unit: Unit | None, where: str) -> tuple[float, ...]:
