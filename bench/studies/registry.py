@@ -387,8 +387,8 @@ STUDIES = {
                 StudyOption(
                     "rows",
                     None,
-                    "Write every row as a line of JSON; scenes that the file has are not measured"
-                    " again.",
+                    "Write every row as a line of JSON; scenes that the file has from this version"
+                    " of malus are not measured again.",
                     is_file=True,
                 ),
             ),
