@@ -317,7 +317,7 @@ class Sensor(Model):
         needed, columns = 1 if self.bayer is None else 3, curves.shape[1] - 1
         if columns != needed:
             of_one, of_three = "bayer is for three channels", "give bayer, the order of colours"
-            expected = f"{needed} column(s) of sensitivities in {self.sensitivities.path}"
+            expected = f"{needed} column(s) of sensitivities in {self.sensitivities.file}"
             raise InputError(where, expected, str(columns), of_one if columns == 1 else of_three)
         return curves
 

@@ -216,7 +216,11 @@ def test_curves_of_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("table", "bayer", "expected"),
     [
-        ("nm,a\n400,1\n700,1\n", "rggb", r"3 column\(s\) of .*found 1; bayer is for three"),
+        (
+            "nm,a\n400,1\n700,1\n",
+            "rggb",
+            r"3 column\(s\) of .*/curves.csv, found 1; bayer is",
+        ),
         ("nm,r,g,b\n400,0,0,1\n550,0,1,0\n700,1,0,0\n", None, r"1 column\(s\) of .*give bayer"),
     ],
 )
