@@ -54,11 +54,15 @@ class Change:
     def outcome(self) -> Outcome:
         """Better or worse where the interval leaves out zero and the metric has a direction.
 
-        An estimate that is not finite has no number: it is worse than any other.
+        An estimate that is not finite has no number: it is worse than any other. An infinite
+        mean, such as the PSNR of a perfect estimate, is a value, without an interval.
         """
-        if math.isfinite(self.before) != math.isfinite(self.after):
-            return "worse" if math.isfinite(self.before) else "better"
-        if self.difference == 0 or not abs(self.difference) > self.half_width:
+        if math.isnan(self.before) != math.isnan(self.after):
+            return "better" if math.isnan(self.before) else "worse"
+        infinite = math.isinf(self.before) or math.isinf(self.after)
+        if not (infinite and self.before != self.after) and (
+            self.difference == 0 or not abs(self.difference) > self.half_width
+        ):
             return "same"
         if not self.metric.better:
             return "changed"
@@ -102,7 +106,7 @@ def _values(table: pd.DataFrame) -> _Groups:
 def _shared(
     before: _Groups, after: _Groups
 ) -> Iterator[tuple[tuple[str, ...], pd.Series[float], pd.Series[float]]]:
-    for key in before.keys() & after.keys():
+    for key in filter(after.__contains__, before):  # in the order of the first
         a, b = before[key], after[key]
         same = a.index.intersection(b.index)
         if len(same):
@@ -125,13 +129,15 @@ def _change(
         pair = PairedDifference.of(b, a, metric, confidence)
         difference, width = pair.difference, pair.half_width
     else:
-        difference, width = float(b.mean() - a.mean()), _welch(a, b, confidence)
+        difference, width = float(b.mean()) - float(a.mean()), _welch(a, b, confidence)
     means = float(a.mean()), float(b.mean())
     return Change(name, key[1:], metric, *means, difference, width, min(len(a), len(b)), paired)
 
 
 def _welch(a: Float64Array, b: Float64Array, confidence: float) -> float:
     """Half the width of the interval of the difference of two means."""
+    if not (np.isfinite(a).all() and np.isfinite(b).all()):
+        return math.nan
     parts = [values.var(ddof=1) / len(values) for values in (a, b)]
     total = float(sum(parts))
     if total == 0.0 or not math.isfinite(total):
@@ -187,14 +193,16 @@ class RunComparison:
         return "; ".join((told, *map(str, self.lost)))
 
     def numbers(self) -> list[dict[str, Any]]:
-        """Every comparison as plain values, None where there is no number; then what was lost."""
+        """Every comparison as plain values, then what was lost.
+
+        None stands where there is no number, the text "Infinity" or "-Infinity" for an infinite one.
+        """
         changes = [
             {
                 "run": change.run, "metric": change.metric.name,
                 **dict(zip(KEYS, change.key, strict=True)),
-                "before": _or_none(change.before), "after": _or_none(change.after),
-                "difference": _or_none(change.difference),
-                "half_width": _or_none(change.half_width),
+                "before": _plain(change.before), "after": _plain(change.after),
+                "difference": _plain(change.difference), "half_width": _plain(change.half_width),
                 "scenes": change.scenes, "paired": change.paired, "outcome": change.outcome,
             }
             for change in self.changes
@@ -241,8 +249,11 @@ def _scored(table: pd.DataFrame) -> dict[str, set[str]]:
     return {str(method): scored.get(str(method), set()) for method in distinct(table["method"])}
 
 
-def _or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _plain(value: float) -> float | str | None:
+    """A number for JSON, which has none that are not finite."""
+    if math.isinf(value):
+        return "Infinity" if value > 0 else "-Infinity"
+    return None if math.isnan(value) else value
 
 
 def changes_table(changes: Sequence[Change]) -> TextTable:

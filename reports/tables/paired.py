@@ -64,12 +64,13 @@ class PairedDifference:
         with np.errstate(invalid="ignore"):
             gains = _goodness(a, metric) - _goodness(b, metric)
             difference = np.where(equal, 0.0, a - b)
+            mean = float(difference.mean()) if len(a) else math.nan
         return cls(
             metric,
             int((gains > 0).sum()),
             int((gains < 0).sum()),
             len(a),
-            float(difference.mean()) if len(a) else math.nan,
+            mean,
             half_width(difference, confidence),
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +17,7 @@ from malus.reports.tables.metric_definitions import DEFINITIONS, definition_of
 from malus.reports.tables.paired import half_width, paired, ranked_pairs, student_width
 from malus.reports.tables.paper_table import paper_table
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.json_text import json_text
 
 
 def table_of(values: dict[str, dict[str, list[float]]]) -> pd.DataFrame:
@@ -137,6 +139,45 @@ def test_other_scenes_are_compared_by_their_means() -> None:
     assert not change.paired
     assert change.difference == pytest.approx((interval.high + interval.low) / 2)
     assert change.half_width == pytest.approx((interval.high - interval.low) / 2)
+
+
+PERFECT, GOOD, NONE = [math.inf, 30, 31], [40.0, 30, 31], [math.nan, 30, 31]
+
+
+@pytest.mark.parametrize(
+    ("metric", "before", "after", "outcome"),
+    [
+        ("psnr", GOOD, PERFECT, "better"),
+        ("psnr", PERFECT, GOOD, "worse"),
+        ("psnr", PERFECT, PERFECT, "same"),
+        ("psnr", PERFECT, [30, math.inf, math.inf], "same"),  # both have perfect scenes
+        ("nmse", GOOD, PERFECT, "worse"),
+        ("nmse", PERFECT, NONE, "worse"),
+        ("nmse", NONE, PERFECT, "better"),
+    ],
+)
+@pytest.mark.parametrize("same_scenes", [True, False])
+def test_an_infinite_value_is_as_good_as_its_metric_says(
+    metric: str, before: list[float], after: list[float], outcome: str, same_scenes: bool
+) -> None:
+    runs = [run_of({metric: {"eq8": values}}) for values in (before, after)]
+    if not same_scenes:
+        runs[1].table["scene"] = "other " + runs[1].table["scene"]
+    (change,) = RunComparison.of(("a", "b"), runs).changes
+    assert change.outcome == outcome
+
+
+def test_plain_values_tell_infinity_from_no_number() -> None:
+    runs = [run_of({"psnr": {"eq8": values}}) for values in (GOOD, PERFECT)]
+    (line,) = RunComparison.of(("a", "b"), runs).numbers()
+    assert (line["after"], line["difference"], line["half_width"]) == ("Infinity", "Infinity", None)
+    assert json.loads(json_text(line)) == line
+
+
+def test_changes_are_in_the_order_of_the_first_run() -> None:
+    names = [f"m{number}" for number in range(12)]
+    runs = [run_of({"nmse": {name: [1.0, 2, 3] for name in names}}) for _ in range(2)]
+    assert [change.key[0] for change in RunComparison.of(("a", "b"), runs).changes] == names
 
 
 def test_scenes_that_are_no_longer_scored_are_told() -> None:
