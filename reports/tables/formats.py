@@ -73,11 +73,14 @@ def skill_text(value: float) -> str:
     --------
     >>> skill_text(0.99974), skill_text(0.5), skill_text(-63.8), skill_text(float("nan"))
     ('0.9997', '0.50', '−64', '–')
+    >>> skill_text(-0.001)
+    '0.00'
     """
     if not math.isfinite(value):
         return NO_NUMBER
     digits = 4 if value > 0.99 else 2 if value > -10 else 0
-    return f"{value:.{digits}f}".replace("-", "−")
+    text = f"{value:.{digits}f}"
+    return text.replace("-", "−" if float(text) else "")  # 0.00 has no sign
 
 
 def duration(seconds: float) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -18,7 +19,7 @@ from malus.reports.tables.metric_definitions import (
 )
 from malus.reports.tables.rows import TRIVIAL, distinct, not_finite, overall_rows
 from malus.scenes.core.arrays import Float64Array
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, printable
 from malus.scenes.core.registry import lookup
 
 _BY_DEFAULT = ("nmse", "skill")
@@ -67,23 +68,26 @@ def number_with_error(value: float, error: float) -> str:
     --------
     >>> number_with_error(0.8123, 0.3), number_with_error(0.25, math.nan)
     ('0.81 ± 0.30', '0.2500')
+    >>> number_with_error(-9.996e-5, 1e-6)
+    '−1.000e-4 ± 1.0e-6'
     """
     if not math.isfinite(value):
         return NO_NUMBER if math.isnan(value) else "∞" if value > 0 else "−∞"
     if math.isfinite(error) and error > ROUNDING * abs(value):
-        return f"{_number(value, error)} ± {_number(error, error)}"
-    return _number(value, abs(value) * 1e-2)
+        last = math.floor(math.log10(error)) - 1
+        return f"{_number(value, last)} ± {_number(error, last)}"
+    return _number(value, math.floor(math.log10(abs(value))) - 3) if value else "0"
 
 
-def _number(value: float, error: float) -> str:
-    """A number with the digits that its error leaves, but no more than a table can hold."""
-    if value == 0 and error == 0:
-        return "0"
-    last = math.floor(math.log10(error)) - 1
+def _number(value: float, last: int) -> str:
+    """A number with digits down to 10^last, but no more than a table can hold."""
     if abs(value) >= LEAST_PLAIN or last >= -MOST_DECIMALS:
-        return f"{value:.{min(max(-last, 0), MOST_DECIMALS)}f}"
-    exponent = math.floor(math.log10(abs(value))) if value else last
-    return f"{value / 10.0**exponent:.{max(exponent - last, 0)}f}e{exponent}"
+        text = f"{value:.{min(max(-last, 0), MOST_DECIMALS)}f}"
+    else:
+        exponent = math.floor(math.log10(abs(value))) if value else last
+        # A decimal number keeps its last digit where it is rounded up to a power of ten.
+        text = f"{Decimal(value).quantize(Decimal((0, (1,), min(last, exponent)))):e}"
+    return text.replace("-", "−", 1) if text.startswith("-") else text
 
 
 @dataclass(frozen=True)
@@ -221,7 +225,7 @@ def _error_of_median(values: Float64Array) -> float:
 
 
 def _markdown(table: PaperTable) -> str:
-    heads = ["method", *(_head(metric) for metric in table.metrics), "images"]
+    heads = ["method", *(_head(metric, markdown) for metric in table.metrics), "images"]
     lines = [heads, ["---", *["---:"] * (len(heads) - 1)]]
     for method in table.methods:
         cells = [f"**{text}**" if best else text for text, best in _texts(table, method)]
@@ -269,14 +273,14 @@ def _texts(table: PaperTable, method: str) -> list[tuple[str, bool]]:
     return texts
 
 
-def _head(metric: MetricDefinition) -> str:
+def _head(metric: MetricDefinition, escaped: Callable[[str], str] = str) -> str:
     """Label, unit and direction of a column; its own name where a label stands for several."""
     general = next((one for one in DEFINITIONS if one.matches(metric.name)), metric)
     one_of_several = "*" in general.name and metric.name != general.name.removesuffix("*")
     label = metric.name if one_of_several else metric.label
     median = " (median)" if _is_median(metric.name) else ""
-    unit = f" [{metric.unit}]" if metric.unit else ""
-    return f"{_project(metric)}{label}{median}{unit} {metric.arrow}".rstrip()
+    unit = f" [{escaped(metric.unit)}]" if metric.unit else ""
+    return f"{escaped(_project(metric) + label)}{median}{unit} {metric.arrow}".rstrip()
 
 
 def _project(metric: MetricDefinition) -> str:
@@ -290,12 +294,13 @@ _LATEX = {
     "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     "↑": r"$\uparrow$", "↓": r"$\downarrow$", "→": r"$\to$", "±": r"$\pm$", "∞": r"$\infty$",
     "−": r"$-$", "–": "--", "°": r"\textdegree{}", "Δ": r"$\Delta$", "ϑ": r"$\vartheta$",
+    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}",
 }  # fmt: skip
 
 
 def _escaped(text: str) -> str:
     """A text for LaTeX: nothing in it becomes a command, and no letter needs another font."""
-    return "".join(_LATEX.get(letter, letter) for letter in text)
+    return "".join(_LATEX.get(letter, letter) for letter in printable(text))
 
 
 _FORMS: dict[str, Callable[[PaperTable], str]] = {

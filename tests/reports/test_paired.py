@@ -15,7 +15,7 @@ from scipy import stats
 from malus.reports.tables.compared_runs import RunComparison
 from malus.reports.tables.metric_definitions import DEFINITIONS, definition_of
 from malus.reports.tables.paired import half_width, paired, ranked_pairs, student_width
-from malus.reports.tables.paper_table import paper_table
+from malus.reports.tables.paper_table import number_with_error, paper_table
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.json_text import json_text
 
@@ -98,6 +98,34 @@ def test_heads_are_labels_where_they_are_of_one_metric() -> None:
 def test_names_are_escaped() -> None:
     table = paper_table(table_of({"nmse": {"my_net & co": [0.1, 0.2]}}))
     assert r"my\_net \& co & " in table.text("latex")
+    names = {"a<b>|c": [0.1, 0.2], "d\u202ee": [0.1, 0.2]}
+    table = paper_table(table_of({"nmse": names, "my|metric": names}))
+    assert r"a\textless{}b\textgreater{}\textbar{}c & " in table.text("latex")
+    assert r"| a&lt;b&gt;\|c | " in table.text("markdown")
+    assert r"| my\|metric | " in table.text("markdown")
+    assert not any("\u202e" in table.text(form) for form in ("latex", "markdown"))
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (5e-324, math.nan, "4.941e-324"),
+        (9.996e-5, 1e-6, "1.000e-4 ± 1.0e-6"),
+        (9.94e-5, 1e-6, "9.94e-5 ± 1.0e-6"),
+        (1e-9, 1e-6, "1e-9 ± 1.0e-6"),
+        (-0.8123, 0.3, "−0.81 ± 0.30"),
+        (-2e-5, 1e-6, "−2.00e-5 ± 1.0e-6"),
+        (0.0, math.nan, "0"),
+        (0.0, 1e-6, "0e-7 ± 1.0e-6"),
+    ],
+)
+def test_a_number_has_the_digits_of_its_error(value: float, error: float, text: str) -> None:
+    assert number_with_error(value, error) == text
+
+
+def test_the_minus_of_a_number_is_no_hyphen_in_latex() -> None:
+    table = paper_table(table_of({"skill": {"eq8": [-0.5, -0.5, -0.5]}}))
+    assert r"$-$0.5000" in table.text("latex")
 
 
 def test_an_unknown_metric_is_named() -> None:
