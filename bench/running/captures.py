@@ -327,6 +327,7 @@ class Photographed:
         meta: dict[str, Any] = {
             "scene": self.about["scene"],
             "label": f"{self.about['name']}, {self.about['group']}",
+            "step": self.step,
         }
         if self.wavelengths_nm is None:
             meta["channels"] = list(self.pixels.channels)

@@ -6,10 +6,14 @@ function number(value, digits = SIGNIFICANT) {
   return Number.isFinite(value) ? String(Number(value.toPrecision(digits))) : "not finite";
 }
 
+function fixed(value, digits, unit) {
+  return Number.isFinite(value) ? value.toFixed(digits) + unit : "not finite";
+}
+
 // The place beside the axis takes eight characters.
 function short(value) {
   const small = value !== 0 && Math.abs(value) < 1e-3;
-  return small ? value.toExponential(2) : number(value, 3);
+  return small ? value.toExponential(value < 0 ? 1 : 2) : number(value, 3);
 }
 
 function rowOf([s0, s1, s2], degrees) {
@@ -19,9 +23,9 @@ function rowOf([s0, s1, s2], degrees) {
     number(radiance(s0, s1, s2, degrees)),
     number(0.5 * (s0 + polarised)),
     number(0.5 * (s0 - polarised)),
-    ((aolp + 90) % 180).toFixed(1) + "°",       // ψ counts from the vertical
-    (100 * dolpOf(s0, s1, s2)).toFixed(2) + " %",
-    aolp.toFixed(1) + "°",
+    fixed((aolp + 90) % 180, 1, "°"),       // ψ counts from the vertical
+    fixed(100 * dolpOf(s0, s1, s2), 2, " %"),
+    fixed(aolp, 1, "°"),
   ];
 }
 
@@ -44,8 +48,9 @@ class Readout {
     this.dots.forEach((dot) => dot.setAttribute("visibility", "hidden"));
   }
 
-  show(pixel, truth, estimate, degrees, note) {
-    this.place.textContent = `Pixel column ${pixel.x}, row ${pixel.y} from the upper left${note}`;
+  show(pixel, step, truth, estimate, degrees, note) {
+    const [column, row] = [pixel.x * step, pixel.y * step];
+    this.place.textContent = `Pixel column ${column}, row ${row} from the upper left${note}`;
     const both = [truth, estimate];
     const columns = both.map((stokes) => rowOf(stokes, degrees));
     this.cells.forEach((cells, row) => cells.forEach((cell, k) => {
@@ -63,7 +68,7 @@ class Readout {
       return [0.5 * (s0 - polarised), 0.5 * (s0 + polarised)];
     }).filter(Number.isFinite);
     const low = Math.min(...ends), high = Math.max(...ends);
-    const margin = Math.max(0.08 * (high - low), 0.002 * Math.abs(high), 1e-12);
+    const margin = Math.max(0.08 * (high - low), 0.002 * Math.abs(high)) || 1;
     this.low = low - margin;
     this.high = high + margin;
     this.least.textContent = short(this.low);

@@ -104,7 +104,15 @@ function paintColour(out, at, channels, degrees, scale, curve) {
   }
 }
 
-function dolpOf(s0, s1, s2) { return s0 > 0 ? Math.hypot(s1, s2) / s0 : 0; }
+/** Degree of linear polarisation: of no light 0, of less than none no number. */
+function dolpOf(s0, s1, s2) { return s0 > 0 ? Math.hypot(s1, s2) / s0 : s0 === 0 ? 0 : NaN; }
+
+/** The place of the largest finite value. */
+function largestOf(values) {
+  let best = 0;
+  values.forEach((value, i) => { if (value > values[best] || !Number.isFinite(values[best])) best = i; });
+  return best;
+}
 
 /** Angle of linear polarisation in degrees, 0 to 180, anticlockwise from the horizontal. */
 function aolpOf(s1, s2) { return (Math.atan2(s2, s1) * 90 / Math.PI + 180) % 180; }

@@ -110,11 +110,11 @@ class Viewer {
       at: positionsOf(scene.beyond.mask, scene.beyond.pixels, scene.width * scene.height),
     };
     this.object = positionsOf(scene.mask, scene.pixels, scene.width * scene.height);
-    const all = this.object, first = all[Math.floor(all.length * 0.33)] || 0;
     this.view.reset();
     this.view.locked = false;
-    this.view.pick = { x: first % scene.width, y: Math.floor(first / scene.width) };
     this.choosePixels();
+    const first = this.at[largestOf(this.truth.stokes[0])] || 0;
+    this.view.pick = { x: first % scene.width, y: Math.floor(first / scene.width) };
   }
 
   /** All pixels of the object, or only those that see one normal. */
@@ -239,7 +239,8 @@ class Viewer {
     else {
       const pixel = ({ stokes }) => stokes.map((plane) => plane[i]);
       const note = this.truth.channels ? ", all bands as the eye weighs them" : "";
-      this.readout.show(this.view.pick, pixel(this.truth), pixel(this.estimate), this.angle, note);
+      this.readout.show(this.view.pick, this.scene.step, pixel(this.truth), pixel(this.estimate),
+        this.angle, note);
     }
     this.root.dataset.shown = this.angle;
   }

@@ -47,17 +47,24 @@ _NAMES = {"_i_max": "I_max", "_i_min": "I_min"}
 
 @dataclass(frozen=True)
 class ErrorMap:
-    """ΔE76 (height, width) of one image by a method, NaN off the object."""
+    """ΔE76 (height, width) of one image by a method, NaN off the object.
+
+    So many pixels of the object are `not_finite`.
+    """
 
     method: str
     image: str
     difference: Float64Array
+    not_finite: int = 0
 
     @property
     def spread(self) -> str:
-        """Mean ± standard deviation over the object's finite pixels."""
+        """Mean ± standard deviation over the object's finite pixels, and how many others it has."""
         finite = self.difference[np.isfinite(self.difference)]
-        return f"{finite.mean():.2f} ± {finite.std():.2f}" if finite.size else "not finite"
+        if not finite.size:
+            return "not finite"
+        others = f", {counted(self.not_finite, 'pixel')} not finite" if self.not_finite else ""
+        return f"{finite.mean():.2f} ± {finite.std():.2f}{others}"
 
 
 def error_maps(example: Example) -> Iterator[ErrorMap]:
@@ -77,7 +84,7 @@ def error_maps(example: Example) -> Iterator[ErrorMap]:
             difference = np.full(example.mask.shape, np.nan)
             difference[example.mask] = values
             name = _NAMES[suffix] if angle is None else f"I({angle:g}°)"
-            yield ErrorMap(method, name, difference)
+            yield ErrorMap(method, name, difference, int((~np.isfinite(values)).sum()))
 
 
 def grey(difference: AnyArray, mask: BoolArray) -> ByteArray:
@@ -184,9 +191,15 @@ def _pictures(name: str, stokes: AnyArray) -> Iterator[dict[str, str]]:
 
 
 def _jpeg_url(light: AnyArray) -> str:
-    """Linear light (height, width, 1 or 3), 1 is white, as the data URL of a JPEG."""
-    encoded = colour_science().cctf_encoding(np.clip(light, 0.0, 1.0), "sRGB")
+    """Linear light (height, width, 1 or 3), 1 is white, as the data URL of a JPEG.
+
+    What is not finite is magenta, as in the viewer.
+    """
+    finite = np.isfinite(light)
+    shown = np.where(finite, np.clip(light, 0.0, 1.0), 0.0)
+    encoded = colour_science().cctf_encoding(shown, "sRGB")
     codes = np.rint(255 * np.broadcast_to(encoded, (*light.shape[:2], 3))).astype(np.uint8)
+    codes[~finite.all(axis=-1)] = (255, 0, 255)
     buffer = io.BytesIO()
     Image.fromarray(codes).save(buffer, "JPEG", quality=85)
     return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -26,7 +26,8 @@ class Example:
     """One scene: Stokes images (height, width, bands, 3) of the truth and of every method.
 
     `mixed` (height, width) are pixels that see more than one normal; None in older files.
-    `channels` names the bands of a photograph, which has no `wavelengths_nm`.
+    `channels` names the bands of a photograph, which has no `wavelengths_nm`. Every `step`-th row
+    and column was kept.
     """
 
     scene: str
@@ -37,6 +38,7 @@ class Example:
     methods: dict[str, FloatArray]
     mixed: BoolArray | None = None
     channels: tuple[str, ...] = ()
+    step: int = 1
 
     @property
     def band_names(self) -> tuple[str, ...]:
@@ -124,4 +126,5 @@ def _example(arrays: dict[str, AnyArray]) -> Example:
         methods=methods,
         mixed=arrays["mixed"].astype(bool) if "mixed" in arrays else None,
         channels=tuple(str(name) for name in meta.get("channels", ())),
+        step=int(meta.get("step", 1)),
     )

@@ -170,6 +170,7 @@ class Packer:
             "label": example.label,
             "width": width,
             "height": height,
+            "step": example.step,
             "pixels": example.pixels,
             "bands": [example.band_names[band] for band in shown.bands],
             "colours": np.round(shown.colours, 9).tolist(),

@@ -24,6 +24,12 @@ _PANELS = (
     ("aolp-estimate", "AoLP, reconstruction", "cyclic"),
 )
 
+_COLOURS = {
+    False: "all bands are seen through the CIE 1931 standard observer",
+    True: "channels are taken for the primaries of sRGB",
+}
+"""How bands, and channels of a photograph, become the colour that is shown."""
+
 
 def viewer(shown: Sequence[Shown], left_out: int, table: pd.DataFrame) -> Markup:
     """The viewer with its data: at least one scene; so many have been left out."""
@@ -40,6 +46,7 @@ def viewer(shown: Sequence[Shown], left_out: int, table: pd.DataFrame) -> Markup
         panels=_PANELS,
         data={"tables": _colour_maps(), "scenes": scenes},
         blocks=packer.blocks,
+        colours=" and ".join(dict.fromkeys(_COLOURS[bool(one.example.channels)] for one in shown)),
         left_out=counted(left_out, "further scene") if left_out else "",
         bands_left_out=any(len(one.bands) < len(one.example.band_names) for one in shown),
         surroundings_left_out=not all(one.with_surroundings for one in shown),
