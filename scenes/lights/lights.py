@@ -30,6 +30,10 @@ Turn = Annotated[float, Field(ge=-360, le=360, exclude_if=lambda turn: turn == 0
 """An angle of a light in degrees; at 0 it is left out, so that scenes keep their id."""
 
 
+_OF_FILES = tuple(NamedFile.model_fields)
+"""Keys of a light that tell where its file is, and what it holds."""
+
+
 class Polariser(Model):
     """A linear polariser before a lamp.
 
@@ -91,7 +95,7 @@ class Uniform(Model):
     @property
     def label(self) -> str:
         """Name in tables."""
-        return self.kind
+        return self.kind + _others(self)
 
 
 class Distant(Model):
@@ -107,6 +111,8 @@ class Distant(Model):
     --------
     >>> Distant(incidence_deg=60).label
     'distant 60°'
+    >>> Distant(incidence_deg=60, azimuth_deg=90).label
+    'distant 60° azimuth 90°'
     """
 
     kind: Literal["distant"] = "distant"
@@ -118,7 +124,8 @@ class Distant(Model):
     @property
     def label(self) -> str:
         """Name in tables."""
-        return f"distant {self.incidence_deg:g}°" + _how(self.polarised)
+        named = f"distant {self.incidence_deg:g}°" + _how(self.polarised)
+        return named + _others(self, "incidence_deg", "polarised")
 
     @property
     def direction(self) -> tuple[float, float, float]:
@@ -155,7 +162,7 @@ class Area(Model):
     Examples
     --------
     >>> Area(incidence_deg=60, half_angle_deg=15).label
-    'area 60°'
+    'area 60° half angle 15°'
     """
 
     kind: Literal["area"] = "area"
@@ -168,7 +175,8 @@ class Area(Model):
     @property
     def label(self) -> str:
         """Name in tables."""
-        return f"area {self.incidence_deg:g}°" + _how(self.polarised)
+        named = f"area {self.incidence_deg:g}°" + _how(self.polarised)
+        return named + _others(self, "incidence_deg", "polarised")
 
     @property
     def direction(self) -> tuple[float, float, float]:
@@ -240,8 +248,9 @@ class Environment(NamedFile, AllAround):
 
     @property
     def label(self) -> str:
-        """Name in tables."""
-        return f"environment {Path(self.name).stem}"
+        """Name in tables; maps of one name in different folders differ in their digest."""
+        digest = f" {self.digest[:4]}" if self.digest else ""
+        return f"environment {Path(self.name).stem}{digest}" + _others(self, "name", *_OF_FILES)
 
 
 class Sky(AllAround):
@@ -273,7 +282,8 @@ class Sky(AllAround):
     def label(self) -> str:
         """Name in tables."""
         sun = "" if self.sun else " without sun"
-        return f"sky {self.sun_elevation_deg:g}°{sun}" + _how(self.polarised)
+        named = f"sky {self.sun_elevation_deg:g}°{sun}" + _how(self.polarised)
+        return named + _others(self, "sun_elevation_deg", "sun", "polarised")
 
     @property
     def to_sun(self) -> tuple[float, float, float]:
@@ -309,7 +319,8 @@ class Interior(AllAround):
     @property
     def label(self) -> str:
         """Name in tables."""
-        return self.kind if self.seed == 0 else f"{self.kind}-{self.seed}"
+        named = self.kind if self.seed == 0 else f"{self.kind}-{self.seed}"
+        return named + _others(self, "seed")
 
 
 MapLight = Environment | Sky | Interior
@@ -381,3 +392,17 @@ def transmission_axis(light: Distant | Area) -> Float64Array:
 
 def _how(polarised: Polariser | SkyPolarisation | None) -> str:
     return polarised.label if polarised else ""
+
+
+def _others(light: Model, *named: str) -> str:
+    """End of a light's name in tables: every other key that is not at its default."""
+    told = ((key, getattr(light, key)) for key in type(light).model_fields if key not in named)
+    default = {key: field.default for key, field in type(light).model_fields.items()}
+    return "".join(f" {_words(key, value)}" for key, value in told if value != default[key])
+
+
+def _words(key: str, value: float) -> str:
+    """A key and its value: "half angle 15°"."""
+    unit = "°" if key.endswith("_deg") else " nm" if key.endswith("_nm") else ""
+    name = key.removesuffix("_deg").removesuffix("_nm").replace("_", " ")
+    return f"{name} {value:g}{unit}"
