@@ -115,10 +115,10 @@ def skill(source: Source) -> Section:
         method=PAPER_METHOD,
         negative=negative,
         negative_count=counted(len(negative.lines), "place"),
-        never_negative=sentences.NEVER_NEGATIVE,
+        never_negative=sentences.no_negative_skill(source.table),
         without_skill=text_tables.without_skill(source.table),
         no_skill=sentences.NO_SKILL,
-        all_skills=sentences.ALL_SKILLS,
+        all_skills=sentences.no_scene_without_skill(source.table),
     )
     return Section("skill", "Skill", content)
 

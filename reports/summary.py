@@ -11,7 +11,7 @@ from malus.reports.tables import sentences, text_tables
 from malus.reports.tables.colour_errors import table1, table1_text
 from malus.reports.tables.formats import counted, markdown
 from malus.reports.tables.paired import ranked_pairs
-from malus.reports.tables.rows import PAPER_METHOD, distinct
+from malus.reports.tables.rows import PAPER_METHOD
 from malus.reports.tables.skills import negative_skills
 from malus.reports.tables.text_tables import as_markdown
 
@@ -88,12 +88,9 @@ def _pairs(table: pd.DataFrame) -> Iterator[str]:
 
 
 def _negative(table: pd.DataFrame) -> Iterator[str]:
-    if PAPER_METHOD not in distinct(table["method"]):
-        yield f"{PAPER_METHOD} was not run."
-        return
     groups = negative_skills(table, PAPER_METHOD)
     if groups.empty:
-        yield sentences.NEVER_NEGATIVE
+        yield sentences.no_negative_skill(table)
         return
     scenes = counted(int(groups["negative"].sum()), "scene")
     yield f"{scenes} in {counted(len(groups), 'place')}: there the model is worse than no model."
@@ -106,4 +103,4 @@ def _without_skill(table: pd.DataFrame) -> Iterator[str]:
         yield sentences.NO_SKILL
         yield as_markdown(without)
     else:
-        yield sentences.ALL_SKILLS
+        yield sentences.no_scene_without_skill(table)

@@ -8,7 +8,15 @@ from typing import Any
 import pandas as pd
 
 from malus.reports.tables.formats import counted, listed, scientific
-from malus.reports.tables.rows import PAPER_METHOD, PAPER_RANGE, unverified_surfaces
+from malus.reports.tables.rows import (
+    PAPER_METHOD,
+    PAPER_RANGE,
+    TRIVIAL,
+    distinct,
+    not_finite,
+    overall_rows,
+    unverified_surfaces,
+)
 
 PAPER = f"The paper's Figure 5: NMSE in {PAPER_RANGE} for every material and surface."
 SKILL = (
@@ -96,8 +104,44 @@ SEPARATION = (
     " Dispersion makes specular light bluish: no way that takes it for white can reach zero."
 )
 NO_SKILL = "The trivial guess does not rise above the Monte Carlo noise in these scenes."
-ALL_SKILLS = "Every scene has a skill: the trivial guess rises above the noise everywhere."
-NEVER_NEGATIVE = f"The skill of {PAPER_METHOD} is negative nowhere in this suite."
+
+
+def no_negative_skill(table: pd.DataFrame) -> str:
+    """A sentence for a table where no skill of the paper's method is negative.
+
+    Examples
+    --------
+    >>> from malus.reports.tables.sample import table
+    >>> no_negative_skill(table().query("method != 'eq8'"))
+    'eq8 was not run.'
+    """
+    if PAPER_METHOD not in distinct(table["method"]):
+        return f"{PAPER_METHOD} was not run."
+    skills = overall_rows(table, "skill")
+    if skills.loc[skills["method"] == PAPER_METHOD, "value"].isna().all():
+        return f"{PAPER_METHOD} has no skill on any scene of this suite."
+    return f"The skill of {PAPER_METHOD} is negative nowhere in this suite."
+
+
+def no_scene_without_skill(table: pd.DataFrame) -> str:
+    """A sentence for a table where the trivial guess hides in the noise of no scene.
+
+    Examples
+    --------
+    >>> from malus.reports.tables.sample import table
+    >>> no_scene_without_skill(table().query("method == 'unpolarised'"))
+    'No method but the trivial guess was scored.'
+    """
+    skills = overall_rows(table, "skill")
+    skills = skills[skills["method"] != TRIVIAL]
+    if skills.empty:
+        return "No method but the trivial guess was scored."
+    if not_finite(table, skills).any():
+        return (
+            "The trivial guess rises above the noise everywhere; an estimate that is not finite has"
+            " no skill."
+        )
+    return "Every scene has a skill: the trivial guess rises above the noise everywhere."
 
 
 def interpolation(run: dict[str, Any]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 
 from malus.bench.running.results import Results
 from malus.reports.figures.drawings import drawings
+from malus.reports.sections import of_run
+from malus.reports.source import Source
 from malus.reports.summary import summary
 from malus.reports.tables import sample
 from malus.reports.tables.captures import by_group as captured_by_group
@@ -131,6 +134,38 @@ def test_negative_skills_are_listed_with_their_place_and_number(table: pd.DataFr
     text = summary(table, sample.run())
     assert "5 scenes in 3 places" in text
     assert "| uniform | carbon (0.4) | unpolarised | 3 of 3 | −0.50 |" in text
+
+
+def told_of_skill(table: pd.DataFrame, folder: Path) -> list[str]:
+    """Which sentences on skill the summary and the page have; both have the same."""
+    told = [
+        "eq8 was not run.",
+        "eq8 has no skill on any scene",
+        "is negative nowhere",
+        "No method but the trivial guess was scored.",
+        "an estimate that is not finite has no skill",
+        "Every scene has a skill",
+    ]
+    text = summary(table, sample.run())
+    (skills,) = (s for s in of_run(Source(table, sample.run(), folder, ())) if s.name == "skill")
+    found = [sentence for sentence in told if sentence in text]
+    assert [sentence for sentence in told if sentence in skills.content] == found
+    return found
+
+
+def test_skill_is_told_of_what_was_run_only(table: pd.DataFrame, tmp_path: Path) -> None:
+    def told(rows: pd.DataFrame) -> list[str]:
+        return told_of_skill(rows, tmp_path)
+
+    assert told(table) == ["is negative nowhere", "Every scene has a skill"]
+    without = table[table["method"] == "half_vector"]
+    assert told(without) == ["eq8 was not run.", "Every scene has a skill"]
+    guess = table[table["method"] == "unpolarised"]
+    assert told(guess) == ["eq8 was not run.", "No method but the trivial guess was scored."]
+    none = with_skill(table, math.nan)
+    assert told(none) == ["eq8 has no skill on any scene"]
+    finite = "an estimate that is not finite has no skill"
+    assert told(broken(table)) == ["is negative nowhere", finite]
 
 
 def test_skill_map_is_in_order_of_roughness_and_keeps_its_holes(table: pd.DataFrame) -> None:
