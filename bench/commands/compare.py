@@ -25,8 +25,9 @@ def compare_command(results: tuple[Path, ...], out: Path | None, as_json: bool) 
     """
     from rich.console import Console
 
-    from malus.bench.commands.printing import plain_table
+    from malus.bench.commands.printing import cell, plain_table
     from malus.bench.public.tables import compare
+    from malus.scenes.core.errors import printable
 
     comparison = compare(results, out)
     if as_json:
@@ -39,8 +40,8 @@ def compare_command(results: tuple[Path, ...], out: Path | None, as_json: bool) 
         if table:
             shown = plain_table(*table.heads)
             for line in table.lines:
-                shown.add_row(*line)
+                shown.add_row(*map(cell, line))
             console.print(shown)
-    console.print(comparison.headline, highlight=False)
+    console.print(printable(comparison.headline), highlight=False, markup=False)
     if out is not None:
         console.print(f"written to {out}", highlight=False)

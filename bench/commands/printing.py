@@ -6,10 +6,14 @@ import sys
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from malus.bench.running.results import Results, headline
 from malus.reports.tables.formats import counted
+from malus.reports.tables.text_tables import left_out
+from malus.scenes.core.errors import printable
 from malus.scenes.core.json_text import json_text
 
 
@@ -24,6 +28,21 @@ def plain_table(*columns: str) -> Table:
     for column in columns:
         table.add_column(column, overflow="fold")
     return table
+
+
+def cell(text: object) -> Text:
+    """Text of a table's cell: brackets are no markup, and nothing in it moves the cursor."""
+    return Text(printable(text))
+
+
+def print_results(results: Results, notes: Console) -> None:
+    """Print the table of results, then into `notes` what each method could not work on, and why."""
+    table = results_table(results)
+    if table.row_count:
+        Console().print(table)
+    for method, reason, scenes in left_out(results.table).lines:
+        text = f"{method} could not work on {scenes} of {results.table['scene'].nunique()} scenes"
+        notes.print(printable(f"{text}: {reason}"), highlight=False, markup=False)
 
 
 def results_table(results: Results) -> Table:
@@ -41,7 +60,8 @@ def results_table(results: Results) -> Table:
         numbers = [_skill(row[f"skill_{name}"]) for name in ("median", "min", "unmixed_median")]
         mean = row["nmse_mean"]
         nmse = "not finite" if mean is None else f"{mean:.1e}"
-        table.add_row(row["light"], row["body"], row["method"], nmse, *numbers)
+        names = (cell(row[key]) for key in ("light", "body", "method"))
+        table.add_row(*names, nmse, *numbers)
         place = row["light"], row["body"]
         without[place] = max(without.get(place, 0), row["without_skill"])
     if any(without.values()):
@@ -53,4 +73,5 @@ def results_table(results: Results) -> Table:
 
 
 def _skill(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3f}"
+    # Zero is added so that what rounds to it has no sign.
+    return "–" if value is None else f"{round(value, 3) + 0.0:.3f}"

@@ -169,9 +169,7 @@ def _check_names(suite: Suite) -> None:
 
 def _tell(results: Results, folder: Path, as_json: bool, console: Console) -> int:
     """Print what came of a run, and return the number of families with a failure."""
-    from rich.console import Console
-
-    from malus.bench.commands.printing import print_json, results_table
+    from malus.bench.commands.printing import print_json, print_results
     from malus.bench.running.results import headline
 
     failed = int(results.run["families_failed"])
@@ -179,7 +177,7 @@ def _tell(results: Results, folder: Path, as_json: bool, console: Console) -> in
         methods = headline(results)
         print_json({"out": str(folder), "methods": methods, "families_failed": failed})
     else:
-        Console().print(results_table(results))
+        print_results(results, console)
         console.print(f"written to {folder}", highlight=False)
     if failed:
         _tell_failed(failed, results, folder, console)

@@ -128,19 +128,13 @@ def _score_published(
 
 def _tell(results: Results, folder: Path, console: Any, as_json: bool) -> None:
     """Print what came of it, and what is not in the numbers."""
-    from rich.console import Console
-
-    from malus.bench.commands.printing import print_json, results_table
+    from malus.bench.commands.printing import print_json, print_results
     from malus.bench.running.results import headline
-    from malus.reports.tables.text_tables import left_out
 
     if as_json:
         print_json({"out": str(folder), "methods": headline(results), "run": results.run})
         return
-    Console().print(results_table(results))
-    for method, reason, scenes in left_out(results.table).lines:
-        text = f"{method} could not work on {scenes} of {results.table['scene'].nunique()} scenes"
-        console.print(f"{text}: {reason}", highlight=False, markup=False)
+    print_results(results, console)
     invalid = results.table.loc[results.table.metric == "invalid", "value"].sum()
     if invalid > 0:
         console.print(f"{invalid:.0f} pixels with invalid inputs: see the metric `invalid`")

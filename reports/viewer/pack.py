@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from malus.reports.viewer.examples import Example
 from malus.scenes.core.arrays import AnyArray, Float64Array
+from malus.scenes.core.errors import printable
 
 BUDGET = 10_500_000
 """Characters of image data in a page: what is left of 15 MB is for figures and tables."""
@@ -167,7 +168,7 @@ class Packer:
         return about | {
             "mixed": self._block(np.packbits(mixed)) if mixed.any() else None,
             "id": example.scene,
-            "label": example.label,
+            "label": printable(example.label),
             "width": width,
             "height": height,
             "step": example.step,
@@ -177,7 +178,7 @@ class Packer:
             "mask": self._block(np.packbits(mask)),
             "truth": self._planes(example.truth[mask], shown, [0, 1, 2]),
             "methods": {
-                name: self._planes(stokes[mask], shown, shown.stored[name])
+                printable(name): self._planes(stokes[mask], shown, shown.stored[name])
                 for name, stokes in example.methods.items()
             },
             "beyond": {

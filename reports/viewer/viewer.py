@@ -13,6 +13,7 @@ from malus.reports.tables.formats import counted, scientific, skill_text
 from malus.reports.tables.rows import overall_rows
 from malus.reports.templates.render import asset, render
 from malus.reports.viewer.pack import Packer, Shown
+from malus.scenes.core.errors import printable
 
 _PANELS = (
     ("truth", "Truth, I(ϑ)", "grey"),
@@ -62,7 +63,7 @@ def _scores(
         for rows in (skills, unmixed, errors)
     )
     return {
-        str(method): {
+        printable(method): {
             "nmse": scientific(value),
             "skill": skill_text(skill.get(method, np.nan)),
             "unmixed": skill_text(of_unmixed.get(method, np.nan)),

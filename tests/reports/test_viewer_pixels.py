@@ -19,6 +19,7 @@ from malus.reports.viewer.examples import Example, read_example
 
 STEP = 3
 BRIGHTEST, NAN, NEGATIVE, DARK = (30, 12), (20, 15), (22, 15), (25, 14)  # rows and columns
+TURNED = "pot\u202e"
 MAGENTA = [255, 0, 255]
 
 
@@ -33,7 +34,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     truth[DARK] = 0
     estimate = 0.9 * truth
     estimate[NAN], estimate[NEGATIVE] = np.nan, -truth[NEGATIVE]
-    meta = {"scene": scene, "label": "pot", "channels": ["red", "green", "blue"], "step": STEP}
+    meta = {"scene": scene, "label": TURNED, "channels": ["red", "green", "blue"], "step": STEP}
     (folder / "examples").mkdir()
     np.savez(folder / "examples" / f"{scene}.npz", truth=truth, mask=disc(),
              meta=np.array(json.dumps(meta)), **{"method.eq8": estimate})  # fmt: skip
@@ -87,6 +88,12 @@ def test_the_page_says_that_channels_are_primaries(page: Path, coloured: Path) -
     assert "In colour, channels are taken for the primaries of sRGB" in page.read_text("utf-8")
     assert "CIE 1931" not in page.read_text("utf-8")
     assert "In colour, all bands are seen through the CIE 1931" in coloured.read_text("utf-8")
+
+
+def test_names_turn_no_text_around(viewer: Browser) -> None:
+    option = viewer.js("return document.querySelector('#scene option').textContent")
+    assert option == r"pot\u202e"
+    assert "\u202e" not in viewer.js("return document.body.textContent")
 
 
 def test_a_pixel_without_light_has_an_axis_that_can_be_read(viewer: Browser) -> None:
