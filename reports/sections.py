@@ -23,7 +23,7 @@ from malus.reports.tables.headline import headline_body, headline_tiles, price_t
 from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.readings import by_dataset, verdicts
 from malus.reports.tables.rows import PAPER_METHOD
-from malus.reports.tables.skills import skill_maps
+from malus.reports.tables.skills import mapped, skill_maps
 from malus.reports.templates.render import render
 from malus.reports.viewer.error_maps import gallery
 from malus.reports.viewer.viewer import example_scenes, viewer
@@ -106,12 +106,14 @@ def pairs(source: Source) -> Section | None:
 
 def skill(source: Source) -> Section:
     """Maps of the skill, and where that of the paper's method is negative."""
-    examples = example_scenes(source.shown[0], source.table)
+    table, told = mapped(source.table)
+    examples = example_scenes(source.shown[0], table)
     negative = text_tables.negatives(source.table, PAPER_METHOD)
     content = render(
         "skill.html",
         examples=examples,
-        maps=skill_maps(source.table, examples),
+        maps=skill_maps(table, examples),
+        told=told,
         method=PAPER_METHOD,
         negative=negative,
         negative_count=counted(len(negative.lines), "place"),

@@ -16,10 +16,12 @@ from malus.reports.tables.figure_numbers import angle_numbers, both_panels, ladd
 from malus.reports.tables.rows import (
     CAPTURED,
     PAPER_BODY,
+    by_kind_of_light,
     distinct,
     overall_rows,
     rows_by_angle,
     rows_of_body,
+    told_of_groups,
 )
 from malus.reports.tables.text_tables import TextTable, budget, by_method
 
@@ -74,7 +76,8 @@ def picture(draw: Callable[[], Figure], with_png: bool = False) -> Picture:
 def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
     """Figure 5, Figure 5 by light, error over the polariser angle and Figure 9, for every body.
 
-    Figure 5 needs several indices or roughnesses, Figure 9 colour differences.
+    Figure 5 needs several indices or roughnesses, Figure 9 colour differences. Where there are too
+    many lights, those of a kind are taken together.
 
     Examples
     --------
@@ -83,13 +86,15 @@ def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
     ['figure5', 'figure5_by_light', 'angles']
     """
     for body in distinct(overall_rows(table, "nmse")["body"]):
-        rows = rows_of_body(table, body)
+        own = rows_of_body(table, body)
+        told, rows = told_of_groups(own), by_kind_of_light(own)
+        told = f"{told} " if told else ""
         if rows[["eta", "alpha"]].nunique().max() > 1:  # else a figure of one point
-            yield from _figure5(rows[rows["angle_deg"].isna()], body)
-        yield from _over_the_angle(rows, body)
+            yield from _figure5(rows[rows["angle_deg"].isna()], body, told)
+        yield from _over_the_angle(rows, body, told)
 
 
-def _figure5(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
+def _figure5(rows: pd.DataFrame, body: str, told: str) -> Iterator[Drawing]:
     numbers = both_panels(rows)
     yield Drawing(
         f"figure5{_suffix(body)}",
@@ -104,19 +109,20 @@ def _figure5(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
     yield Drawing(
         f"figure5{_suffix(body)}_by_light",
         f"Figure 5 by light{_title_end(body)}",
-        f"The same for every light: no mean over lights hides where a method fails. {_note(body)}",
+        "The same for every light: no mean over lights hides where a method fails."
+        f" {told}{_note(body)}",
         numbers,
         by_method(numbers),
         partial(_draw_figure5_by_light, rows, body),
     )
 
 
-def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
+def _over_the_angle(rows: pd.DataFrame, body: str, told: str) -> Iterator[Drawing]:
     numbers = angle_numbers(rows)
     yield Drawing(
         f"angles{_suffix(body)}",
         f"Error over the polariser angle{_title_end(body)}",
-        f"Mean and standard deviation over the {_scenes(body)}. {_note(body)}",
+        f"Mean and standard deviation over the {_scenes(body)}. {told}{_note(body)}",
         numbers,
         by_method(numbers),
         partial(_draw_angles, rows, body),
@@ -127,7 +133,7 @@ def _over_the_angle(rows: pd.DataFrame, body: str) -> Iterator[Drawing]:
             f"figure9{_suffix(body)}",
             f"Figure 9: colour difference over the polariser angle{_title_end(body)}",
             f"ΔE76, mean and standard deviation over the pixels of all {_scenes(body)};"
-            f" dashed: one just noticeable difference. {_note(body)}",
+            f" dashed: one just noticeable difference. {told}{_note(body)}",
             numbers,
             by_method(numbers),
             partial(_draw_figure9, rows, body),

@@ -11,7 +11,15 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from malus.reports.figures.panels import bars, label_above, name_paper, shade_paper, share_height
+from malus.reports.figures.panels import (
+    bars,
+    label_above,
+    name_paper,
+    shade_paper,
+    share_height,
+    side_step,
+    title,
+)
 from malus.reports.figures.style import INK, MethodStyle, drawable, method_styles, style
 from malus.reports.tables.figure_numbers import X_ALPHA, X_ETA, numbers, own_range
 from malus.reports.tables.formats import counted, scientific
@@ -22,6 +30,7 @@ from malus.reports.tables.rows import (
     coverages,
     distinct,
     is_of_captures,
+    overall_rows,
     rows_of_body,
     scored_methods,
     unverified_surfaces,
@@ -41,7 +50,12 @@ _LETTERS_AN_INCH = 15
 _HANDLE_INCHES = 0.5
 """Width of a legend's line and its margins."""
 _SHIFT = 0.008
-"""Distance between the methods' error bars at one x, as a part of the axis' width."""
+"""Distance between the methods' error bars at one x, as a part of the axis' width, where there is
+room."""
+_LEGEND_INCHES = 1.1
+"""Height of a legend and its caption that every figure has room for."""
+_MOST_MATERIALS, _MOST_SURFACES = 25, 12
+"""Names along an axis; where there are more they would run into each other."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +110,7 @@ def figure5_by_light(table: pd.DataFrame, body: str) -> Figure:
                 _draw_own_range(ax, second[x][second[x]["light"] == light])
                 ax.set_xlabel(_SHORT_AXES[x])
         for ax, light in zip(grid[0], lights, strict=True):
-            ax.set_title(drawable(light))
+            title(ax, light)
         share_height(list(grid.flat), content.methods, _heights(second))
         name_paper(list(grid[0]))
         legend(figure, grid[0, 0], content, _entries(content, second, list(grid.flat)))
@@ -111,10 +125,11 @@ def _draw(ax: Axes, values: pd.DataFrame, content: FigureContent) -> None:
     ax.set_yscale("log")
     shade_paper(ax)
     width = float(np.ptp(values["x"])) if len(values) else 0.0
+    step = side_step(values["x"], len(content.methods), _SHIFT * width)
     middle = (len(content.methods) - 1) / 2
     for number, (method, method_style) in enumerate(content.methods.items()):
         rows = values[values["method"] == method]
-        bars(ax, rows.assign(x=rows["x"] + (number - middle) * _SHIFT * width), method_style)
+        bars(ax, rows.assign(x=rows["x"] + (number - middle) * step), method_style)
     noise = values.groupby("x")["noise"].max()
     ax.plot(noise.index, noise.where(noise > 0), ":", color=INK, lw=0.9, zorder=1)
 
@@ -150,6 +165,8 @@ def _noise_of(ax: Axes, content: FigureContent) -> Float64Array:
 
 def _label_materials(ax: Axes, values: pd.DataFrame) -> None:
     names = values.drop_duplicates("name").sort_values("x")
+    if len(names) > _MOST_MATERIALS:
+        return
     labels = [_readable(name) for name in names["name"]]
     label_above(ax, names["x"].to_numpy(float), labels)
 
@@ -158,7 +175,8 @@ def _label_surfaces(ax: Axes, values: pd.DataFrame) -> None:
     pairs = values.drop_duplicates("name").groupby("x")["name"]
     names = {float(str(x)): [_readable(name) for name in surfaces] for x, surfaces in pairs}
     labels = ["\n".join([f"{x:g}", *surfaces]) for x, surfaces in names.items()]
-    ax.set_xticks(list(names), labels)
+    if sum(map(len, names.values())) <= _MOST_SURFACES:
+        ax.set_xticks(list(names), labels)
 
 
 def _readable(name: str) -> str:
@@ -179,22 +197,34 @@ def legend(
     """
     column = int(_LETTERS_AN_INCH * (0.5 * figure.get_figwidth() - _HANDLE_INCHES))
     covered = coverages(content.rows)
-    labels = [textwrap.fill(_legend_label(covered, entry), column) for entry in entries]
+    labels = [textwrap.fill(_legend_label(content, covered, entry), column) for entry in entries]
     # The caption is the legend's title, so that the layout keeps both apart from the panels.
     caption = textwrap.fill(
         _caption(content.rows, over), int(_LETTERS_AN_INCH * figure.get_figwidth())
     )
+    _make_room(figure, labels, caption + note)
     figure.legend(
         ax.get_lines()[: len(labels)], labels, loc="outside lower center", ncols=2,
         title=caption + note, alignment="left",
     )  # fmt: skip
 
 
-def _legend_label(covered: Mapping[str, Coverage], method: str) -> str:
+def _make_room(figure: Figure, labels: Sequence[str], title: str) -> None:
+    """Make a figure higher by what its legend needs beyond the room that there is."""
+    rows = -(-len(labels) // 2)
+    columns = labels[:rows], labels[rows:]
+    lines = max(sum(label.count("\n") + 1 for label in column) for column in columns)
+    points = 8 * (1.2 * lines + 0.5 * rows) + 7 * 1.2 * (title.count("\n") + 1)
+    figure.set_figheight(figure.get_figheight() + max(0.0, points / 72 - _LEGEND_INCHES))
+
+
+def _legend_label(content: FigureContent, covered: Mapping[str, Coverage], method: str) -> str:
     if method not in covered:
         return method  # what is no method: the noise, and the second curve
     guess = " (trivial guess, I/2)" if method == TRIVIAL else ""
-    partial = str(covered[method])
+    errors = overall_rows(content.rows, "nmse")
+    none = errors.loc[errors["method"] == method, "value"].isna().all()
+    partial = "not finite" if none else str(covered[method])
     return drawable(f"{method}{guess}{f': {partial}' if partial else ''}")
 
 

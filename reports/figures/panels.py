@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,6 +16,15 @@ from malus.reports.figures.style import BAND, SOFT, MethodStyle, drawable, power
 from malus.reports.tables.formats import scientific
 from malus.reports.tables.rows import PAPER_NMSE, PAPER_RANGE
 from malus.scenes.core.arrays import Float64Array
+
+_MOST_OF_A_GAP = 0.3
+"""Part of the distance between two x that the error bars at one of them may take."""
+
+_TITLE_LETTERS = 23
+"""Letters of a title in a line: panels are at least 1.9 inches wide."""
+
+_MOST_BELOW = 5
+"""Methods that are named at the foot of a panel; of more there is only the number."""
 
 LOWEST = 1e-8
 """Errors below are rounding of 32-bit images; they are named at the foot of a panel, because an
@@ -54,6 +64,27 @@ def _uprights(
     ax.add_collection(LineCollection(list(ends), **look), autolim=False)
 
 
+def title(ax: Axes, light: str) -> None:
+    """Name the light of a panel, in as many lines as its width asks for."""
+    ax.set_title(textwrap.fill(drawable(light), _TITLE_LETTERS))
+
+
+def side_step(x: pd.Series[float], methods: int, wanted: float) -> float:
+    """Distance between the error bars of methods at one x, so that none comes near another x.
+
+    All together take at most a part of the smallest distance between two x.
+
+    Examples
+    --------
+    >>> side_step(pd.Series([0.0, 1.0, 3.0]), methods=4, wanted=0.2)
+    0.1
+    """
+    gaps = np.diff(np.unique(x.to_numpy(float)))
+    if methods < 2 or not len(gaps):
+        return wanted
+    return min(wanted, _MOST_OF_A_GAP * float(gaps.min()) / (methods - 1))
+
+
 def share_height(
     axes: Sequence[Axes], methods: Mapping[str, MethodStyle], others: Sequence[float] = ()
 ) -> None:
@@ -82,19 +113,21 @@ def _heights(values: object) -> Float64Array:
 
 def _name_those_below(ax: Axes, methods: Mapping[str, MethodStyle], low: float) -> None:
     """Write at the foot of a panel which methods have errors below it, and how small they are."""
-    lines = zip(methods.items(), ax.get_lines(), strict=False)
-    height = 0.03
-    for (method, method_style), line in lines:
+    texts = []
+    for (method, method_style), line in zip(methods.items(), ax.get_lines(), strict=False):
         y = _heights(line.get_ydata())
         below = y[np.isfinite(y) & (y < low)]
         if below.size:
             part = "" if below.size == np.isfinite(y).sum() else " in part"
             text = f"▼ {method}{part}: {scientific(below.min())} … {scientific(below.max())}"
-            ax.text(
-                0.98, height, drawable(text), transform=ax.transAxes, ha="right", va="bottom",
-                fontsize=7, color=method_style.colour, zorder=4, bbox=_PLATE,
-            )  # fmt: skip
-            height += 0.08
+            texts.append((text, method_style.colour))
+    if len(texts) > _MOST_BELOW:
+        texts[_MOST_BELOW - 1 :] = [(f"▼ {len(texts) - _MOST_BELOW + 1} more methods", SOFT)]
+    for number, (text, colour) in enumerate(texts):
+        ax.text(
+            0.98, 0.03 + 0.08 * number, drawable(text), transform=ax.transAxes, ha="right",
+            va="bottom", fontsize=7, color=colour, zorder=4, bbox=_PLATE,
+        )  # fmt: skip
 
 
 _PLATE = {"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import math
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -174,7 +175,10 @@ def _lay_out(figure: Figure) -> None:
     if engine is not None:
         FigureCanvasSVG(figure)  # whose letters have the sizes of the file
         figure.set_dpi(_SVG_DPI)
-        engine.execute(figure)
+        with warnings.catch_warnings():
+            # A figure without room for its panels is drawn all the same: users cannot mend it.
+            warnings.filterwarnings("ignore", "constrained_layout not applied", UserWarning)
+            engine.execute(figure)
         figure.set_layout_engine(None)
 
 

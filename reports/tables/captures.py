@@ -166,8 +166,8 @@ def notes(table: pd.DataFrame) -> Iterator[str]:
 def fits(run: dict[str, Any]) -> TextTable:
     """How well the sinusoid fits each capture's pictures, and what was taken for granted."""
     heads = (
-        "capture", "group", "pictures", "residual", "clipped", "DoLP median", "objects",
-        "pixels scored", "values",
+        "capture", "group", "pictures", "residual", "clipped", "DoLP median, whole picture",
+        "objects", "pixels scored", "values",
     )  # fmt: skip
     lines = []
     for capture in run["captures"]:

@@ -195,7 +195,7 @@ class RunComparison:
     def numbers(self) -> list[dict[str, Any]]:
         """Every comparison as plain values, then what was lost.
 
-        None stands where there is no number, the text "Infinity" or "-Infinity" for an infinite one.
+        None stands where there is no number, "Infinity" or "-Infinity" for an infinite one.
         """
         changes = [
             {

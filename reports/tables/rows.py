@@ -135,6 +135,39 @@ def rows_of_body(table: pd.DataFrame, body: str) -> pd.DataFrame:
     return table[table["body"] == body]
 
 
+MOST_LIGHTS = 12
+"""Lights, and surfaces, that figures and maps show one by one."""
+
+
+def by_kind_of_light(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with the kinds of its lights for their names, where these are too many to show.
+
+    Groups of captures have no kind: they become one.
+
+    Examples
+    --------
+    >>> lights = [f"distant {angle}°" for angle in range(20)] + ["sky 45°"]
+    >>> rows = pd.DataFrame({"light": lights, "body": "polarised"})
+    >>> distinct(by_kind_of_light(rows)["light"]), distinct(by_kind_of_light(rows[:2])["light"])
+    (['distant', 'sky'], ['distant 0°', 'distant 1°'])
+    """
+    if table["light"].nunique() <= MOST_LIGHTS:
+        return table
+    if is_of_captures(table):
+        return table.assign(light="all groups")
+    return table.assign(light=table["light"].astype(str).str.extract(r"^(\w+)")[0])
+
+
+def told_of_groups(table: pd.DataFrame) -> str:
+    """A sentence where `by_kind_of_light` changes a table; else empty."""
+    lights = table["light"].nunique()
+    if lights <= MOST_LIGHTS:
+        return ""
+    if is_of_captures(table):
+        return f"There are {lights} groups, too many to show: all are taken together."
+    return f"There are {lights} lights, too many to show: those of a kind are taken together."
+
+
 @dataclass(frozen=True)
 class Coverage:
     """Names of the lights on all, on some and on none of whose scenes a method could work."""

@@ -9,7 +9,16 @@ from dataclasses import dataclass
 import pandas as pd
 
 from malus.reports.tables.formats import NO_NUMBER, skill_text
-from malus.reports.tables.rows import TRIVIAL, distinct, not_finite, overall_rows, scored_methods
+from malus.reports.tables.rows import (
+    MOST_LIGHTS,
+    TRIVIAL,
+    by_kind_of_light,
+    distinct,
+    not_finite,
+    overall_rows,
+    scored_methods,
+    told_of_groups,
+)
 
 _GROUP = ["body", "light", "method"]
 
@@ -159,6 +168,23 @@ class SkillMap:
     def caption(self) -> str:
         """Method and body."""
         return f"{self.method}, {self.body} body"
+
+
+def mapped(table: pd.DataFrame) -> tuple[pd.DataFrame, str]:
+    """The table as maps show it, and a sentence on lights and surfaces that they take together.
+
+    Examples
+    --------
+    >>> from malus.reports.tables.sample import table
+    >>> mapped(table())[1]
+    ''
+    """
+    told, grouped = told_of_groups(table), by_kind_of_light(table)
+    surfaces = table["surface"].nunique()
+    if surfaces > MOST_LIGHTS:
+        told = f"{told} There are {surfaces} surfaces, too many to show: all are taken together."
+        grouped = grouped.assign(surface="all surfaces")
+    return grouped, told.strip()
 
 
 def skill_maps(table: pd.DataFrame, examples: Mapping[tuple[str, str, str], str]) -> list[SkillMap]:

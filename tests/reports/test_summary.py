@@ -17,6 +17,7 @@ from malus.reports.source import Source
 from malus.reports.summary import summary
 from malus.reports.tables import sample
 from malus.reports.tables.captures import by_group as captured_by_group
+from malus.reports.tables.captures import fits
 from malus.reports.tables.colour_errors import table1, table1_text
 from malus.reports.tables.compared_runs import means_table
 from malus.reports.tables.figure_numbers import angle_numbers, numbers
@@ -102,6 +103,10 @@ def test_an_estimate_that_is_not_finite_is_not_a_guess_inside_the_noise(
     assert best_method(broken(table)) != "eq8"
     captures = captured_by_group(broken(sample.captured()))
     assert next(line for line in captures.lines if line[1] == "eq8")[3].startswith("–")
+
+
+def test_the_degree_of_a_capture_is_said_to_be_of_the_whole_picture() -> None:
+    assert "DoLP median, whole picture" in fits(sample.run_of_captures()).heads
 
 
 def test_comparisons_tell_how_many_scenes_have_a_skill(table: pd.DataFrame) -> None:
