@@ -32,6 +32,8 @@ class FamilyPlan:
         Stokes images of each lobe that are rendered: one for every index that is rendered.
     traces : int
         Number of times that the camera's rays are traced.
+    interpolated : bool
+        Whether images are interpolated in the index; else each index is rendered once.
     """
 
     scenes: tuple[Scene, ...]
@@ -39,6 +41,7 @@ class FamilyPlan:
     specular_images: int
     diffuse_images: int
     traces: int = 1
+    interpolated: bool = False
 
     @property
     def id(self) -> str:
@@ -155,18 +158,23 @@ def _family(key: FamilyKey, scenes: Sequence[Scene], sampling: Sampling) -> Fami
         return FamilyPlan(tuple(scenes), sampling, bands, bands, traces=bands)
     if needs_paths(scenes[0], sampling):
         bands = len(scenes) * len(scenes[0].wavelengths_nm)
-        images = bands if key.pattern else len(nodes_by_albedo(scenes).rendered)
-        return FamilyPlan(tuple(scenes), sampling, images, images, traces=images)
+        if key.pattern:
+            return FamilyPlan(tuple(scenes), sampling, bands, bands, traces=bands)
+        by_albedo = nodes_by_albedo(scenes)
+        images, between = len(by_albedo.rendered), any(n.is_interpolated for n in by_albedo.nodes)
+        return FamilyPlan(tuple(scenes), sampling, images, images, images, between)
     if key.pattern:
         parts = [
             _family(FamilyKey.of(part_scenes[0]), part_scenes, sampling)
             for part_scenes in ([with_part(s, i) for s in scenes] for i in range(len(key.parts)))
         ]
         counts = (sum(p.specular_images for p in parts), sum(p.diffuse_images for p in parts))
-        return FamilyPlan(tuple(scenes), sampling, *counts, traces=len(parts))
-    specular = len(family_nodes(scenes).rendered)
+        between = any(part.interpolated for part in parts)
+        return FamilyPlan(tuple(scenes), sampling, *counts, len(parts), between)
+    nodes = family_nodes(scenes)
+    specular = len(nodes.rendered)
     diffuse = specular if key.body == "polarised" else 1
-    return FamilyPlan(tuple(scenes), sampling, specular, diffuse)
+    return FamilyPlan(tuple(scenes), sampling, specular, diffuse, 1, nodes.is_interpolated)
 
 
 LOBES = 2
@@ -259,18 +267,14 @@ def _indices(families: Sequence[FamilyPlan], images: int) -> list[OmittedWork]:
     specular = sum(family.specular_images for family in families)
     diffuse = sum(family.diffuse_images for family in families)
     fixed = sum(_has_fixed_body(family) for family in families)
+    why = "equal indices are rendered once"
+    if any(family.interpolated for family in families):
+        why = "a render is a smooth function of the index: Chebyshev nodes, error measured"
+    fixed_body = f"; {fixed} families have a body that does not depend on the index"
     return [
-        OmittedWork(
-            "specular images", specular, images,
-            "a render is a smooth function of the index: Chebyshev nodes, error measured",
-            images - specular,
-        ),
-        OmittedWork(
-            "diffuse images", diffuse, images,
-            f"the same; {fixed} families have a body that does not depend on the index",
-            images - diffuse,
-        ),
-    ]  # fmt: skip
+        OmittedWork("specular images", specular, images, why, images - specular),
+        OmittedWork("diffuse images", diffuse, images, why + fixed_body, images - diffuse),
+    ]
 
 
 def _rays(families: Sequence[FamilyPlan]) -> list[OmittedWork]:

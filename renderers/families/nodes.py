@@ -95,6 +95,11 @@ class Nodes:
         return cls(chebyshev_nodes(low, high, count), low)
 
     @property
+    def is_interpolated(self) -> bool:
+        """Whether images at other indices are interpolated between those of the nodes."""
+        return self.held_out is not None
+
+    @property
     def rendered(self) -> tuple[float | complex, ...]:
         """All rendered indices, the held-out one last."""
         held_out = () if self.held_out is None else (self.held_out,)

@@ -160,6 +160,19 @@ def test_a_run_records_what_it_left_out(tmp_path: Path) -> None:
     assert run(suite, tmp_path).run["plan"] == first
 
 
+def test_every_saving_says_alone_why_nothing_is_lost() -> None:
+    """The page sorts and leaves out lines: none may refer to the one before it."""
+    interpolated = load_suite("fig5")
+    repeated = SUITE.model_copy(update={"materials": ("pmma",), "bodies": ("polarised",)})
+    wanted = {"a render is a smooth function of the index": interpolated,
+              "equal indices are rendered once": repeated}  # fmt: skip
+    for why, suite in wanted.items():
+        omitted = {saving.what: saving.why for saving in savings(suite, plan(suite))}
+        assert not any("the same" in text for text in omitted.values())
+        assert all(omitted[f"{lobe} images"].startswith(why) for lobe in ("specular", "diffuse"))
+    assert not any(family.interpolated for family in plan(repeated))
+
+
 def test_the_plan_says_whose_light_bounces_and_what_is_interpolated() -> None:
     suite = SUITE.model_copy(
         update={
