@@ -101,6 +101,42 @@ def test_page_follows_the_system_and_the_button(
         browser.driver.execute_cdp_cmd(media, {"features": []})
 
 
+def test_a_dark_page_is_printed_in_the_light_colours_with_all_of_its_tables(
+    browser: Browser, report: Path
+) -> None:
+    media = "Emulation.setEmulatedMedia"
+    style = "getComputedStyle(document.querySelector(arguments[0]))[arguments[1]]"
+    browser.open(report)
+    browser.js("document.documentElement.dataset.theme = 'dark'")
+    dark = browser.js(f"return {style}", "body", "color")
+    browser.driver.execute_cdp_cmd(media, {"media": "print"})
+    try:
+        assert browser.js(f"return {style}", "body", "color") == "rgb(35, 35, 43)" != dark
+        assert browser.js(f"return {style}", ".scroll", "overflowX") == "visible"
+        assert browser.js(f"return {style}", "h3", "breakAfter") == "avoid"
+    finally:
+        browser.driver.execute_cdp_cmd(media, {"media": ""})
+
+
+@pytest.mark.parametrize("width", [1280, 800, 390])
+def test_panels_of_a_row_stand_at_one_height(browser: Browser, report: Path, width: int) -> None:
+    """A caption of two lines pushed its image below the one beside it."""
+    browser.open(report, width)
+    browser.js(
+        "document.querySelectorAll('.method-name').forEach("
+        "name => { name.textContent = 'a method with a name of many many words '.repeat(2); })"
+    )
+    browser.settle()
+    boxes = browser.js(
+        "return [...document.querySelectorAll('.panels figure > canvas')].map(c => {"
+        "const b = c.getBoundingClientRect(); return [Math.round(b.top), Math.round(b.bottom)]; })"
+    )
+    tops = {top for top, _ in boxes}
+    rows = {1280: 2, 800: 4, 390: 4}[width]
+    assert len(tops) == rows
+    assert all(bottom > top + 50 for top, bottom in boxes)
+
+
 def test_skill_map_opens_its_example(opened: Browser) -> None:
     label = opened.js(
         "const b = document.querySelectorAll('button[data-scene]')[0]; b.click();"
