@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from malus.bench.running.results import read_results
 from malus.bench.running.worker_process import WorkerProcess
@@ -11,6 +12,7 @@ from malus.reports.source import is_study
 from malus.reports.write import write_report, write_study
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.remote import as_path
+from malus.scenes.core.result_files import RUN
 
 
 def report(
@@ -59,4 +61,27 @@ def report(
     if "published" in results.run:
         expected, found = "results of a run, of captures or of a dataset", "scores of a test set"
         raise InputError(f"results folder {where}", expected, found, "only a `table` shows them")
+    _check_record(results.run, where)
     return write_report(results, where, studies, png, elsewhere)
+
+
+_TOLD = ("finished", "versions", "machine", "seconds")
+_OF_RUNS = (
+    *_TOLD, "suite.renderer", "suite.wavelengths_nm", "suite.camera.resolution",
+    "suite.sampling.samples", "suite.sampling.seed", "variant.name", "variant.reason",
+    "interpolation_rms",
+)  # fmt: skip
+_OF_CAPTURES = (*_TOLD, "captures", "captures_failed", "failures")
+"""Keys of a record that its page shows."""
+
+
+def _check_record(run: dict[str, Any], folder: Path) -> None:
+    """Refuse a record that lacks what its page shows."""
+    for key in _OF_CAPTURES if "captures" in run else _OF_RUNS:
+        value: Any = run
+        for name in key.split("."):
+            value = value.get(name) if isinstance(value, dict) else None
+        if value is None:
+            hint = "run the suite again: a page says how it came about"
+            expected = f"the key {key} of a finished run"
+            raise InputError(str(folder / RUN), expected, "none", hint)

@@ -316,6 +316,12 @@ def read_results(folder: Path | str) -> Results:
     return Results(table, run)
 
 
+_COLUMNS = (
+    "scene", "shape", "material", "eta", "surface", "alpha", "body", "light", "method", "knowledge",
+    "note", "metric", "band_nm", "angle_deg", "value", "noise",
+)  # fmt: skip
+"""Columns that every table of results has."""
+
 _PARTS = ("suite", "variant", "versions", "seconds", "machine")
 """Keys of a run's record whose values are objects."""
 
@@ -331,16 +337,22 @@ def _checked(run: Any) -> dict[str, Any]:
 def _read_table(parquet: BinaryIO) -> pd.DataFrame:
     """Read a table with its text as categories, few names many times: a fifth of the memory.
 
-    Columns are read one after the other, so that one at most is held twice.
+    Columns are read one after the other, so that one at most is held twice. Raises ValueError for
+    another table.
     """
     import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     fields = pq.read_schema(parquet)
+    missing = [name for name in _COLUMNS if name not in fields.names]
+    if missing:
+        raise ValueError(f"a table without {', '.join(missing)}")
     texts = [
         f.name for f in fields if pa.types.is_string(f.type) or pa.types.is_large_string(f.type)
     ]
     with pq.ParquetFile(parquet, read_dictionary=texts) as file:
+        if file.metadata.num_rows == 0:
+            raise ValueError("a table without rows")
         columns = {name: file.read([name]).column(0).to_pandas() for name in fields.names}
     return pd.DataFrame(columns, copy=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,7 @@ from malus.bench import read_results, run
 from malus.bench.running.overrides import chosen_suite
 from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
 from malus.scenes.core.errors import first_line
-from malus.scenes.core.result_files import RUN
+from malus.scenes.core.result_files import RUN, TABLE
 from malus.scenes.polarisation import stokes_from_extremes
 
 SCENE = Scene(
@@ -140,6 +141,31 @@ def test_a_record_of_something_else_is_no_run(record: str, tmp_path: Path) -> No
         done = run_malus(*command)
         assert done.returncode == 2
         assert "the record of something else" in one_line(done.stderr)
+
+
+@pytest.mark.parametrize("missing", ["noise", "note", "rows"])
+def test_an_incomplete_table_is_told_in_one_line(missing: str, tmp_path: Path) -> None:
+    results = run(SUITE, tmp_path, NOBODY)
+    table = results.table[:0] if missing == "rows" else results.table.drop(columns=missing)
+    table.to_parquet(tmp_path / TABLE)
+    with pytest.raises(InputError, match=f"found a table without {missing}; `malus run`"):
+        read_results(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "missing", ["interpolation_rms", "seconds", "variant", "variant.reason", "suite.sampling.seed"]
+)
+def test_an_incomplete_record_is_told_in_one_line(missing: str, tmp_path: Path) -> None:
+    record = run(SUITE, tmp_path, NOBODY).run
+    malus.report(tmp_path)
+    *outer, key = missing.split(".")
+    part = record
+    for name in outer:
+        part = part[name]
+    del part[key]
+    (tmp_path / RUN).write_text(json.dumps(record), "utf-8")
+    with pytest.raises(InputError, match=rf"run\.json: expected the key {missing}"):
+        malus.report(tmp_path)
 
 
 def test_a_run_of_which_all_failed_tells_how_it_is_tried_again(
