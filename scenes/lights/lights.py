@@ -19,6 +19,7 @@ from malus.scenes.lights.angles import (
     incidence_and_azimuth,
     turns,
 )
+from malus.scenes.lights.labels import other_keys
 from malus.scenes.polarisation import polariser_angle_deg, polariser_axis
 
 LEAST_STRENGTH, MOST_STRENGTH = 1e-9, 1e9
@@ -28,10 +29,6 @@ Strength = Annotated[float, Field(ge=LEAST_STRENGTH, le=MOST_STRENGTH)]
 
 Turn = Annotated[float, Field(ge=-360, le=360, exclude_if=lambda turn: turn == 0.0)]
 """An angle of a light in degrees; at 0 it is left out, so that scenes keep their id."""
-
-
-_OF_FILES = tuple(NamedFile.model_fields)
-"""Keys of a light that tell where its file is, and what it holds."""
 
 
 class Polariser(Model):
@@ -95,7 +92,7 @@ class Uniform(Model):
     @property
     def label(self) -> str:
         """Name in tables."""
-        return self.kind + _others(self)
+        return self.kind + other_keys(self)
 
 
 class Distant(Model):
@@ -125,7 +122,7 @@ class Distant(Model):
     def label(self) -> str:
         """Name in tables."""
         named = f"distant {self.incidence_deg:g}°" + _how(self.polarised)
-        return named + _others(self, "incidence_deg", "polarised")
+        return named + other_keys(self, "incidence_deg", "polarised")
 
     @property
     def direction(self) -> tuple[float, float, float]:
@@ -176,7 +173,7 @@ class Area(Model):
     def label(self) -> str:
         """Name in tables."""
         named = f"area {self.incidence_deg:g}°" + _how(self.polarised)
-        return named + _others(self, "incidence_deg", "polarised")
+        return named + other_keys(self, "incidence_deg", "polarised")
 
     @property
     def direction(self) -> tuple[float, float, float]:
@@ -250,7 +247,7 @@ class Environment(NamedFile, AllAround):
     def label(self) -> str:
         """Name in tables; maps of one name in different folders differ in their digest."""
         digest = f" {self.digest[:4]}" if self.digest else ""
-        return f"environment {Path(self.name).stem}{digest}" + _others(self, "name", *_OF_FILES)
+        return f"environment {Path(self.name).stem}{digest}" + other_keys(self, "name")
 
 
 class Sky(AllAround):
@@ -283,7 +280,7 @@ class Sky(AllAround):
         """Name in tables."""
         sun = "" if self.sun else " without sun"
         named = f"sky {self.sun_elevation_deg:g}°{sun}" + _how(self.polarised)
-        return named + _others(self, "sun_elevation_deg", "sun", "polarised")
+        return named + other_keys(self, "sun_elevation_deg", "sun", "polarised")
 
     @property
     def to_sun(self) -> tuple[float, float, float]:
@@ -320,7 +317,7 @@ class Interior(AllAround):
     def label(self) -> str:
         """Name in tables."""
         named = self.kind if self.seed == 0 else f"{self.kind}-{self.seed}"
-        return named + _others(self, "seed")
+        return named + other_keys(self, "seed")
 
 
 MapLight = Environment | Sky | Interior
@@ -392,17 +389,3 @@ def transmission_axis(light: Distant | Area) -> Float64Array:
 
 def _how(polarised: Polariser | SkyPolarisation | None) -> str:
     return polarised.label if polarised else ""
-
-
-def _others(light: Model, *named: str) -> str:
-    """End of a light's name in tables: every other key that is not at its default."""
-    told = ((key, getattr(light, key)) for key in type(light).model_fields if key not in named)
-    default = {key: field.default for key, field in type(light).model_fields.items()}
-    return "".join(f" {_words(key, value)}" for key, value in told if value != default[key])
-
-
-def _words(key: str, value: float) -> str:
-    """A key and its value: "half angle 15°"."""
-    unit = "°" if key.endswith("_deg") else " nm" if key.endswith("_nm") else ""
-    name = key.removesuffix("_deg").removesuffix("_nm").replace("_", " ")
-    return f"{name} {value:g}{unit}"

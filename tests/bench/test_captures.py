@@ -258,17 +258,6 @@ def test_examples_are_pixels_of_the_capture(user: Path) -> None:
         assert maps["half", image] == pytest.approx(mean, rel=1e-5)
 
 
-def test_an_example_tells_how_it_is_thinned(user: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("malus.bench.running.captures.EXAMPLE_SIDE", 8)
-    results = malus.run_captures("two.toml", "out", report=False)
-    scene = results.run["captures"][0]["scene"]
-    example = read_example(user / "out" / "examples" / f"{scene}.npz")
-    whole = stokes_image(0)
-    assert example.step == -(-len(whole) // 8) > 1
-    thinned = whole[:: example.step, :: example.step]
-    np.testing.assert_allclose(example.truth, thinned, atol=1e-6)  # float32
-
-
 def test_what_fails_is_named_and_the_others_are_scored(user: Path) -> None:
     done = run_malus(
         "capture", "pot", "nowhere", "lake", "--method", "of_tests:breaks", "--out", "out"

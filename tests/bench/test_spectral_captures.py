@@ -128,6 +128,20 @@ def test_a_single_capture_tells_its_bands_and_compares_no_colours(
     assert score["delta_e76"] == score["delta_e76_trivial"] == {}
 
 
+def test_an_example_tells_how_it_is_thinned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    suite = CaptureSuite.of_folders([exported(tmp_path, "polanalyser", THREE)], ["unpolarised"])
+    examples = []
+    for side in (256, 4):
+        monkeypatch.setattr("malus.bench.running.captures.EXAMPLE_SIDE", side)
+        malus.run_captures(suite, tmp_path / "results")
+        examples += read_examples(tmp_path / "results" / EXAMPLES)
+    whole, thinned = examples
+    assert (whole.step, thinned.step) == (1, 3)  # of 12 pixels
+    np.testing.assert_array_equal(thinned.truth, whole.truth[::3, ::3])
+
+
 def test_the_id_of_an_export_is_of_its_files(tmp_path: Path) -> None:
     folder = exported(tmp_path, "polanalyser", THREE)
 
