@@ -26,7 +26,7 @@ def plain_table(*columns: str) -> Table:
     """An empty table with little space between its columns; long names are broken, not cut."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in columns:
-        table.add_column(column, overflow="fold")
+        table.add_column(cell(column), overflow="fold")
     return table
 
 
