@@ -76,8 +76,8 @@ def side_step(x: pd.Series[float], methods: int, wanted: float) -> float:
 
     Examples
     --------
-    >>> side_step(pd.Series([0.0, 1.0, 3.0]), methods=4, wanted=0.2)
-    0.1
+    >>> side_step(pd.Series([0.0, 1.0, 3.0]), methods=2, wanted=0.5)
+    0.3
     """
     gaps = np.diff(np.unique(x.to_numpy(float)))
     if methods < 2 or not len(gaps):
