@@ -17,7 +17,12 @@ from malus.scenes.core.arrays import Float64Array, IntArray
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.shapes.ply import holds_strips, read_ply
 from malus.scenes.shapes.polygons import UncutFace, cut_polygons
-from malus.scenes.shapes.text_meshes import obj_with_triangles, off_with_triangles
+from malus.scenes.shapes.text_meshes import (
+    WrongCorner,
+    obj_with_triangles,
+    off_with_triangles,
+    stl_by_its_count,
+)
 
 LARGEST_FILE_BYTES = 2 << 30
 
@@ -33,9 +38,10 @@ _OPTIONAL_READERS = {
 """What trimesh needs for formats that it does not read alone."""
 
 _WHOLE = "check that the file is whole and needs no other file"
+_HINTS = {"gltf": "export it as .glb, or with embedded buffers: no other file is opened"}
 
-_REWRITTEN = {"obj": obj_with_triangles, "off": off_with_triangles}
-"""Text of which trimesh would read other faces."""
+_REWRITTEN = {"obj": obj_with_triangles, "off": off_with_triangles, "stl": stl_by_its_count}
+"""Formats of which trimesh would read another mesh."""
 
 _NOWHERE = logging.NullHandler()
 
@@ -109,7 +115,7 @@ def _reading(file: Path, kind: str) -> Iterator[None]:
     """Turn what goes wrong on a broken file into one InputError, without warnings."""
     # NaN and infinity pass here without a warning: _centred refuses them by name.
     with (
-        reading(f"mesh {file}", f"a readable {kind} file", _WHOLE),
+        reading(f"mesh {file}", f"a readable {kind} file", _HINTS.get(kind, _WHOLE)),
         np.errstate(all="ignore"),
         warnings.catch_warnings(),
     ):
@@ -120,6 +126,10 @@ def _reading(file: Path, kind: str) -> Iterator[None]:
             where, expected = f"mesh {file}, face {face.number}", "a face that can be cut"
             hint = "cut it into triangles in the program that wrote the file"
             raise InputError(where, expected, str(face), hint) from None
+        except WrongCorner as face:
+            expected = f"vertices from 1 to {face.vertices} in face {face.number}"
+            hint = "count the vertices of the file from 1, or back from the face as -1, -2, ..."
+            raise InputError(f"mesh {file}", expected, str(face.index), hint) from None
 
 
 def _has_wrong_fans(scene: Any) -> bool:

@@ -1,7 +1,9 @@
-"""Rewrite faces of OBJ and OFF files that trimesh would read as other faces.
+"""Rewrite OBJ, OFF and STL files that trimesh would read as another mesh.
 
-It cuts every polygon into a fan, which a concave one is not, and counts the negative indices of OBJ
-from the end of the file instead of from where they stand.
+It cuts every polygon into a fan, which a concave one is not. Of OBJ it counts negative indices from
+the end of the file instead of from where they stand, takes index 0 for the last vertex, and drops
+lines that are indented or have tabs. A binary STL of another length than its header says it takes
+for text without faces.
 """
 
 from __future__ import annotations
@@ -13,19 +15,48 @@ import numpy as np
 
 from malus.scenes.shapes.polygons import cut_polygons
 
-_CONTINUED = re.compile(rb"\\\r?\n")
-_SUSPECT = re.compile(rb"(?m)^[ \t]*f(?:(?:[ \t]+[^\s#]+){4}|[^\n#]*[ \t/]-)")
-_ELEMENT = re.compile(rb"(?m)^[ \t]*(v|vt|vn|f)([ \t][^\n#]*)")
+_MARK = b"\xef\xbb\xbf"
+"""What some programs write before UTF-8."""
+_LINE_END = re.compile(rb"\r\n?")
+_CONTINUED = re.compile(rb"\\\n")
+_NO_ELEMENT = re.compile(rb"(?m)^ +| *#[^\n]*")
+"""Blanks before a line, and comments."""
+_SUSPECT = re.compile(rb"(?m)^f(?:(?: +[^ \n]+){4}|[^\n]*[ /]-)")
+_ELEMENT = re.compile(rb"(?m)^(v|vt|vn|f)( [^\n]*)")
+_VERTEX = re.compile(rb"(?m)^v ")
+_FACE = re.compile(rb"(?m)^f ([^\n]*)")
+_NO_POSITION = re.compile(rb"/[^ \n]*")
+"""Texture coordinate and normal of a corner."""
 _COMMENT = re.compile(r"#[^\n]*")
 
 
+_STL_HEAD, _STL_TRIANGLE = 84, 50
+"""Bytes of a binary STL file before its triangles, which end with their number, and of each."""
+
+
+class WrongCorner(ValueError):
+    """A face of an OBJ file with an index that no vertex has.
+
+    Attributes
+    ----------
+    number, index, vertices : int
+        Number of the face from 1, its wrong index, and the number of vertices that it can name.
+    """
+
+    def __init__(self, number: int, index: int, vertices: int) -> None:
+        super().__init__(f"face {number} with the index {index}")
+        self.number, self.index, self.vertices = number, index, vertices
+
+
 def obj_with_triangles(content: bytes) -> bytes:
-    """An OBJ file with its negative indices counted and its concave polygons cut.
+    """An OBJ file with plain lines, its negative indices counted and its concave polygons cut.
 
     Raises
     ------
     UncutFace
         For a polygon that crosses itself.
+    WrongCorner
+        For a face with the index 0, or one beyond the vertices.
     ValueError
         For numbers that are none.
 
@@ -35,7 +66,8 @@ def obj_with_triangles(content: bytes) -> bytes:
     >>> obj_with_triangles(arrow + b"f -4 -3 -2 -1\\n").splitlines()[4:]
     [b'f 4 1 2', b'f 2 3 4']
     """
-    content = _CONTINUED.sub(b" ", content)
+    content = _plain_lines(content)
+    _check_corners(content)
     if _SUSPECT.search(content) is None:
         return content
     reader = _ObjReader()
@@ -46,6 +78,24 @@ def obj_with_triangles(content: bytes) -> bytes:
         rewritten += [content[end:start], lines]
         end = after
     return b"".join([*rewritten, content[end:]])
+
+
+def _plain_lines(content: bytes) -> bytes:
+    """The same elements, each in one line that begins with its name and a blank."""
+    content = _LINE_END.sub(b"\n", content.removeprefix(_MARK))
+    return _NO_ELEMENT.sub(b"", _CONTINUED.sub(b" ", content).replace(b"\t", b" "))
+
+
+def _check_corners(content: bytes) -> None:
+    """Check that every index of every face is that of a vertex."""
+    vertices = len(_VERTEX.findall(content))
+    faces = [_NO_POSITION.sub(b"", face).split() for face in _FACE.findall(content)]
+    indices = np.array([index for face in faces for index in face], dtype=bytes).astype(np.int64)
+    wrong = np.flatnonzero((indices == 0) | (abs(indices) > vertices))
+    if wrong.size:
+        ends = np.cumsum([len(face) for face in faces])
+        number = int(np.searchsorted(ends, wrong[0], side="right")) + 1
+        raise WrongCorner(number, int(indices[wrong[0]]), vertices)
 
 
 @dataclass
@@ -79,7 +129,8 @@ class _ObjReader:
             if place < len(indices) and indices[place].startswith(b"-"):
                 index = self.counts[kind] + 1 + int(indices[place])
                 if index < 1:
-                    raise ValueError(f"face {len(self.faces) + 1} with the index {word!r}")
+                    number, wrong = len(self.faces) + 1, int(indices[place])
+                    raise WrongCorner(number, wrong, self.counts[kind])
                 indices[place] = b"%d" % index
         return b"/".join(indices)
 
@@ -132,6 +183,29 @@ def off_with_triangles(content: bytes) -> bytes:
     body = [*lines[1:first], *([str(len(corners)), *corners] for corners in triangles)]
     head = ["OFF", f"{first - 1} {len(triangles)} 0"]
     return "\n".join([*head, *map(" ".join, body), ""]).encode()
+
+
+def stl_by_its_count(content: bytes) -> bytes:
+    """An STL file; of a binary one as many triangles as its header counts, and nothing behind.
+
+    Raises
+    ------
+    ValueError
+        For a binary file that is cut.
+
+    Examples
+    --------
+    >>> one = bytes(80) + b"\\1\\0\\0\\0" + bytes(50)
+    >>> stl_by_its_count(one + b"!") == one
+    True
+    """
+    count = int.from_bytes(content[_STL_HEAD - 4 : _STL_HEAD], "little")
+    length = _STL_HEAD + _STL_TRIANGLE * count
+    if b"facet" in content.lower():  # text, unless it is a binary file's header
+        return content if len(content) < length else content[:length]
+    if len(content) < length:
+        raise ValueError(f"{len(content)} of {length} bytes: the file is cut")
+    return content[:length]
 
 
 def _cut(positions: list[list[float]], faces: list[list[int]]) -> dict[int, list[list[int]]]:

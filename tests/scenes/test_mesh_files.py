@@ -144,3 +144,44 @@ def test_several_bodies_are_read_where_they_stand(tmp_path: Path, suffix: str) -
     assert len(mesh.faces) == 24
     extent = np.ptp(mesh.vertices, axis=0)
     assert extent.max() / extent.min() == pytest.approx(4.0, rel=1e-6)
+
+
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+@pytest.mark.parametrize(
+    ("plain", "written"),
+    [
+        ("v 0 1 0\n", "  v 0 1 0\n"),
+        ("v 0 1 0\n", "v\t0\t1\t0\n"),
+        ("v 0 1 0\n", "\tv 0 1 0 # the third\n"),
+        ("v 0 0 0\n", "\ufeffv 0 0 0\n"),
+        ("f 1 2 4\n", "  f 1 2 4\n"),
+        ("f 1 2 4\n", "f\t1 2\t4 # a face\n"),
+        ("f 1 2 4\n", "#f 1 2 3\nf 1 \\\n2 4\n"),
+        ("\n", "\r\n"),
+        ("\n", "\r"),
+    ],
+)
+def test_lines_of_obj_mean_the_same_however_they_are_written(
+    tmp_path: Path, plain: str, written: str
+) -> None:
+    texts = {"plain": TETRAHEDRON, "written": TETRAHEDRON.replace(plain, written)}
+    meshes = {}
+    for name, text in texts.items():
+        (tmp_path / f"{name}.obj").write_bytes(text.encode())
+        meshes[name], _ = load_mesh(tmp_path / f"{name}.obj", "flat")
+    np.testing.assert_array_equal(meshes["written"].vertices, meshes["plain"].vertices)
+    np.testing.assert_array_equal(meshes["written"].faces, meshes["plain"].faces)
+
+
+@pytest.mark.parametrize("header", [b"solid box", b"solid facet", b""])
+@pytest.mark.parametrize("behind", [b"", b"\0\0", b"\0" * 80])
+def test_binary_stl_is_read_by_its_count(tmp_path: Path, header: bytes, behind: bytes) -> None:
+    import trimesh
+
+    content = trimesh.creation.box((2, 1, 1)).export(file_type="stl")
+    (tmp_path / "box.stl").write_bytes(header.ljust(80) + content[80:] + behind)
+    mesh, _ = load_mesh(tmp_path / "box.stl", "flat")
+    assert len(mesh.faces) == 12
+    assert volume(mesh) == pytest.approx(2 * (2 / np.sqrt(6)) ** 3)  # a diagonal of 2, from √6

@@ -181,14 +181,17 @@ def test_huge_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         ("point.obj", b"v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "a positive finite extent, found 0"),
         ("far.obj", b"v -1e308 0 0\nv 1e308 0 0\nv 0 1 0\nf 1 2 3\n", "extent, found inf"),
         ("line.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "expected faces with area"),
-        ("beyond.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "readable obj file"),
+        ("beyond.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "from 1 to 3 in face 1, found 9"),
+        ("zero.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 0 1 2\n", "3 in face 2, found 0"),
+        ("before.obj", b"v 0 0 0\nv 1 0 0\nf -1 -2 -3\nv 0 1 0\n", "to 2 in face 1, found -3"),
+        ("cut.stl", bytes(80) + b"\2\0\0\0" + bytes(99), "found 183 of 184 bytes: the file is cut"),
         ("broken.ply", b"garbage", "readable ply file"),
         ("broken.glb", b"garbage", "readable glb file"),
         ("cut.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex 99999999999\n"
          b"property float x\nend_header\n", "expected"),
         ("picture.png", b"\x89PNG", "expected a mesh file"),
         ("outside.gltf", b'{"asset":{"version":"2.0"},"buffers":[{"uri":"x.bin","byteLength":1}]}',
-         "expected"),
+         "export it as .glb, or with embedded buffers"),
     ],
 )  # fmt: skip
 def test_bad_files_end_in_one_line(name: str, content: bytes, words: str, tmp_path: Path) -> None:
