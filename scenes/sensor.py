@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -38,6 +39,7 @@ FourAngles = tuple[Degrees, Degrees, Degrees, Degrees]
 LEAST_SIDE, LEAST_SIDE_WITH_BAYER = 4, 12
 """Least pixels a side of a frame that can be demosaiced."""
 
+_COLOURS = {"r": 0, "red": 0, "g": 1, "green": 1, "b": 2, "blue": 2}
 _MOST_CURVE_BYTES = 1 << 20
 _DISTINCT_NM = 0.2
 
@@ -56,6 +58,8 @@ class SensitivityFile(NamedFile):
     def curves(self) -> Float64Array:
         """Rows of the table (samples, 1 + channels): wavelength in nm, then sensitivities.
 
+        Three channels are red, green and blue, which the line of names may have in another order.
+
         Raises
         ------
         InputError
@@ -66,9 +70,10 @@ class SensitivityFile(NamedFile):
         with reading(str(file), "a CSV file of numbers below one line of names", hint):
             if file.stat().st_size > _MOST_CURVE_BYTES:
                 raise ValueError("more than 1 MiB")
-            with file.open(newline="", encoding="utf-8") as text:
-                rows = list(csv.reader(text))[1:]
-            curves = np.array([[float(value) for value in row] for row in rows if row])
+            with file.open(newline="", encoding="utf-8-sig") as text:
+                rows = [row for row in csv.reader(text) if row]
+            names = rows.pop(0) if rows and not any(map(_is_number, rows[0])) else []
+            curves = np.array([[float(value) for value in row] for row in rows])
         columns = curves.shape[1] if curves.ndim == 2 else 0
         if columns not in (2, 4):
             raise InputError(str(file), "2 or 4 columns of numbers", str(columns), hint)
@@ -76,7 +81,28 @@ class SensitivityFile(NamedFile):
             raise InputError(str(file), "sensitivities of 0 or more", "others", hint)
         if (np.diff(curves[:, 0]) <= 0).any():
             raise InputError(str(file), "increasing wavelengths", "others", "sort the lines")
-        return curves
+        return curves if columns == 2 else curves[:, _order_of_columns(str(file), names)]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _order_of_columns(where: str, names: list[str]) -> list[int]:
+    """Columns of wavelength, red, green and blue; as they stand where no name is a colour's."""
+    words = [re.findall("[a-z]+", name.lower()) or [""] for name in names]
+    colours = [_COLOURS.get(first) for first, *_ in words]
+    if set(colours) <= {None}:
+        return [0, 1, 2, 3]
+    if colours[0] is not None or sorted(map(str, colours[1:])) != ["0", "1", "2"]:
+        hint = "name the columns wavelength_nm,r,g,b in the order in which they stand"
+        expected = "a column of wavelengths, then one named r, g and b each"
+        raise InputError(where, expected, ",".join(names), hint)
+    return [0, *(colours.index(colour) for colour in range(3))]
 
 
 class Channels(Model):
@@ -209,7 +235,7 @@ class Sensor(Model):
         Raises
         ------
         InputError
-            If a channel sees none of the bands, or the mosaic does not fit the frame.
+            If the bands do not fit the channels, or the mosaic does not fit the frame.
         """
         least = LEAST_SIDE if self.bayer is None else LEAST_SIDE_WITH_BAYER
         if resolution < least:
@@ -257,8 +283,8 @@ class Sensor(Model):
         Raises
         ------
         InputError
-            If a channel sees none of the bands, two see the same, or a file of sensitivities has
-            others than the sensor.
+            If a channel sees none of the bands, two see the same, a band is off the table, or a file
+            of sensitivities has other channels than the sensor.
 
         Examples
         --------
@@ -288,7 +314,7 @@ class Sensor(Model):
         )
 
     def _sensitivity(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
-        """Sensitivities (channels, bands) at the bands' centres; zero beyond the ends of curves."""
+        """Sensitivities (channels, bands) at the bands' centres."""
         if self.sensitivities == "bands":
             return np.eye(len(wavelengths_nm))
         if self.sensitivities == "flat":
@@ -298,10 +324,12 @@ class Sensor(Model):
         else:
             curves = colour_science().MSDS_CAMERA_SENSITIVITIES[SETS[self.sensitivities]]
             table_ = np.column_stack([curves.wavelengths, curves.values])
-        sampled = [
-            np.interp(wavelengths_nm, table_[:, 0], curve, left=0.0, right=0.0)
-            for curve in table_.T[1:]
-        ]
+        low, high = table_[0, 0], table_[-1, 0]
+        if outside := [band for band in wavelengths_nm if not low <= band <= high]:
+            expected = f"bands in its table, {low:g} to {high:g} nm"
+            hint = "choose other wavelengths_nm, or a table that has them, with zeros say"
+            raise InputError("sensor, key sensitivities", expected, f"{outside[0]:g} nm", hint)
+        sampled = [np.interp(wavelengths_nm, table_[:, 0], curve) for curve in table_.T[1:]]
         return np.maximum(np.array(sampled), 0.0)
 
     def _file_curves(self, where: str) -> Float64Array:

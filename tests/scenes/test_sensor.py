@@ -235,6 +235,51 @@ def test_a_sensor_made_in_python_has_the_channels_of_its_file(
         expose(light, sensor, (450.0, 550.0, 650.0))
 
 
+RED_GREEN_BLUE = np.array([[450, 1, 2, 9], [550, 3, 8, 4], [650, 7, 5, 6]], float)
+
+
+@pytest.mark.parametrize(
+    ("names", "order"),
+    [
+        ("", [0, 1, 2, 3]),
+        ("wavelength_nm,r,g,b\n", [0, 1, 2, 3]),
+        ("nm,first,second,third\n", [0, 1, 2, 3]),
+        ("\ufeffwavelength_nm,blue,green,red\n", [0, 3, 2, 1]),
+        ("nm, Green (rel.), B_sens, RED\n", [0, 2, 3, 1]),
+    ],
+)
+def test_columns_are_known_by_their_names(tmp_path: Path, names: str, order: list[int]) -> None:
+    rows = "".join(",".join(map(repr, row)) + "\n" for row in RED_GREEN_BLUE[:, order].tolist())
+    (tmp_path / "curves.csv").write_text(names + rows, "utf-8")
+    curves = SensitivityFile(path=str(tmp_path / "curves.csv")).curves()
+    np.testing.assert_array_equal(curves, RED_GREEN_BLUE)
+
+
+@pytest.mark.parametrize("names", ["nm,r,g,g", "nm,r,g,alpha", "r,g,b,nm", "nm,red,green"])
+def test_names_that_contradict_each_other_are_refused(tmp_path: Path, names: str) -> None:
+    (tmp_path / "curves.csv").write_text(f"{names}\n450,1,2,9\n550,3,8,4\n", "utf-8")
+    with pytest.raises(InputError, match=f"one named r, g and b each, found {names}; name"):
+        SensitivityFile(path=str(tmp_path / "curves.csv")).curves()
+
+
+def test_a_file_without_names_keeps_its_first_line(tmp_path: Path) -> None:
+    path = tmp_path / "curves.csv"
+    path.write_text("450,0.9\n550,0.8\n", "utf-8")
+    assert SensitivityFile(path=str(path)).curves().tolist() == [[450, 0.9], [550, 0.8]]
+    path.write_text("", "utf-8")
+    with pytest.raises(InputError, match="2 or 4 columns of numbers, found 0"):
+        SensitivityFile(path=str(path)).curves()
+    path.write_text("450,x\n550,0.8\n", "utf-8")
+    with pytest.raises(InputError, match="below one line of names, found could not convert"):
+        SensitivityFile(path=str(path)).curves()
+
+
+def test_bands_off_the_measured_tables_are_refused() -> None:
+    sensor = Sensor(bayer="rggb", sensitivities="nikon-5100")
+    with pytest.raises(InputError, match=r"bands in its table, 380 to 780 nm, found 790 nm"):
+        sensor.channels((450.0, 550.0, 790.0))
+
+
 def test_presets_are_whole_and_what_is_given_wins() -> None:
     for name, values in presets().items():
         given: dict[str, Any] = {"extinction_ratio": 300.0, "sensitivities": "nikon-5100"}
@@ -264,6 +309,10 @@ def test_presets_are_whole_and_what_is_given_wins() -> None:
         ('[sensor]\nsensitivities = { path = "bad.csv" }', "expected a CSV file of numbers"),
         (
             '[sensor]\nsensitivities = { path = "far.csv" }',
+            "expected bands in its table, 1400 to 1500 nm, found 450 nm",
+        ),
+        (
+            '[sensor]\nsensitivities = { path = "blind.csv" }',
             "expected bands that every channel sees",
         ),
         ('maps = ["depht"]', "did you mean depth"),
@@ -274,6 +323,7 @@ def test_presets_are_whole_and_what_is_given_wins() -> None:
 def test_a_malformed_table_ends_in_one_line(tmp_path: Path, lines: str, expected: str) -> None:
     (tmp_path / "bad.csv").write_text("nm,a\n400,red\n", "utf-8")
     (tmp_path / "far.csv").write_text("nm,a\n1400,1\n1500,1\n", "utf-8")
+    (tmp_path / "blind.csv").write_text("nm,a\n400,0\n700,0\n710,1\n", "utf-8")
     (tmp_path / "suite.toml").write_text(f"{SUITE}{lines}\n", "utf-8")
     with pytest.raises(InputError) as caught:
         load_suite(tmp_path / "suite.toml")
