@@ -16,6 +16,7 @@ import pandas as pd
 from malus.bench.datasets.convention_check import ConventionSums
 from malus.bench.datasets.layouts import layout_predictions
 from malus.bench.datasets.maps_and_frames import SENSOR, sensor_truth, well_lit
+from malus.bench.datasets.picture_check import PictureCheck
 from malus.bench.datasets.predictions import (
     PredictionErrors,
     Predictions,
@@ -93,7 +94,7 @@ def score_dataset(
     -------
     Results
         A table like that of a run. `run["predictions"]["suspicions"]` tells what looks as if the
-        predictions counted angles otherwise or had another scale.
+        predictions counted angles otherwise, had another scale, or were of another picture.
 
     Raises
     ------
@@ -177,7 +178,7 @@ def _score(
 ) -> Results:
     started = time.perf_counter()
     tables: list[pd.DataFrame] = []
-    sums, worst, unknown = ConventionSums(), 0.0, 0
+    sums, pictures, worst, unknown = ConventionSums(), PictureCheck(), 0.0, 0
     for done, scene_id in enumerate(dataset.scenes):
         progress(done, len(dataset), scene_id)
         truth = dataset.truth(scene_id)
@@ -185,6 +186,7 @@ def _score(
         if predictions is not None:
             stokes = predictions.stokes(dataset.scene(scene_id))
             sums += ConventionSums.of(stokes, truth)
+            pictures.add(stokes[..., 0], truth)
             scored.append(_as_method(name, stokes, truth))
         records = list(_records(truth, scored, metrics)) if scored else []
         if sensor:
@@ -202,7 +204,7 @@ def _score(
             "name": name,
             "folder": str(predictions.folder),
             "sha256": predictions.sha256(),
-            "suspicions": list(sums.suspicions()),
+            "suspicions": [*pictures.suspicions(), *sums.suspicions()],
         }
     return Results(pd.concat(tables, ignore_index=True), run)
 
