@@ -283,8 +283,8 @@ class Sensor(Model):
         Raises
         ------
         InputError
-            If a channel sees none of the bands, two see the same, a band is off the table, or a file
-            of sensitivities has other channels than the sensor.
+            If a channel sees none of the bands, two see the same, a band is off the table, or a
+            file of sensitivities has other channels than the sensor.
 
         Examples
         --------

@@ -22,9 +22,13 @@ _NOWHERE = logging.NullHandler()
 
 
 class SensorRecord(Model):
-    """Content of the key `sensor` in `scene.json`: all that is needed to read the raw frame."""
+    """Content of the key `sensor` in `scene.json`: all that is needed to read the raw frame.
+
+    `gain` is that of the frame, whether the sensor's own `gain` was given or not.
+    """
 
     sensor: Sensor
+    gain: float = Field(gt=0, default_factory=lambda known: known["sensor"].digital_gain)
     exposure: float = Field(gt=0)
     channels: Channels
     frames: int = Field(ge=1, le=512)
@@ -32,6 +36,8 @@ class SensorRecord(Model):
 
     @model_validator(mode="after")
     def _frames_of_channels(self) -> Self:
+        if self.gain != self.sensor.digital_gain:
+            raise ValueError(f"the gain of the sensor, {self.sensor.digital_gain}")
         names = self.channels.names
         if self.sensor.bayer is None:
             if self.frames != len(names) or any(names):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import tarfile
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -13,6 +15,7 @@ from made_up import BANDS, made_up_truth
 from rooms import needs_arrays
 from runs import NOBODY, SUITE, run_malus
 
+from malus.bench.datasets.export import export
 from malus.bench.datasets.maps_and_frames import Additions, seed_of, sensor_truth, well_lit
 from malus.bench.datasets.render import render_dataset
 from malus.bench.datasets.score import score_dataset
@@ -23,7 +26,7 @@ from malus.reconstruct.photos.capture_fit import fit_capture
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.datasets.dataset_record import CONVENTIONS
-from malus.renderers.datasets.sensor_files import read_frame
+from malus.renderers.datasets.sensor_files import SensorRecord, read_frame
 from malus.renderers.mitsuba.surface_maps import render_maps
 from malus.renderers.variant import choose
 from malus.scenes import Camera, InputError
@@ -100,6 +103,29 @@ def test_frames_follow_from_scene_and_seed_alone(tmp_path: Path, sensor: Sensor)
         assert frame.exposure == again.exposure
         assert frame.channels == again.channels
         assert np.array_equal(frame.stokes, demosaiced_stokes(again))
+
+
+def test_the_gain_of_a_frame_is_stored(tmp_path: Path) -> None:
+    """Without it the words on how to get electrons from numbers name what no file has."""
+    render_dataset(with_sensor(SENSOR), tmp_path / "dataset", NOBODY)
+    dataset = open_dataset(tmp_path / "dataset")
+    scene = dataset.scenes[0]
+    path = tmp_path / "dataset" / scene / "scene.json"
+    record = json.loads(path.read_text("utf-8"))
+    assert record["sensor"]["gain"] == SENSOR.digital_gain
+    for layout in ("webdataset", "hdf5"):
+        export(dataset, layout, tmp_path / layout)
+    with tarfile.open(next((tmp_path / "webdataset").glob("*.tar"))) as shard:
+        content = shard.extractfile(f"{scene}.scene.json")
+        assert content is not None
+        assert json.load(content)["sensor"]["gain"] == SENSOR.digital_gain
+    with h5py.File(next((tmp_path / "hdf5").glob("*.h5"))) as file:
+        words = json.loads(file["scene_json"][0])
+        assert words["sensor"]["gain"] == SENSOR.digital_gain
+    del record["sensor"]["gain"]  # as earlier versions wrote it
+    assert SensorRecord.parse(record["sensor"], "scene.json").gain == SENSOR.digital_gain
+    with pytest.raises(InputError, match="the gain of the sensor"):
+        SensorRecord.parse(record["sensor"] | {"gain": 1.0}, "scene.json")
 
 
 def test_a_sensor_can_be_added_but_not_replaced(tmp_path: Path) -> None:
