@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     nargs=2,
     help="Of a test set in the layout rgb2pol: what the codes of s1 and s2 stand for, as -1 1.",
 )
+@click.option(
+    "--split", type=click.Choice(("train", "val", "test")), help="Only the scenes of this split."
+)
 @click.option("--name", help="What the predictions are called in tables [default: predictions].")
 @click.option("--out", type=FOLDER, help="Folder of the results [default: results/scores].")
 @json_option
@@ -56,6 +59,7 @@ def score_command(dataset: Path | None, out: Path | None, as_json: bool, **optio
     Example:
       malus score quick-dataset --method eq8 --method shadowed+body
       malus score quick-dataset --predictions my-network --name mine
+      malus score drawn --predictions my-network --split test
       malus score quick-dataset --method blind --profile polarscale
       malus score my-network --layout pol --truth test-set --method blind --profile polarscale
     """
@@ -119,6 +123,8 @@ def _score_published(
 
     if options.pop("predictions") is not None or options["layout"] is None:
         raise click.UsageError("beside --truth, DATASET is the predictions, and --layout is needed")
+    if options.pop("split") is not None:
+        raise click.UsageError("--split is of DATASET, a published test set has none")
     return with_progress(
         console,
         "pictures",

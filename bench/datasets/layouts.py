@@ -17,8 +17,8 @@ method was given; of `pol` too, whose unit is not known.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +129,11 @@ class LayoutPredictions(Predictions):
             except InputError as problem:
                 problems.append(problem)
         return problems
+
+    def of(self, scenes: Collection[str]) -> LayoutPredictions:
+        """Those of some scenes, by the names that they have among all."""
+        chosen = {scene: name for scene, name in self.names.items() if scene in scenes}
+        return replace(self, names=chosen)
 
     def sha256(self) -> str:
         """Hash of the names and contents of all files."""

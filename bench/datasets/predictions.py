@@ -21,8 +21,8 @@ import re
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
@@ -80,6 +80,11 @@ class Predictions:
             expected = f"{record.scene.id}.npz, {record.scene.id}.exr or {record.scene.id}/"
             return [InputError(str(self.folder), expected, "nothing", _HINT)]
         return list(_read(self.paths[record.scene.id], record, {}))
+
+    def of(self, scenes: Collection[str]) -> Predictions:
+        """Those of some scenes."""
+        chosen = {scene: path for scene, path in self.paths.items() if scene in scenes}
+        return replace(self, paths=chosen)
 
     def sha256(self) -> str:
         """Hash of the names and contents of all files."""

@@ -20,7 +20,7 @@ from malus.bench.datasets.picture_check import PictureCheck
 from malus.bench.datasets.predictions import (
     PredictionErrors,
     Predictions,
-    check_predictions,
+    find_predictions,
     problems_of,
 )
 from malus.bench.running.output_folder import prepare_folder
@@ -63,6 +63,7 @@ def score_dataset(
     *,
     metrics: Sequence[str] = (),
     layout: str | None = None,
+    split: str | None = None,
     out: Path | str | None = None,
 ) -> Results:
     """Score methods, and images that were predicted elsewhere, on every scene of a dataset.
@@ -87,6 +88,8 @@ def score_dataset(
     layout : str, optional
         Layout of the predictions where it is a published project's: rgb2pol, polaranything or
         pol, as `malus.bench.datasets.layouts` describes.
+    split : 'train', 'val' or 'test', optional
+        Only the scenes of this split are scored, and no prediction of others is wanted.
     out : path or URL of a folder, optional
         Where the results are written; by default nowhere.
 
@@ -102,8 +105,8 @@ def score_dataset(
         An InputError whose `problems` are those of all predictions.
     InputError
         Nothing to score, an unknown method or metric, a method's name for the predictions, a
-        dataset that is damaged or has no scene, a folder that cannot be written or that holds
-        something else.
+        dataset that is damaged or has no scene or no such split, a folder that cannot be written
+        or that holds something else.
 
     Examples
     --------
@@ -115,7 +118,8 @@ def score_dataset(
     >>> sorted(results.table.method.unique())
     ['eq8']
     """
-    opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    whole = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    opened = whole if split is None else whole.of_split(split)
     methods = [methods] if isinstance(methods, str | Method) else list(methods)
     metrics = [metrics] if isinstance(metrics, str) else list(metrics)
     names = [method if isinstance(method, str) else method.name for method in methods]
@@ -131,10 +135,13 @@ def score_dataset(
     measured = get_metrics(tuple(metrics))
     folder = None if out is None else prepare_folder(as_path(out), "scores")
     if predictions is not None and not isinstance(predictions, Predictions):
-        predictions = _checked(opened, as_path(predictions), layout, progress)
+        predictions = _checked(whole, opened, as_path(predictions), layout, progress)
     sensor = SENSOR in names
     results = _score(opened, chosen, measured, predictions, name, progress, sensor)
     results.run["suite"]["metrics"] = list(metrics)
+    results.run["scenes_missing"] = max(whole.record.planned - len(whole), 0)
+    if split is not None:
+        results.run["dataset"]["split"] = split
     if folder is not None:
         write_results(folder, results)
     return results
@@ -154,16 +161,23 @@ def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name
         raise InputError("method sensor", "a dataset with frames of a sensor", "none", hint)
 
 
-def _checked(dataset: Dataset, folder: Path, layout: str | None, progress: Progress) -> Predictions:
-    """The predictions of a folder; raises one exception that lists all problems."""
-    predictions: Predictions
+def _checked(
+    whole: Dataset, chosen: Dataset, folder: Path, layout: str | None, progress: Progress
+) -> Predictions:
+    """The predictions of the chosen scenes; raises one exception that lists all problems.
+
+    The whole dataset tells which scenes a folder may have, and the number of each.
+    """
+    found: Predictions
+    problems: list[InputError] = []
     if layout is None:
-        predictions, problems = check_predictions(dataset, folder, progress)
+        found, problems = find_predictions(folder, whole)
     else:
-        predictions = layout_predictions(dataset, folder, layout)
-        problems = problems_of(dataset, predictions, progress)
+        found = layout_predictions(whole, folder, layout)
+    predictions = found.of(chosen.scenes)
+    problems += problems_of(chosen, predictions, progress)
     if problems:
-        raise PredictionErrors.of(folder, len(dataset), problems)
+        raise PredictionErrors.of(folder, len(chosen), problems)
     return predictions
 
 
@@ -197,7 +211,6 @@ def _score(
     names = [*(method.name for method in methods), *([SENSOR] if sensor else [])]
     run = _run_record(dataset, names, time.perf_counter() - started, worst)
     run["scenes_without_normal_spread"] = unknown
-    run["scenes_missing"] = max(dataset.record.planned - len(dataset), 0)
     if predictions is not None:
         run["suite"]["methods"] = [*names, name]
         run["predictions"] = {

@@ -25,7 +25,7 @@ from malus.renderers.datasets.dataset_record import (
     DatasetRecord,
     read_dataset,
 )
-from malus.renderers.datasets.samples import Samples
+from malus.renderers.datasets.samples import Samples, scenes_of
 from malus.renderers.datasets.scene_folder import (
     SCENE,
     SceneRecord,
@@ -82,6 +82,27 @@ class Dataset:
         """Number of scenes."""
         return len(self.record.scenes)
 
+    @property
+    def splits(self) -> dict[str, list[str]]:
+        """Ids of the scenes of each split; empty where the dataset was not split."""
+        splits: dict[str, list[str]] = {}
+        for entry in self.record.scenes:
+            if entry.split is not None:
+                splits.setdefault(entry.split, []).append(entry.scene)
+        return splits
+
+    def of_split(self, split: str) -> Dataset:
+        """The same dataset with the scenes of a split alone.
+
+        Raises
+        ------
+        InputError
+            If it has no such split.
+        """
+        chosen = scenes_of(split, self.splits)
+        entries = tuple(entry for entry in self.record.scenes if entry.scene in chosen)
+        return replace(self, record=self.record.model_copy(update={"scenes": entries}))
+
     def samples(
         self,
         split: str | None = None,
@@ -96,13 +117,9 @@ class Dataset:
         InputError
             A split or an array that the dataset does not have, or a crop larger than its pictures.
         """
-        splits: dict[str, list[str]] = {}
-        for entry in self.record.scenes:
-            if entry.split is not None:
-                splits.setdefault(entry.split, []).append(entry.scene)
         if not self.scenes:
             raise InputError(str(self.path), "a dataset with scenes", "none", "render it again")
-        source = SceneFolders(self.path, self.scenes, splits, self.scene)
+        source = SceneFolders(self.path, self.scenes, self.splits, self.scene)
         return Samples.of(source, split, maps, crop, seed)
 
     def __getitem__(self, index: SupportsIndex) -> dict[str, Any]:

@@ -121,14 +121,7 @@ class Samples:
         """
         numbers = np.arange(len(source.ids))
         if split is not None:
-            if not source.splits:
-                hint = "leave `split` out, or render a suite with `[splits]`"
-                raise InputError("split", "a dataset with splits", "one without", hint)
-            if split in get_args(SplitName) and split not in source.splits:
-                expected = f"a scene in it; there are some in {', '.join(source.splits)}"
-                hint = "leave `split` out, or render more scenes: so few gave it none"
-                raise InputError(f"split {split}", expected, "none", hint)
-            chosen = set(lookup(split, source.splits, "split"))
+            chosen = scenes_of(split, source.splits)
             numbers = numbers[[scene in chosen for scene in source.ids]]
         names = _names(maps, source.maps)
         for name in names:
@@ -179,6 +172,29 @@ class Samples:
             return slice(top, top + crop), slice(left, left + crop)
 
         return window
+
+
+def scenes_of(split: str, splits: Mapping[str, Sequence[str]]) -> set[str]:
+    """Ids of the scenes of a split.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+
+    Examples
+    --------
+    >>> scenes_of("test", {"train": ["a", "b"], "test": ["c"]})
+    {'c'}
+    """
+    if not splits:
+        hint = "leave `split` out, or render a suite with `[splits]`"
+        raise InputError("split", "a dataset with splits", "one without", hint)
+    if split in get_args(SplitName) and split not in splits:
+        expected = f"a scene in it; there are some in {', '.join(splits)}"
+        hint = "leave `split` out, or render more scenes: so few gave it none"
+        raise InputError(f"split {split}", expected, "none", hint)
+    return set(lookup(split, splits, "split"))
 
 
 def _names(maps: Sequence[str] | str | None, known: Sequence[str]) -> tuple[str, ...]:

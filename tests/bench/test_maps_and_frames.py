@@ -7,7 +7,6 @@ import tarfile
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -107,6 +106,7 @@ def test_frames_follow_from_scene_and_seed_alone(tmp_path: Path, sensor: Sensor)
 
 def test_the_gain_of_a_frame_is_stored(tmp_path: Path) -> None:
     """Without it the words on how to get electrons from numbers name what no file has."""
+    h5py = pytest.importorskip("h5py", reason="h5py is not installed")
     render_dataset(with_sensor(SENSOR), tmp_path / "dataset", NOBODY)
     dataset = open_dataset(tmp_path / "dataset")
     scene = dataset.scenes[0]
