@@ -130,6 +130,10 @@ class Dataset:
         """Image, Stokes image, mask and normals of one scene after the other."""
         return iter(self._samples) if self.scenes else iter(())
 
+    def set_epoch(self, epoch: int) -> None:
+        """Change nothing: only crops differ from epoch to epoch, and a whole dataset has none."""
+        self._samples.set_epoch(epoch)
+
     def truths(self) -> Iterator[Truth]:
         """Read one truth after the other."""
         return map(self.truth, self.scenes)

@@ -77,7 +77,7 @@ def open_dataset(
         expected = f"{DATASET}, {SHARDS} or {HDF5}"
         hint = "`malus render` and `malus export` make them"
         raise InputError(str(folder), expected, "none of them", hint) from error
-    if split is None and maps is None and crop is None:
+    if split is None and maps is None and crop is None and seed == 0:
         return dataset
     return dataset.samples(split, maps, crop, seed)
 

@@ -89,6 +89,18 @@ def test_all_forms_cut_the_same_crops(forms: dict[str, Path]) -> None:
         np.testing.assert_array_equal(picture, pictures[0])
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_all_forms_take_seeds_and_epochs(forms: dict[str, Path], form: str) -> None:
+    """Where nothing is chosen too: a training loop sets the epoch whatever it reads."""
+    for chosen in ({}, {"seed": 5}):
+        samples = malus.open_dataset(forms[form], **chosen)  # type: ignore[arg-type]
+        before = samples[1]["stokes"]
+        samples.set_epoch(1)
+        np.testing.assert_array_equal(samples[1]["stokes"], before)
+    with pytest.raises(InputError, match="seed: expected a whole number, 0 or larger, found -1"):
+        malus.open_dataset(forms[form], seed=-1)
+
+
 def _read(samples: Any, index: int, queue: Any) -> None:
     queue.put(samples[index]["stokes"])
 
