@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -60,6 +61,9 @@ ANGLES_FROM_HORIZONTAL_DEG = (0.0, 45.0, 90.0, 135.0)
 """Polariser angles of a polarisation camera, as polanalyser counts them."""
 
 WORDS, MAX_WORDS_BYTES = "conventions.json", 1 << 20
+NAMES, MAX_NAMES_BYTES = "names.json", 1 << 28
+_OF_SCENES = " of the scenes "
+_ID = re.compile(r"[0-9a-f]{16}")
 PIXELS = ("exr", "png")
 """Forms of the images for polanalyser."""
 
@@ -158,15 +162,18 @@ def _prepared(opened: Dataset, out: Path | str, words: Mapping[str, str], layout
 
     A folder with an older export is refused where files of it would stay: readers would mix both.
     """
+    # The folder of a scene takes the place of an older one of any format.
+    kind = "a folder for each" if layout in _LAYOUTS else layout
     scenes = content_id(sorted(opened.scenes))
-    of_these = layout if layout in _REPLACED else f"{layout} of the scenes {scenes}"
-    if layout in _LAYOUTS:  # the folder of a scene takes the place of an older one of any format
-        of_these = f"a folder for each of the scenes {scenes}"
+    of_these = layout if layout in _REPLACED else f"{kind}{_OF_SCENES}{scenes}"
     folder = as_path(out)
     found = _export_in(folder)
     if found not in (None, of_these):
-        expected, hint = f"a new folder, or an export as {of_these}", "choose another `out`"
-        raise InputError(f"output folder {folder}", expected, found or "another export", hint)
+        same_kind = f"{found}".partition(_OF_SCENES)[0] == kind
+        other = _in_the_way(opened, layout, folder) if same_kind else "another export"
+        if other:
+            expected, hint = "a new folder, or an export of these scenes", "choose another `out`"
+            raise InputError(f"output folder {folder}", expected, other, hint)
     prepare_folder(folder, "an export")
     if found is None and layout in _LAYOUTS:
         own = {entry.name for entry in folder.iterdir()} & set(opened.scenes)
@@ -176,6 +183,31 @@ def _prepared(opened: Dataset, out: Path | str, words: Mapping[str, str], layout
     keep_splits(opened, folder)
     replace_text(folder / WORDS, json.dumps({**words, "export": of_these}, indent=1) + "\n")
     return folder
+
+
+def _in_the_way(opened: Dataset, layout: str, folder: Path) -> str:
+    """What an export of the same kind has that would not be replaced; empty where nothing."""
+    names = {scene: scene for scene in opened.scenes}
+    if layout in _LAYOUTS:
+        entries = [entry.name for entry in folder.iterdir()]
+        earlier = {name: name for name in entries if _ID.fullmatch(name)}
+    elif layout in LAYOUTS and (folder / NAMES).exists():
+        names = _names(opened)
+        earlier = dict(read_json(folder / NAMES, MAX_NAMES_BYTES)[0])
+    else:
+        return "an export of other scenes"
+    others = len(earlier.keys() - names.keys())
+    if others:
+        return f"an export of {others} other scene{'s' if others > 1 else ''}"
+    if earlier.items() - names.items():
+        return "an export of some of them, by other numbers"
+    return _foreign(folder, earlier) if layout in _LAYOUTS else ""
+
+
+def _foreign(folder: Path, names: Iterable[str]) -> str:
+    """A folder of those names that no export made; empty where there is none."""
+    foreign = [name for name in names if not (folder / name / "scene.json").exists()]
+    return f"{min(foreign)}, a folder of something else" if foreign else ""
 
 
 def _export_in(folder: Path) -> str | None:
@@ -207,12 +239,17 @@ def _one_by_one(
 
 def _numbered(opened: Dataset, layout: str, folder: Path, progress: Progress) -> None:
     """Layouts of networks: scenes by number, which `names.json` resolves."""
-    width = max(4, len(str(len(opened) - 1)))
-    names = {scene: f"{number:0{width}}" for number, scene in enumerate(opened.scenes)}
-    replace_text(folder / "names.json", json.dumps(names, indent=1) + "\n")
+    names = _names(opened)
+    replace_text(folder / NAMES, json.dumps(names, indent=1) + "\n")
     for done, (scene_id, name) in enumerate(names.items()):
         progress(done, len(opened), scene_id)
         LAYOUTS[layout].write(folder, name, opened.truth(scene_id))
+
+
+def _names(opened: Dataset) -> dict[str, str]:
+    """The number of every scene, as text."""
+    width = max(4, len(str(len(opened) - 1)))
+    return {scene: f"{number:0{width}}" for number, scene in enumerate(opened.scenes)}
 
 
 def write_numpy(folder: Path, truth: Truth) -> None:

@@ -149,6 +149,46 @@ def test_exports_are_not_mixed(tmp_path: Path, dataset: Dataset) -> None:
         assert len(malus.open_dataset(tmp_path / layout, maps="image")) == len(dataset)
 
 
+def part_of(dataset: Dataset, numbers: list[int]) -> Dataset:
+    """The dataset with some of its scenes alone, as if the others were not rendered yet."""
+    entries = tuple(dataset.record.scenes[number] for number in numbers)
+    record = dataset.record.model_copy(update={"scenes": entries})
+    return dataclasses.replace(dataset, record=record)
+
+
+@pytest.mark.parametrize("layout", ["numpy", "png", "rgb2pol", "webdataset"])
+def test_an_export_grows_with_its_dataset(tmp_path: Path, layout: str) -> None:
+    whole = formula_dataset(tmp_path / "dataset")
+    export(part_of(whole, [0, 1]), layout, tmp_path / "out")
+    export(whole, layout, tmp_path / "out")
+    export(whole, layout, tmp_path / "new")
+    grown, new = (
+        {p.relative_to(tmp_path / name) for p in (tmp_path / name).rglob("*")}
+        for name in ("out", "new")
+    )
+    assert grown == new
+    for path in ("conventions.json", "names.json"):
+        if (tmp_path / "new" / path).exists():
+            assert (tmp_path / "out" / path).read_text() == (tmp_path / "new" / path).read_text()
+
+
+def test_what_an_export_would_lose_is_told(tmp_path: Path) -> None:
+    whole = formula_dataset(tmp_path / "dataset")
+    for layout in ("numpy", "rgb2pol"):
+        export(part_of(whole, [0, 2, 3]), layout, tmp_path / layout)
+        with pytest.raises(InputError, match="found an export of 2 other scenes; choose another"):
+            export(part_of(whole, [0, 1]), layout, tmp_path / layout)
+    # Scene 2 was number 1: whoever stopped now would have its picture under the other's number.
+    with pytest.raises(InputError, match="found an export of some of them, by other numbers"):
+        export(whole, "rgb2pol", tmp_path / "rgb2pol")
+    (tmp_path / "numpy" / whole.scenes[1]).mkdir()
+    (tmp_path / "numpy" / whole.scenes[1] / "45.npy").touch()
+    with pytest.raises(InputError, match=f"found {whole.scenes[1]}, a folder of something else"):
+        export(whole, "numpy", tmp_path / "numpy")
+    with pytest.raises(InputError, match="found another export; choose another"):
+        export(whole, "numpy", tmp_path / "rgb2pol")
+
+
 def test_splits_go_where_a_dataset_has_none_any_more(tmp_path: Path, dataset: Dataset) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "splits.json").write_text("{}", "utf-8")
