@@ -16,6 +16,12 @@ from malus.reports.tables.text_tables import left_out
 from malus.scenes.core.errors import printable
 from malus.scenes.core.json_text import json_text
 
+NEXT_RUN = (
+    "a next run tries again what failed for a wrong input, and leaves out the rest, which"
+    " --retry-failed tries again"
+)
+"""What becomes of failures."""
+
 
 def print_json(values: Any, indent: int | None = None) -> None:
     """Print values as JSON on standard output."""

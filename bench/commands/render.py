@@ -82,9 +82,11 @@ def _tell(done: dict[str, Any], out: Path, console: Any) -> None:
         highlight=False,
     )
     if done["failed"]:
+        from malus.bench.commands.printing import NEXT_RUN
+
         console.print(
-            f"{done['failed']} scenes could not be rendered; `malus status {out}` tells why; a next"
-            " run leaves them out, with --retry-failed it tries them again",
+            f"{done['failed']} scenes could not be rendered; `malus status {out}` tells why;"
+            f" {NEXT_RUN}",
             highlight=False,
             soft_wrap=True,
         )

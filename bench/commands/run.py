@@ -185,10 +185,11 @@ def _tell(results: Results, folder: Path, as_json: bool, console: Console) -> in
 
 
 def _tell_failed(failed: int, results: Results, folder: Path, console: Any) -> None:
+    from malus.bench.commands.printing import NEXT_RUN
+
     console.print(
         f"{failed} of {results.run['families']} families failed, wholly or for a method; the first:"
-        f" {results.run['failures'][0]}. `malus status {folder}` tells all; a next run leaves them"
-        " out, with --retry-failed it tries them again",
+        f" {results.run['failures'][0]}. `malus status {folder}` tells all; {NEXT_RUN}",
         highlight=False,
         markup=False,
         soft_wrap=True,

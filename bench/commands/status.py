@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from malus.bench.commands.options import FOLDER, command
+
+if TYPE_CHECKING:
+    from malus.bench.running.parts import Failure
 
 SHOWN = 20
 """Lines of failures printed; `--json` has all."""
@@ -52,4 +57,12 @@ def status_command(folder: Path, as_json: bool) -> None:
         hint = ", and --part those that have not begun" if progress.parts else ""
         console.print(f"The command that made the folder, given again, goes on where it was{hint}.")
     elif progress.failed:
-        console.print("The same command with --retry-failed tries the failed ones again.")
+        console.print(_tried_again([failure for _, failure in progress.failed]))
+
+
+def _tried_again(failures: Sequence[Failure]) -> str:
+    """How failures are tried again: wrong inputs by every run."""
+    if not any(failure.mendable for failure in failures):
+        return "The same command with --retry-failed tries the failed ones again."
+    others = "" if all(failure.mendable for failure in failures) else ", --retry-failed the others"
+    return f"The same command tries again what failed for a wrong input{others}."

@@ -197,7 +197,10 @@ def _of_dataset(folder: Path) -> Status:
     done, failed = len(listed.done), list(listed.failed.values())
     left = max(record.planned - done - len(failed), 0)
     failures = [
-        (printable(scene.label), Failure(scene.scene, None, printable(scene.reason)))
+        (
+            printable(scene.label),
+            Failure(scene.scene, None, printable(scene.reason), scene.mendable),
+        )
         for scene in failed
     ]
     parts = [

@@ -15,6 +15,9 @@ from runs import NOBODY, SUITE, formula_dataset, one_line, run_malus
 import malus
 from malus.bench import read_results, run
 from malus.bench.running.overrides import chosen_suite
+from malus.bench.running.parts import Failure
+from malus.bench.running.status import Status
+from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
 from malus.scenes.core.errors import first_line
 from malus.scenes.core.result_files import RUN, TABLE
@@ -26,6 +29,17 @@ SCENE = Scene(
     light=Distant(incidence_deg=60),
     camera=Camera(resolution=8),
 )
+TINY_SUITE = """
+name = "mine"
+renderer = "torrance-sparrow"
+shapes = [{ kind = "sphere" }]
+materials = ["water"]
+surfaces = ["carbon"]
+lights = [{ kind = "distant", incidence_deg = 60 }, { kind = "distant", incidence_deg = 20 }]
+wavelengths_nm = [550]
+methods = ["unpolarised"]
+camera = { resolution = 8 }
+"""
 ANYTHING = cast(Any, malus)
 
 
@@ -178,6 +192,30 @@ def test_a_run_of_which_all_failed_tells_how_it_is_tried_again(
     assert "0 done, 2 failed, 0 left" in told.stdout
     assert "--retry-failed tries the failed ones again" in told.stdout
     assert "goes on where it was" not in told.stdout
+
+
+def test_what_a_next_run_does_with_failures_is_told_by_kind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wrong input is tried again by every run: the user may have mended it."""
+
+    def refuses_steep_light(scene: Scene) -> malus.Truth:
+        if scene.light.label == "distant 60°":
+            raise InputError("mine.obj", "a mesh", "none", "give one")
+        return render_torrance_sparrow(scene)
+
+    monkeypatch.setattr("malus.bench.running.truths.render_torrance_sparrow", refuses_steep_light)
+    (tmp_path / "mine.toml").write_text(TINY_SUITE, "utf-8")
+    data = str(tmp_path / "data")
+    told = run_malus("render", str(tmp_path / "mine.toml"), "--out", data)
+    assert told.returncode == 1
+    assert "a next run tries again what failed for a wrong input, and leaves out" in told.stderr
+    mended = "The same command tries again what failed for a wrong input"
+    assert f"{mended}.\n" in run_malus("status", data).stdout
+    failed = [("sphere", Failure(None, None, "why", mendable)) for mendable in (True, False)]
+    progress = Status("dataset of mine", "scenes", total=2, failed=failed, finished=True)
+    monkeypatch.setattr("malus.bench.running.status.status", lambda _: progress)
+    assert f"{mended}, --retry-failed the others.\n" in run_malus("status", data).stdout
 
 
 def test_errors_of_other_libraries_have_a_first_line() -> None:
