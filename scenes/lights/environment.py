@@ -41,6 +41,7 @@ _LAYOUTS = {
     (3, 4): "a cube's cross",
     (6, 1): "a cube's strip",
     (1, 6): "a cube's strip",
+    (1, 2): "a latitude-longitude map on its side",
 }
 """Other layouts by their width and height."""
 

@@ -36,7 +36,13 @@ def test_a_map_that_says_what_it_is_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("size", "says"),
-    [((8, 8), "light probe"), ((6, 8), "cross"), ((8, 6), "cross"), ((2, 12), "strip")],
+    [
+        ((8, 8), "light probe"),
+        ((6, 8), "cross"),
+        ((8, 6), "cross"),
+        ((2, 12), "strip"),
+        ((8, 4), "on its side"),
+    ],
 )
 @pytest.mark.parametrize("suffix", ["exr", "hdr"])
 def test_the_shape_of_another_layout_is_refused(
