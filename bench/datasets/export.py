@@ -142,8 +142,7 @@ def export(
     """
     lookup(layout, dict.fromkeys(FORMATS), "layout", f"one of {', '.join(FORMATS)}")
     opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
-    if not opened.scenes:
-        raise InputError(str(opened.path), "a dataset with scenes", "none", "render it again")
+    opened.check_begun()
     if layout in _WHOLE:
         check, write_all, words = _WHOLE[layout]
         check(opened)  # before anything is written

@@ -119,6 +119,7 @@ def score_dataset(
     ['eq8']
     """
     whole = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    whole.check_begun()
     opened = whole if split is None else whole.of_split(split)
     methods = [methods] if isinstance(methods, str | Method) else list(methods)
     metrics = [metrics] if isinstance(metrics, str) else list(metrics)
@@ -153,9 +154,6 @@ def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name
         raise InputError("score", expected, "neither", hint)
     if name in (*names, GUESS):  # a profile scores the guess, asked for or not
         raise InputError("name", "another name than a method's", name, "choose another name")
-    if len(dataset) == 0:
-        hint = "`malus render` with the same suite and folder goes on with it"
-        raise InputError(str(dataset.path), "a dataset with scenes", "none", hint)
     if SENSOR in names and dataset.scene(dataset.scenes[0]).sensor is None:
         hint = "add [sensor] to its suite and render it again, or leave this method out"
         raise InputError("method sensor", "a dataset with frames of a sensor", "none", hint)

@@ -78,6 +78,12 @@ class Dataset:
         """Ids of the scenes, in the order in which they were rendered."""
         return tuple(entry.scene for entry in self.record.scenes)
 
+    def check_begun(self) -> None:
+        """Raise InputError where no scene is listed; those of a render that was killed are kept."""
+        if not self.scenes:
+            hint = "`malus render` with the same suite and folder goes on with it"
+            raise InputError(str(self.path), "a dataset with scenes", "none listed yet", hint)
+
     def __len__(self) -> int:
         """Number of scenes."""
         return len(self.record.scenes)
@@ -117,8 +123,7 @@ class Dataset:
         InputError
             A split or an array that the dataset does not have, or a crop larger than its pictures.
         """
-        if not self.scenes:
-            raise InputError(str(self.path), "a dataset with scenes", "none", "render it again")
+        self.check_begun()
         source = SceneFolders(self.path, self.scenes, self.splits, self.scene)
         return Samples.of(source, split, maps, crop, seed)
 

@@ -200,7 +200,13 @@ def test_what_is_not_rendered_is_told(tmp_path: Path, layout: str) -> None:
     )
     assert result.returncode == 2
     assert "a dataset with scenes" in one_line(result.stderr)
+    assert "`malus render` with the same suite and folder goes on" in one_line(result.stderr)
     assert not (tmp_path / "out").exists()
+    for more in ([], ["--split", "test"]):
+        scored = run_malus("score", str(tmp_path / "none"), "--method", "eq8", *more)
+        assert "`malus render` with the same suite and folder goes on" in one_line(scored.stderr)
+    with pytest.raises(InputError, match="`malus render` with the same suite and folder goes on"):
+        malus.open_dataset(tmp_path / "none", maps="image")
     render_dataset(few, tmp_path / "half", NOBODY, part="1/2")
     if layout != "neisf":
         result = run_malus(
