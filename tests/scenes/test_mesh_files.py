@@ -176,12 +176,12 @@ def test_lines_of_obj_mean_the_same_however_they_are_written(
 
 
 @pytest.mark.parametrize("header", [b"solid box", b"solid facet", b""])
-@pytest.mark.parametrize("behind", [b"", b"\0\0", b"\0" * 80])
-def test_binary_stl_is_read_by_its_count(tmp_path: Path, header: bytes, behind: bytes) -> None:
+@pytest.mark.parametrize("behind", [0, 2, 80])
+def test_binary_stl_is_read_by_its_count(tmp_path: Path, header: bytes, behind: int) -> None:
     import trimesh
 
     content = trimesh.creation.box((2, 1, 1)).export(file_type="stl")
-    (tmp_path / "box.stl").write_bytes(header.ljust(80) + content[80:] + behind)
+    (tmp_path / "box.stl").write_bytes(header.ljust(80) + content[80:] + bytes(behind))
     mesh, _ = load_mesh(tmp_path / "box.stl", "flat")
     assert len(mesh.faces) == 12
     assert volume(mesh) == pytest.approx(2 * (2 / np.sqrt(6)) ** 3)  # a diagonal of 2, from √6
