@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from typing import Any
 
@@ -29,6 +30,7 @@ def doctor_command(ctx: click.Context, /, check: bool, backend: str, as_json: bo
     """
     if not check and ctx.get_parameter_source("backend") is not ParameterSource.DEFAULT:
         raise click.UsageError("--backend is of --check")
+    _require_packages()
     from malus.bench.commands.printing import print_json
     from malus.bench.public.doctor import doctor
 
@@ -40,7 +42,29 @@ def doctor_command(ctx: click.Context, /, check: bool, backend: str, as_json: bo
         print_json(findings, indent=2)
     else:
         _tell(findings)
-    sys.exit(0 if all(findings["packages"].values()) else 1)
+    sys.exit(1 if findings["unmet"] else 0)
+
+
+def _require_packages() -> None:
+    """Name the packages without which nothing can be found out; exit code 1 then."""
+    from malus.bench.public.requirements import installed_packages, unmet_requirements
+
+    try:
+        importlib.import_module("malus.bench.public.doctor")
+        importlib.import_module("malus.bench.commands.printing")
+    except ImportError:
+        unmet = unmet_requirements()
+        if not unmet:
+            raise
+        installed = installed_packages()
+        for name, requirement in unmet.items():
+            click.echo(f"{name} {_mended(installed[name], requirement)}")
+        sys.exit(1)
+
+
+def _mended(version: str | None, requirement: str) -> str:
+    state = "missing" if version is None else f"{version} does not fit"
+    return f"{state}: pip install '{requirement}'"
 
 
 def _check(backend: str, as_json: bool) -> None:
@@ -78,7 +102,8 @@ def _tell(findings: dict[str, Any]) -> None:
     table = Table(show_header=False)
     table.add_row("Python", findings["python"])
     for name, version in findings["packages"].items():
-        table.add_row(name, version or f"missing: pip install {name}")
+        unmet = findings["unmet"].get(name)
+        table.add_row(name, _mended(version, unmet) if unmet else version)
     for library in findings["libraries"]:
         use = "aborts the process, never loaded" if library["aborts"] else "candidate"
         table.add_row(f"LLVM {library['version'] or '?'}", f"{library['path']}: {use}")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import platform
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from malus.bench.public.requirements import installed_packages, unmet_requirements
 from malus.renderers.self_check import Check
 from malus.renderers.self_check import self_check as checks_of
 from malus.renderers.variant import (
@@ -18,21 +18,6 @@ from malus.renderers.variant import (
     unchecked,
 )
 
-PACKAGES = (
-    "malus",
-    "mitsuba",
-    "drjit",
-    "numpy",
-    "scipy",
-    "trimesh",
-    "OpenEXR",
-    "colour-science",
-    "scikit-image",
-    "matplotlib",
-    "pandas",
-    "pyarrow",
-)
-
 
 def doctor() -> dict[str, Any]:
     """Examine this machine: Python, packages, LLVM libraries, and the variant that renders.
@@ -40,8 +25,9 @@ def doctor() -> dict[str, Any]:
     Returns
     -------
     dict
-        `python`, a version; `packages`, versions by name, None where one is missing; `variant`,
-        Mitsuba's, and the `reason` why; `llvm`, path of the library in use or None; `libraries`,
+        `python`, a version; `packages`, versions by name, None where one is missing; `unmet`, what
+        to install for each that is missing or of a version that does not fit; `variant`, Mitsuba's,
+        and the `reason` why; `llvm`, path of the library in use or None; `libraries`,
         those found, each with path, version and whether it `aborts` the process; `missing_library`,
         the file that DRJIT_LIBLLVM_PATH names where there is none, or None; `advice`, how to
         render faster, or None.
@@ -58,7 +44,8 @@ def doctor() -> dict[str, Any]:
     ]
     return {
         "python": platform.python_version(),
-        "packages": {name: _version(name) for name in PACKAGES},
+        "packages": installed_packages(),
+        "unmet": unmet_requirements(),
         "variant": variant.name,
         "reason": variant.reason,
         "llvm": variant.llvm,
@@ -94,13 +81,6 @@ def self_check(backend: str = "auto", short: bool = False) -> list[Check]:
     True
     """
     return list(checks_of(unchecked(backend), short))
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
 
 
 def _aborts(number: int | None) -> bool:
