@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from malus.bench.commands.options import FOLDER, Command
+from malus.bench.commands.options import FOLDER, LOCAL_FILE, Command
 from malus.bench.studies.registry import STUDIES, run_study
 from malus.bench.studies.study import Findings, Study, StudyOption
 
@@ -26,14 +26,13 @@ def bench_command() -> None:
 def print_findings(findings: Findings) -> None:
     """Print the table of a study, where it has one, and its figures in words."""
     if findings.table is not None and findings.cells is not None:
-        from rich.console import Console
-
+        from malus.bench.commands.console import plain_console
         from malus.bench.commands.printing import plain_table
 
         table = plain_table(*map(str, findings.table.columns))
         for _, row in findings.table.iterrows():
             table.add_row(*findings.cells(row))
-        Console().print(table)
+        plain_console().print(table)
     for line in findings.lines:
         click.echo(line)
 
@@ -80,7 +79,7 @@ def _click_type(option: StudyOption) -> click.ParamType[Any] | type | None:
     if option.choices:
         return click.Choice(option.choices)
     if option.is_file:
-        return click.Path(dir_okay=False, path_type=Path)
+        return LOCAL_FILE
     if isinstance(option.default, bool):
         return None
     if isinstance(option.default, int) and option.least is not None:

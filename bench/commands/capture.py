@@ -15,7 +15,7 @@ from malus.bench.commands.filter import (
     knowledge_of,
     knowledge_options,
 )
-from malus.bench.commands.options import command
+from malus.bench.commands.options import LOCAL, command
 
 if TYPE_CHECKING:
     from malus.bench.running.capture_suite import CaptureSuite
@@ -54,7 +54,7 @@ class Size(click.ParamType[tuple[int, int]]):
 
 
 @command("capture")
-@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("folders", nargs=-1, required=True, type=LOCAL)
 @click.option(
     "--zero",
     type=click.Choice(["vertical", "horizontal"]),
@@ -97,7 +97,7 @@ class Size(click.ParamType[tuple[int, int]]):
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=LOCAL,
     help="Folder for maps of the fit; of several captures for their results [results/captures].",
 )
 @click.option("--fit-only", is_flag=True, help="Fit the pictures and reconstruct nothing.")
@@ -231,15 +231,14 @@ def _suite(
 
 def _run_suite(suite: CaptureSuite, out: Path | None, as_json: bool) -> int:
     """Run a suite of captures and print it; 1 where something failed, otherwise 0."""
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.commands.printing import print_json
     from malus.bench.public.captures import run_captures
     from malus.bench.running.progress import with_progress
     from malus.bench.running.results import headline
 
     folder = out if out is not None else Path("results") / suite.name
-    console = Console(stderr=True, soft_wrap=True)
+    console = plain_console(stderr=True, soft_wrap=True)
     results = with_progress(
         console, "captures", lambda show: run_captures(suite, folder, progress=show)
     )
@@ -249,8 +248,8 @@ def _run_suite(suite: CaptureSuite, out: Path | None, as_json: bool) -> int:
         _print_captures(results)
     for failure in results.run["failures"]:
         text = in_words_of_options(f"left out, {failure}")
-        console.print(text, highlight=False, markup=False)
-    console.print(f"written to {folder}", highlight=False, markup=False)
+        console.print(text)
+    console.print(f"written to {folder}")
     return 1 if results.run["failures"] else 0
 
 
@@ -260,8 +259,7 @@ _SHOWN = ("capture", "method", "NMSE", "skill", "gain", "best scale", "skill at 
 
 def _print_captures(results: Results) -> None:
     """A line a capture and method."""
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.commands.printing import plain_table
     from malus.reports.tables.captures import by_capture, conventions, notes
 
@@ -270,13 +268,13 @@ def _print_captures(results: Results) -> None:
     table = plain_table(*_SHOWN)
     for line in errors.lines:
         table.add_row(*(line[column] for column in shown))
-    console = Console(soft_wrap=True)
+    console = plain_console(soft_wrap=True)
     console.print(table)
     for note in notes(results.table):
-        console.print(note, highlight=False, markup=False)
+        console.print(note)
     for doubt in conventions(results.run):
         text = in_words_of_options(f"warning: {doubt}")
-        console.print(text, highlight=False, markup=False)
+        console.print(text)
 
 
 def _report(results: dict[str, Any]) -> str:

@@ -23,9 +23,8 @@ def compare_command(results: tuple[Path, ...], out: Path | None, as_json: bool) 
     Example:
       malus compare results/before results/after
     """
-    from rich.console import Console
-
-    from malus.bench.commands.printing import cell, plain_table
+    from malus.bench.commands.console import plain_console
+    from malus.bench.commands.printing import plain_table
     from malus.bench.public.tables import compare
     from malus.scenes.core.errors import printable
 
@@ -35,13 +34,13 @@ def compare_command(results: tuple[Path, ...], out: Path | None, as_json: bool) 
 
         click.echo(json_text(comparison.numbers(), 1))
         return
-    console = Console()
+    console = plain_console()
     for table in (comparison.differing, comparison.means, comparison.changed):
         if table:
             shown = plain_table(*table.heads)
             for line in table.lines:
-                shown.add_row(*map(cell, line))
+                shown.add_row(*map(printable, line))
             console.print(shown)
-    console.print(printable(comparison.headline), highlight=False, markup=False)
+    console.print(printable(comparison.headline))
     if out is not None:
-        console.print(f"written to {out}", highlight=False)
+        console.print(f"written to {out}")

@@ -71,8 +71,7 @@ def _check(backend: str, as_json: bool) -> None:
     """Print what the self-check found; exit code 1 where anything deviates."""
     from dataclasses import asdict
 
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.commands.printing import plain_table, print_json
     from malus.bench.public.doctor import self_check
 
@@ -89,15 +88,16 @@ def _check(backend: str, as_json: bool) -> None:
             numbers = (f"{check.deviation:.2g}", f"{check.limit:g}", f"{check.seconds:.2f}")
             verdict = "passed" if check.passed else "FAILED"
             table.add_row(check.name, verdict, *numbers, check.why or check.what)
-        console = Console()
+        console = plain_console()
         console.print(table)
-        console.print(f"{len(checks)} checks, {failed} failed", highlight=False)
+        console.print(f"{len(checks)} checks, {failed} failed")
     sys.exit(1 if failed else 0)
 
 
 def _tell(findings: dict[str, Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from malus.bench.commands.console import plain_console
 
     table = Table(show_header=False)
     table.add_row("Python", findings["python"])
@@ -108,13 +108,12 @@ def _tell(findings: dict[str, Any]) -> None:
         use = "aborts the process, never loaded" if library["aborts"] else "candidate"
         table.add_row(f"LLVM {library['version'] or '?'}", f"{library['path']}: {use}")
     table.add_row("variant", f"{findings['variant']} ({findings['reason']})")
-    console = Console()
+    console = plain_console()
     console.print(table)
     if findings["missing_library"]:
         console.print(
             f"DRJIT_LIBLLVM_PATH names {findings['missing_library']}, where no file is: correct it,"
             " or unset it to let malus look in the usual places",
-            highlight=False,
         )
     if findings["advice"]:
-        console.print(findings["advice"], highlight=False)
+        console.print(findings["advice"])

@@ -52,8 +52,7 @@ def export_command(
     """
     if pixels is not None and layout != "polanalyser":
         raise click.UsageError("--pixels is of --format polanalyser")
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.commands.printing import print_json
     from malus.bench.datasets.export import export
     from malus.bench.running.progress import with_progress
@@ -61,7 +60,7 @@ def export_command(
 
     opened = open_dataset(dataset)
     missing = max(0, opened.record.planned - len(opened))
-    console = Console(stderr=True)
+    console = plain_console(stderr=True)
     count = with_progress(
         console, "scenes", lambda show: export(opened, layout, out, pixels or "exr", show)
     )
@@ -69,8 +68,8 @@ def export_command(
         print_json({"out": str(out), "scenes": count, "missing": missing})
     else:
         if missing:
-            console.print(not_rendered(missing, dataset), highlight=False, markup=False)
-        console.print(f"{count} scenes written to {out}", highlight=False)
+            console.print(not_rendered(missing, dataset))
+        console.print(f"{count} scenes written to {out}")
 
 
 def not_rendered(missing: int, dataset: Path) -> str:

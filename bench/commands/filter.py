@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from malus.bench.commands.options import command
+from malus.bench.commands.options import LOCAL, command
 
 
 class Direction(click.ParamType[tuple[float, float, float]]):
@@ -30,15 +30,14 @@ class Direction(click.ParamType[tuple[float, float, float]]):
 
 def knowledge_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add the options that say what is known besides the picture; filter and capture share them."""
-    path = click.Path(path_type=Path)
     options = [
         click.option(
-            "--normals", type=path, help="Normals: .npy, .exr, or a picture of (n + 1)/2."
+            "--normals", type=LOCAL, help="Normals: .npy, .exr, or a picture of (n + 1)/2."
         ),
-        click.option("--mask", type=path, help="A picture, light where the object is."),
+        click.option("--mask", type=LOCAL, help="A picture, light where the object is."),
         click.option(
             "--labels",
-            type=path,
+            type=LOCAL,
             help="A picture of several objects: black is none, every other value is one.",
         ),
         click.option(
@@ -86,7 +85,7 @@ def in_words_of_options(text: str) -> str:
 
 
 @command("filter")
-@click.argument("image", type=click.Path(path_type=Path))
+@click.argument("image", type=LOCAL)
 @click.option(
     "--angle",
     "angles",
@@ -94,9 +93,7 @@ def in_words_of_options(text: str) -> str:
     type=float,
     help="Degrees from the vertical, anticlockwise; repeat it. [default: 0 45 90 135]",
 )
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder [default: IMAGE's name + _polarised]."
-)
+@click.option("--out", type=LOCAL, help="Folder [default: IMAGE's name + _polarised].")
 @knowledge_options
 @click.option(
     "--method",
@@ -153,11 +150,12 @@ def _progress() -> Any:
 
     @contextlib.contextmanager
     def shown() -> Any:
-        from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-        console = Console(stderr=True)
-        columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+        from malus.bench.commands.console import plain_console
+
+        console = plain_console(stderr=True)
+        columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn()
         with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
             task = bar.add_task("reading", total=1.0)
             yield lambda step, share: bar.update(task, description=step, completed=share)

@@ -7,16 +7,14 @@ from pathlib import Path
 
 import click
 
-from malus.bench.commands.options import FOLDER, command
-
-_FILE = click.Path(path_type=Path, dir_okay=False)
+from malus.bench.commands.options import FOLDER, LOCAL_FILE, command
 
 
 @command("gate")
 @click.argument("results", type=FOLDER)
-@click.option("--baseline", required=True, type=_FILE, help="TOML file with rules and values.")
-@click.option("--junit", type=_FILE, help="Write JUnit XML here.")
-@click.option("--summary", type=_FILE, help="Write a Markdown summary here.")
+@click.option("--baseline", required=True, type=LOCAL_FILE, help="TOML file with rules and values.")
+@click.option("--junit", type=LOCAL_FILE, help="Write JUnit XML here.")
+@click.option("--summary", type=LOCAL_FILE, help="Write a Markdown summary here.")
 @click.option("--update", is_flag=True, help="Make these results the baseline; keep its rules.")
 def gate_command(
     results: Path, baseline: Path, junit: Path | None, summary: Path | None, update: bool
@@ -39,31 +37,29 @@ def gate_command(
 
 
 def _compare(results: Path, baseline: Path, junit: Path | None, summary: Path | None) -> bool:
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.gates.gate_report import tables
     from malus.bench.public.gates import gate
 
     compared = gate(results, baseline, junit=junit, summary=summary)
-    console = Console()
+    console = plain_console()
     for table in tables(compared.comparisons):
         console.print(table)
-    console.print(compared.headline, highlight=False)
+    console.print(compared.headline)
     return compared.passed
 
 
 def _update(results: Path, path: Path) -> None:
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.gates.gate_report import tables
     from malus.bench.public.gates import update_baseline
 
     update = update_baseline(results, path)
-    console = Console()
+    console = plain_console()
     if update.compared is not None:
         for table in tables(update.compared.comparisons):
             console.print(table)
     elif update.previous is not None:
-        console.print("other scenes than before: all values are new", highlight=False)
+        console.print("other scenes than before: all values are new")
     count = len(update.baseline.values)
-    console.print(f"{count} values written to {path}; review them", highlight=False)
+    console.print(f"{count} values written to {path}; review them")

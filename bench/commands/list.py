@@ -30,8 +30,7 @@ def list_command(what: str) -> None:
     Example:
       malus list materials
     """
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.public.lists import list_lights, list_patterns, list_shapes
     from malus.scenes.core.errors import InputError
 
@@ -51,7 +50,7 @@ def list_command(what: str) -> None:
     }
     if what != "everything" and what not in tables:
         raise InputError("list", f"one of {', '.join(tables)}", what, "or leave it out for all")
-    console = Console()
+    console = plain_console()
     for name, make in tables.items():
         if what in (name, "everything"):
             console.print(make())
@@ -189,13 +188,11 @@ def _nm(wavelength: float) -> str:
 
 def _kinds(title: str, kinds: dict[str, type[Model]]) -> Table:
     """Kinds of scene data, with the keys that a suite may set."""
-    from rich.markup import escape
-
     table = _new(title, "kind", "keys [default]", "what it is")
     for kind, model in kinds.items():
         fields = {name: field for name, field in model.model_fields.items() if name not in _UNSHOWN}
         keys = ", ".join(
-            name if field.is_required() else escape(f"{name} [{_shown(field)}]")
+            name if field.is_required() else f"{name} [{_shown(field)}]"
             for name, field in fields.items()
         )
         table.add_row(kind, keys, (model.__doc__ or "").strip().splitlines()[0])

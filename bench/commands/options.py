@@ -1,4 +1,4 @@
-"""What the commands share: folders, options of several commands, and the names in messages."""
+"""What the commands share: paths, options of several commands, and the names in messages."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ class Folder(click.ParamType[Path]):
     def convert(self, value: Any, param: object, ctx: object) -> Path:
         """Path of a text; a URL needs fsspec, which is imported only then."""
         del param, ctx  # click passes them to every type
-        if not str(value):  # an unset variable of a shell, which would be the current folder
-            self.fail("expected a path, found an empty text; is a variable unset?")
+        _refuse_empty(self, value)
         if isinstance(value, Path) or "://" not in str(value):
             return Path(value)
         from malus.scenes.core.remote import as_path
@@ -28,7 +27,24 @@ class Folder(click.ParamType[Path]):
         return as_path(value)
 
 
+class LocalPath(click.Path):
+    """A path of this machine."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Path of a text, which click checks."""
+        _refuse_empty(self, value)
+        return super().convert(value, param, ctx)
+
+
+def _refuse_empty(kind: click.ParamType[Any], value: Any) -> None:
+    """Refuse what an unset variable of a shell leaves, which would be the current folder."""
+    if not str(value):
+        kind.fail("expected a path, found an empty text, as of an unset variable")
+
+
 FOLDER = Folder()
+LOCAL = LocalPath(path_type=Path)
+LOCAL_FILE = LocalPath(path_type=Path, dir_okay=False)
 
 
 class Command(click.Command):

@@ -34,19 +34,17 @@ def plan_command(ctx: click.Context, /, suite: str, backend: str) -> None:
             raise click.UsageError(f"--backend is of a suite, and {suite} is a study")
         click.echo(STUDIES[suite].plan)
         return
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.commands.printing import plain_table
     from malus.bench.datasets.maps_and_frames import Additions
     from malus.bench.public.suites import plan
 
     with names_in(suite, {}):
         planned = plan(suite, backend)
-    console = Console()
+    console = plain_console()
     console.print(
         f"{planned.suite.name}: {planned.scenes} scenes in {len(planned.families)} families, "
         f"{len(planned.suite.wavelengths_nm)} bands, variant {planned.variant.name}",
-        highlight=False,
     )
     table = plain_table("what")
     table.add_column("done", justify="right")
@@ -62,7 +60,6 @@ def plan_command(ctx: click.Context, /, suite: str, backend: str) -> None:
         f"{planned.seconds:.0f} s here instead of {planned.seconds_without_plan:.0f} s. A stored "
         f"dataset: about {planned.bytes / 1e9:.2f} GB before compression, with "
         f"{Additions.of(planned.suite).label}",
-        highlight=False,
     )
     _tell_thin_highlights(planned, console)
 
@@ -78,7 +75,6 @@ def _tell_thin_highlights(planned: Plan, console: Console) -> None:
             "miss them, and no standard error tells; take more samples or pixels, or a larger "
             "alpha",
             style="yellow",
-            highlight=False,
         )
 
 
@@ -104,4 +100,4 @@ def _tell_distributions(planned: Plan, console: Console) -> None:
         counts = Counter(map(suite.draws.split, range(suite.random.count)))
         told = ", ".join(f"{name} {counts[name]}" for name in suite.splits.shares)
         apart = f"; apart: {', '.join(suite.splits.disjoint)}" if suite.splits.disjoint else ""
-        console.print(f"splits: {told}{apart}", highlight=False)
+        console.print(f"splits: {told}{apart}")

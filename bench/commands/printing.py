@@ -8,8 +8,8 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
+from malus.bench.commands.console import plain_console
 from malus.bench.running.results import Results, headline
 from malus.reports.tables.formats import counted
 from malus.reports.tables.text_tables import left_out
@@ -32,23 +32,18 @@ def plain_table(*columns: str) -> Table:
     """An empty table with little space between its columns; long names are broken, not cut."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in columns:
-        table.add_column(cell(column), overflow="fold")
+        table.add_column(printable(column), overflow="fold")
     return table
-
-
-def cell(text: object) -> Text:
-    """Text of a table's cell: brackets are no markup, and nothing in it moves the cursor."""
-    return Text(printable(text))
 
 
 def print_results(results: Results, notes: Console) -> None:
     """Print the table of results, then into `notes` what each method could not work on, and why."""
     table = results_table(results)
     if table.row_count:
-        Console().print(table)
+        plain_console().print(table)
     for method, reason, scenes in left_out(results.table).lines:
         text = f"{method} could not work on {scenes} of {results.table['scene'].nunique()} scenes"
-        notes.print(printable(f"{text}: {reason}"), highlight=False, markup=False)
+        notes.print(printable(f"{text}: {reason}"))
 
 
 def results_table(results: Results) -> Table:
@@ -66,7 +61,7 @@ def results_table(results: Results) -> Table:
         numbers = [_skill(row[f"skill_{name}"]) for name in ("median", "min", "unmixed_median")]
         mean = row["nmse_mean"]
         nmse = "not finite" if mean is None else f"{mean:.1e}"
-        names = (cell(row[key]) for key in ("light", "body", "method"))
+        names = (printable(row[key]) for key in ("light", "body", "method"))
         table.add_row(*names, nmse, *numbers)
         place = row["light"], row["body"]
         without[place] = max(without.get(place, 0), row["without_skill"])

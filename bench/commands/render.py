@@ -51,13 +51,12 @@ def render_command(suite: str, out: Path, as_json: bool, **options: Any) -> None
         # It imports what it needs while this process does, which has imported little so far.
         worker.begin(import_all, "malus.bench.datasets.render")
 
-        from rich.console import Console
-
+        from malus.bench.commands.console import plain_console
         from malus.bench.commands.printing import print_json
         from malus.bench.datasets.render import render_dataset
         from malus.bench.running.progress import peak_memory, with_progress
 
-        console = Console(stderr=True)
+        console = plain_console(stderr=True)
         done = with_progress(
             console,
             "scenes",
@@ -79,7 +78,6 @@ def _tell(done: dict[str, Any], out: Path, console: Any) -> None:
         f" {done['taken_over']} taken over; {done['seconds']:.1f} s,"
         f" {done['bytes'] / 1e6:.1f} MB written,"
         f" {done['peak_memory_bytes'] / 1e6:.0f} MB of memory",
-        highlight=False,
     )
     if done["failed"]:
         from malus.bench.commands.printing import NEXT_RUN
@@ -87,6 +85,5 @@ def _tell(done: dict[str, Any], out: Path, console: Any) -> None:
         console.print(
             f"{done['failed']} scenes could not be rendered; `malus status {out}` tells why;"
             f" {NEXT_RUN}",
-            highlight=False,
             soft_wrap=True,
         )

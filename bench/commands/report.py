@@ -69,9 +69,9 @@ def report_command(
 
         written = report(results, beside, png, worker if several_cores else None)
 
-    from rich.console import Console
+    from malus.bench.commands.console import plain_console
 
-    Console().print(f"{len(written)} files written to {results}", highlight=False)
+    plain_console().print(f"{len(written)} files written to {results}")
 
 
 def _print_table(folder: Path, form: str, metrics: tuple[str, ...]) -> None:

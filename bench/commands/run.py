@@ -135,18 +135,16 @@ def _run_with(
         suite = chosen_suite(name, variant, **changes)
         _check_names(suite)
 
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.public.suites import run
     from malus.bench.running.progress import with_progress
 
     folder = out if out is not None else Path("results") / suite.name
-    console = Console(stderr=True)
-    console.print(": ".join(filter(None, (suite.name, suite.description))), highlight=False)
+    console = plain_console(stderr=True)
+    console.print(": ".join(filter(None, (suite.name, suite.description))))
     console.print(
         f"variant {variant.name} ({variant.reason}), {suite.camera.resolution}² pixels, "
         f"{suite.sampling.samples} samples a pixel",
-        highlight=False,
     )
     results = with_progress(
         console,
@@ -178,7 +176,7 @@ def _tell(results: Results, folder: Path, as_json: bool, console: Console) -> in
         print_json({"out": str(folder), "methods": methods, "families_failed": failed})
     else:
         print_results(results, console)
-        console.print(f"written to {folder}", highlight=False)
+        console.print(f"written to {folder}")
     if failed:
         _tell_failed(failed, results, folder, console)
     return failed
@@ -190,7 +188,5 @@ def _tell_failed(failed: int, results: Results, folder: Path, console: Any) -> N
     console.print(
         f"{failed} of {results.run['families']} families failed, wholly or for a method; the first:"
         f" {results.run['failures'][0]}. `malus status {folder}` tells all; {NEXT_RUN}",
-        highlight=False,
-        markup=False,
         soft_wrap=True,
     )

@@ -63,12 +63,11 @@ def score_command(dataset: Path | None, out: Path | None, as_json: bool, **optio
       malus score quick-dataset --method blind --profile polarscale
       malus score my-network --layout pol --truth test-set --method blind --profile polarscale
     """
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.commands.export import not_rendered
 
     folder = out if out is not None else Path("results") / "scores"
-    console = Console(stderr=True, soft_wrap=True)
+    console = plain_console(stderr=True, soft_wrap=True)
     options["metrics"] = asked_metrics(options["metrics"], options.pop("profiles"))
     _check_of_predictions(options)
     options["name"] = options["name"] or "predictions"
@@ -81,10 +80,10 @@ def score_command(dataset: Path | None, out: Path | None, as_json: bool, **optio
     results = _score(dataset, folder, console, options)
     for suspicion in results.run.get("predictions", {}).get("suspicions", []):
         name = options["name"]
-        console.print(f"{name}: {suspicion}", style="yellow", highlight=False, markup=False)
+        console.print(f"{name}: {suspicion}", style="yellow")
     missing = results.run["scenes_missing"]
     if missing and not as_json:
-        console.print(not_rendered(missing, dataset), highlight=False, markup=False)
+        console.print(not_rendered(missing, dataset))
     _tell(results, folder, console, as_json)
 
 
@@ -110,7 +109,7 @@ def _score(dataset: Path, folder: Path, console: Any, options: dict[str, Any]) -
         )
     except PredictionErrors as error:
         for problem in error.problems:
-            console.print(str(problem), highlight=False, markup=False)
+            console.print(str(problem))
         raise
 
 
@@ -151,4 +150,4 @@ def _tell(results: Results, folder: Path, console: Any, as_json: bool) -> None:
             f"{scenes} do not tell which pixels see more than one normal: no skill without them;"
             " `malus render` of this version into a new folder does"
         )
-    console.print(f"written to {folder}", highlight=False)
+    console.print(f"written to {folder}")

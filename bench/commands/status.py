@@ -27,8 +27,7 @@ def status_command(folder: Path, as_json: bool) -> None:
     Example:
       malus status results/quick
     """
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.commands.printing import print_json
     from malus.bench.running.status import status
 
@@ -36,7 +35,7 @@ def status_command(folder: Path, as_json: bool) -> None:
     if as_json:
         print_json(progress.as_json())
         return
-    console = Console(soft_wrap=True, highlight=False, markup=False)
+    console = plain_console(soft_wrap=True)
     console.print(
         f"{progress.what}, {progress.total} {progress.unit}: {progress.done} done, "
         f"{progress.failed_families} failed, {progress.left} left"

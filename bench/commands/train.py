@@ -7,18 +7,16 @@ from typing import Any
 
 import click
 
-from malus.bench.commands.options import command, json_option
+from malus.bench.commands.options import LOCAL, command, json_option
 
 
 @command("train")
-@click.argument("dataset", type=click.Path(path_type=Path))
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="The model, an ONNX file [default: net.onnx]."
-)
+@click.argument("dataset", type=LOCAL)
+@click.option("--out", type=LOCAL, help="The model, an ONNX file [default: net.onnx].")
 @click.option(
     "--from",
     "begin_from",
-    type=click.Path(path_type=Path),
+    type=LOCAL,
     help="Model to go on from, its --width and --prior too.",
 )
 @click.option("--seconds", type=float, help="Time to train for, after reading [default: 600].")
@@ -61,8 +59,7 @@ def train_command(
       malus train random-dataset --out net.onnx --seconds 600
       malus train more-scenes --from net.onnx --out better.onnx --rate 3e-4
     """
-    from rich.console import Console
-
+    from malus.bench.commands.console import plain_console
     from malus.bench.commands.printing import print_json
     from malus.bench.learning.options import TrainingOptions
     from malus.bench.public.train import ablate, shape_of, train
@@ -74,10 +71,10 @@ def train_command(
             raise InputError(f"{name}, ablates", "one of them", "both", "leave one out")
     given = {name: value for name, value in given.items() if value is not None}
     options = TrainingOptions(**(shape_of(begin_from) if begin_from else {}) | given)
-    console = Console(stderr=True)
+    console = plain_console(stderr=True)
     if ablates:
         rows = with_progress(console, "reading", lambda show: ablate(dataset, options, show))
-        print_json(rows) if as_json else Console().print(_table(rows))
+        print_json(rows) if as_json else plain_console().print(_table(rows))
         return
     model = out or Path("net.onnx")
     done = with_progress(

@@ -8,7 +8,6 @@ from itertools import groupby
 from pathlib import Path
 from xml.etree import ElementTree
 
-from rich.markup import escape
 from rich.table import Table
 
 from malus.bench.gates.gate import FALSE_ALARM, Comparison, passed
@@ -79,8 +78,7 @@ def _table(title: str, columns: Row, rows: Sequence[Row]) -> Table:
     for name in columns:
         table.add_column(name)
     for row in rows:
-        # A light may be named after a user's file: brackets are no markup.
-        table.add_row(*(escape(printable(cell)) for cell in row))
+        table.add_row(*(printable(cell) for cell in row))
     return table
 
 

@@ -41,7 +41,7 @@ def silent(_done: int, _total: int, _label: str) -> None:
 def with_progress(console: Console, label: str, work: Callable[[Progress], Any]) -> Any:
     """Call `work` under a progress bar on the console, if that is a terminal; return its value."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
