@@ -73,6 +73,7 @@ for _command in (
 def main() -> None:
     """Run the command line; a user's mistake ends in one line and exit code 2, not a traceback."""
     try:
+        _check_output()
         signal.signal(signal.SIGTERM, _terminate)
         cli.main(standalone_mode=False)
     except (click.exceptions.Abort, KeyboardInterrupt):
@@ -98,6 +99,12 @@ def main() -> None:
         _stop(str(mistake), BAD_INPUT)
     except (OSError, MemoryError) as error:
         _stop(_reason(error), BAD_INPUT)
+
+
+def _check_output() -> None:
+    """Refuse a closed standard output: the next file that is opened would get what is printed."""
+    if sys.stdout is None:
+        _stop("expected standard output, found it closed; write to a file or /dev/null", BAD_INPUT)
 
 
 def _terminate(number: int, frame: object) -> None:

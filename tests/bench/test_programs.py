@@ -112,3 +112,20 @@ def test_a_worker_writes_to_the_error_stream_once_it_runs(tmp_path: Path) -> Non
         "import os\ndef print_error(text):\n    os.write(2, text.encode())\n    return []\n"
     )
     assert told(tmp_path, script(tmp_path, program)) == "[]\nseen"
+
+
+def test_the_package_is_a_program() -> None:
+    command = [sys.executable, "-m", "malus", "status", "nowhere"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("malus: nowhere: expected")
+
+
+@pytest.mark.parametrize("arguments", [["list", "shapes"], ["doctor", "--json"]])
+def test_a_closed_standard_output_is_told(arguments: list[str]) -> None:
+    """The next file that is opened would take its place and get what libraries print."""
+    command = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-m", "malus", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("malus: expected standard output, found it closed")
