@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,8 +27,10 @@ from malus.bench.studies.registry import STUDIES, run_study
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from malus.bench.running.progress import Progress
     from malus.bench.running.results import Results
     from malus.bench.running.worker_process import WorkerProcess
+    from malus.renderers.variant import Variant
     from malus.scenes.suite import Suite
 
 CHANGES = ("samples", "resolution", "seed", "methods", "metrics")
@@ -141,17 +144,27 @@ def _run_with(
 
     folder = out if out is not None else Path("results") / suite.name
     console = plain_console(stderr=True)
+
+    announce = functools.cache(lambda: _announce(suite, variant, console))
+
+    def work(show: Progress) -> Results:
+        def progress(done: int, total: int, label: str) -> None:
+            announce()  # not before: where an option is refused, that is the only line
+            show(done, total, label)
+
+        return run(suite, folder, backend=variant, progress=progress, worker=worker, **options)
+
+    results = with_progress(console, "families", work)
+    return _tell(results, folder, as_json, console)
+
+
+def _announce(suite: Suite, variant: Variant, console: Console) -> None:
+    """Say what begins now."""
     console.print(": ".join(filter(None, (suite.name, suite.description))))
     console.print(
         f"variant {variant.name} ({variant.reason}), {suite.camera.resolution}² pixels, "
-        f"{suite.sampling.samples} samples a pixel",
+        f"{suite.sampling.samples} samples a pixel"
     )
-    results = with_progress(
-        console,
-        "families",
-        lambda show: run(suite, folder, backend=variant, progress=show, worker=worker, **options),
-    )
-    return _tell(results, folder, as_json, console)
 
 
 def _check_names(suite: Suite) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from malus.bench.datasets.layouts import LAYOUTS, Layout, check_is_here
 from malus.bench.running.captures import reconstruct, with_the_guess
-from malus.bench.running.output_folder import prepare_folder
+from malus.bench.running.output_folder import check_holds, prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import (
     Record,
@@ -136,6 +136,8 @@ def score_published(
     >>> sorted(set(results.table.method))
     ['predictions', 'unpolarised']
     """
+    if out is not None:
+        check_holds(as_path(out), "scores")
     folder = as_path(truth)
     check_is_here(folder)
     if predictions is not None:

@@ -23,7 +23,7 @@ from malus.bench.datasets.predictions import (
     find_predictions,
     problems_of,
 )
-from malus.bench.running.output_folder import prepare_folder
+from malus.bench.running.output_folder import check_holds, prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import (
     Record,
@@ -134,9 +134,11 @@ def score_dataset(
     asked = [each for each in with_guess(names, metrics) if each != SENSOR]
     chosen = [own.get(each) or get_method(each) for each in asked]
     measured = get_metrics(tuple(metrics))
-    folder = None if out is None else prepare_folder(as_path(out), "scores")
+    if out is not None:  # which is made only when the predictions are found to be whole
+        check_holds(as_path(out), "scores")
     if predictions is not None and not isinstance(predictions, Predictions):
         predictions = _checked(whole, opened, as_path(predictions), layout, progress)
+    folder = None if out is None else prepare_folder(as_path(out), "scores")
     sensor = SENSOR in names
     results = _score(opened, chosen, measured, predictions, name, progress, sensor)
     results.run["suite"]["metrics"] = list(metrics)

@@ -8,7 +8,7 @@ from typing import Any
 
 from malus.bench.running.results import read_results
 from malus.bench.running.worker_process import WorkerProcess
-from malus.reports.source import is_study
+from malus.reports.source import is_study, read_study
 from malus.reports.write import write_report, write_study
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.remote import as_path
@@ -56,6 +56,8 @@ def report(
     if is_study(where):
         return write_study(where, png)
     studies = tuple(as_path(study) for study in beside)
+    for study in studies:
+        read_study(study)  # what is none is told before a figure is drawn
     elsewhere = None if worker is None else worker.stream
     results = read_results(where)
     if "published" in results.run:

@@ -42,7 +42,7 @@ def prepare_folder(out: Path, content: str = "") -> Path:
         If it cannot be written, or holds something else than `content`.
     """
     try:
-        _check_holds(out, content)
+        check_holds(out, content)
         out.mkdir(parents=True, exist_ok=True)
         for folder in (out, out / PARTS, out / EXAMPLES):
             remove_abandoned(folder)
@@ -56,8 +56,14 @@ def prepare_folder(out: Path, content: str = "") -> Path:
     return out
 
 
-def _check_holds(out: Path, content: str) -> None:
-    """Refuse a folder that holds the files of another command."""
+def check_holds(out: Path, content: str) -> None:
+    """Refuse a folder that holds the files of another command; nothing is made or changed.
+
+    Raises
+    ------
+    InputError
+        If it holds something else than `content`.
+    """
     held = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), content)
     if content and held != content:
         hint = "choose another `out`; nothing was changed"
