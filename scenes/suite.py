@@ -116,6 +116,11 @@ class Suite(Model):
     def _all_surfaces(cls, value: Any) -> Any:
         return tuple(surfaces()) if value == "all" else value
 
+    @field_validator("methods", "metrics")
+    @classmethod
+    def _each_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(names))
+
     @field_validator("sampling")
     @classmethod
     def _usual_depth(cls, sampling: Sampling, info: ValidationInfo) -> Sampling:

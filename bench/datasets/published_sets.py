@@ -139,9 +139,8 @@ def score_published(
     if out is not None:
         check_holds(as_path(out), "scores")
     folder = as_path(truth)
-    check_is_here(folder)
-    if predictions is not None:
-        check_is_here(as_path(predictions))
+    for each in filter(None, (truth, predictions)):
+        check_is_here(as_path(each))
     chosen = _layout(layout, component_range)
     names = _names(folder, chosen, layout)
     by_name((get_method(each).name, each) for each in methods)
@@ -149,12 +148,12 @@ def score_published(
     if predictions is not None and name in {method.name for method in asked}:
         raise InputError("name", "another name than a method's", name, "choose another name")
     expected = "the name of a profile, as of a test set"
-    profiles = [lookup(each, PROFILES, "metric", expected) for each in metrics]
+    profiles = [lookup(each, PROFILES, "metric", expected) for each in dict.fromkeys(metrics)]
     started = time.perf_counter()
     records: list[Record] = []
-    for done, each in enumerate(names):
-        progress(done, len(names), each)
-        pictured = _truth(folder, layout, each, component_range)
+    for done, called in enumerate(names):
+        progress(done, len(names), called)
+        pictured = _truth(folder, layout, called, component_range)
         scorer = _Scorer(pictured, [profile(pictured) for profile in profiles])
         records += [scorer.of_method(method) for method in asked]
         if predictions is not None:

@@ -122,7 +122,7 @@ def score_dataset(
     whole.check_begun()
     opened = whole if split is None else whole.of_split(split)
     methods = [methods] if isinstance(methods, str | Method) else list(methods)
-    metrics = [metrics] if isinstance(metrics, str) else list(metrics)
+    metrics = [metrics] if isinstance(metrics, str) else list(dict.fromkeys(metrics))
     names = [method if isinstance(method, str) else method.name for method in methods]
     _check_request(opened, names, predictions is not None, name)
     by_name(
@@ -131,7 +131,7 @@ def score_dataset(
         if each != SENSOR
     )
     own = {m.name: guarded(m) for m in methods if isinstance(m, Method)}
-    asked = [each for each in with_guess(names, metrics) if each != SENSOR]
+    asked = [each for each in dict.fromkeys(with_guess(names, metrics)) if each != SENSOR]
     chosen = [own.get(each) or get_method(each) for each in asked]
     measured = get_metrics(tuple(metrics))
     if out is not None:  # which is made only when the predictions are found to be whole

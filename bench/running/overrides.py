@@ -87,7 +87,7 @@ def chosen_suite(
         if values[key] is not None:
             data[section][key] = values[key]
     data["methods"], data["metrics"] = list(all_methods), list(all_metrics)
-    asked = Suite.parse(data, f"suite {loaded.name} with the values asked for")
+    asked = Suite.parse(data, "the values asked for")
     # Its files are those of the suite that was loaded: data do not tell in which folder they lie.
     changes = ("description", "camera", "sampling", "methods", "metrics")
     return loaded.model_copy(update={name: getattr(asked, name) for name in changes})

@@ -41,6 +41,8 @@ class InputError(ValueError):
     def __str__(self) -> str:
         """One printable line, whatever the parts contain."""
         found = _shortened(printable(self.found))
+        if not found.strip():  # an empty text would not be seen
+            found = repr(found)
         return (
             f"{printable(self.where)}: expected {printable(self.expected)}, "
             f"found {found}; {printable(self.hint)}"

@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from runs import TINY, formula_dataset, run_malus
+from runs import NOBODY, TINY, formula_dataset, run_malus
 
+from malus.bench.datasets.score import score_dataset
+from malus.bench.running.overrides import chosen_suite
 from malus.reports import write
+from malus.scenes import load_suite
 
 
 @pytest.fixture(scope="module")
@@ -67,3 +70,28 @@ def test_a_wrong_option_of_a_run_is_the_only_line(
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert words in line
+
+
+@pytest.mark.parametrize("option", ["--method", "--metric", "--backend", "--out"])
+def test_an_empty_text_is_seen_in_the_message(option: str) -> None:
+    done = run_malus("run", "quick", option, "")
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "found ''" in line or "found an empty text" in line
+
+
+def test_a_wrong_size_names_no_suite_twice() -> None:
+    done = run_malus("run", "quick", "--resolution", "1")
+    assert done.stderr.startswith("malus: the values asked for, suite quick, camera: expected an")
+
+
+def test_methods_and_metrics_count_once(dataset: Path, tmp_path: Path) -> None:
+    """In a suite, for a run and for a dataset: otherwise rows stood twice in the table."""
+    suite = load_suite("quick")
+    twice = {"methods": ["eq8", "eq8"], "metrics": ["psnr", "psnr"]}
+    again = type(suite).parse(suite.model_dump(mode="json") | twice, "suite")
+    assert (again.methods, again.metrics) == (("eq8",), ("psnr",))
+    for changes in (twice, {name: values[:1] for name, values in twice.items()}):
+        assert chosen_suite("quick", NOBODY, **changes).id == again.id
+    table = score_dataset(dataset, **twice).table
+    assert not table.duplicated(["scene", "method", "metric", "band_nm", "angle_deg"]).any()
