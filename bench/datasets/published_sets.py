@@ -139,7 +139,7 @@ def score_published(
     if out is not None:
         check_holds(as_path(out), "scores")
     folder = as_path(truth)
-    for each in filter(None, (truth, predictions)):
+    for each in (truth, truth if predictions is None else predictions):
         check_is_here(as_path(each))
     chosen = _layout(layout, component_range)
     names = _names(folder, chosen, layout)
