@@ -141,10 +141,11 @@ def _run_with(
     from malus.bench.commands.console import plain_console
     from malus.bench.public.suites import run
     from malus.bench.running.progress import with_progress
+    from malus.bench.running.results import replaced_by
 
     folder = out if out is not None else Path("results") / suite.name
     console = plain_console(stderr=True)
-
+    earlier = replaced_by(folder, suite.id)
     announce = functools.cache(lambda: _announce(suite, variant, console))
 
     def work(show: Progress) -> Results:
@@ -155,6 +156,8 @@ def _run_with(
         return run(suite, folder, backend=variant, progress=progress, worker=worker, **options)
 
     results = with_progress(console, "families", work)
+    if earlier:
+        _tell_replaced(earlier, console)
     return _tell(results, folder, as_json, console)
 
 
@@ -164,6 +167,16 @@ def _announce(suite: Suite, variant: Variant, console: Console) -> None:
     console.print(
         f"variant {variant.name} ({variant.reason}), {suite.camera.resolution}² pixels, "
         f"{suite.sampling.samples} samples a pixel"
+    )
+
+
+def _tell_replaced(earlier: str, console: Console) -> None:
+    """Say whose results were in the folder before, and that they are not lost."""
+    from malus.scenes.core.errors import printable
+
+    console.print(
+        f"replaced results of an earlier run there ({printable(earlier)}); its parts are kept, and"
+        " its command brings them back"
     )
 
 

@@ -316,6 +316,23 @@ def read_results(folder: Path | str) -> Results:
     return Results(table, run)
 
 
+def replaced_by(folder: Path, suite_id: str) -> str:
+    """What a run of another suite, or at other sizes, left as results in a folder; empty: nothing.
+
+    Its parts stay there, so that its command brings the results back.
+    """
+    try:
+        run = _checked(json.loads((folder / RUN).read_text("utf-8")))
+        earlier, size = run["suite"], run["suite"]["camera"]["resolution"]
+        samples, seed = (earlier["sampling"][key] for key in ("samples", "seed"))
+        methods = ", ".join(earlier["methods"])
+    except Exception:  # no results of a run: there is nothing to bring back
+        return ""
+    if run.get("suite_id") == suite_id:
+        return ""
+    return f"{earlier['name']}: {size}² pixels, {samples} samples, seed {seed}, methods {methods}"
+
+
 _COLUMNS = (
     "scene", "shape", "material", "eta", "surface", "alpha", "body", "light", "method", "knowledge",
     "note", "metric", "band_nm", "angle_deg", "value", "noise",

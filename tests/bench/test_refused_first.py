@@ -11,6 +11,7 @@ from malus.bench.datasets.score import score_dataset
 from malus.bench.running.overrides import chosen_suite
 from malus.reports import write
 from malus.scenes import load_suite
+from malus.scenes.core.result_files import TABLE
 
 
 @pytest.fixture(scope="module")
@@ -95,3 +96,16 @@ def test_methods_and_metrics_count_once(dataset: Path, tmp_path: Path) -> None:
         assert chosen_suite("quick", NOBODY, **changes).id == again.id
     table = score_dataset(dataset, **twice).table
     assert not table.duplicated(["scene", "method", "metric", "band_nm", "angle_deg"]).any()
+
+
+def test_a_run_says_whose_results_it_replaces(tmp_path: Path) -> None:
+    """And the earlier command brings them back from its parts."""
+    first = (*TINY, "--method", "unpolarised", "--out", str(tmp_path))
+    assert "replaced" not in run_malus(*first).stderr
+    assert "replaced" not in run_malus(*first).stderr
+    table = (tmp_path / TABLE).read_bytes()
+    told = " ".join(run_malus(*first, "--seed", "5").stderr.split())
+    assert "replaced results of an earlier run there (quick: 8² pixels, 2 samples, seed 1," in told
+    assert (tmp_path / TABLE).read_bytes() != table
+    assert "seed 5" in run_malus(*first).stderr
+    assert (tmp_path / TABLE).read_bytes() == table
