@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from malus.bench.running.parts import PLAN
@@ -41,33 +43,43 @@ def prepare_folder(out: Path, content: str = "") -> Path:
     InputError
         If it cannot be written, or holds something else than `content`.
     """
-    try:
-        check_holds(out, content)
+    check_holds(out, content)
+    with _told(out):
         out.mkdir(parents=True, exist_ok=True)
         for folder in (out, out / PARTS, out / EXAMPLES):
             remove_abandoned(folder)
         _try_to_write(out)
+    return out
+
+
+def check_holds(out: Path, content: str) -> None:
+    """Refuse a file, and a folder of the files of another command; nothing is made or changed.
+
+    Raises
+    ------
+    InputError
+        If it holds something else than `content`, or cannot be read.
+    """
+    with _told(out):
+        held = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), content)
+        held = "a file" if out.is_file() else held
+    if held == "a file" or (content and held != content):
+        expected = f"a new folder, or {content}" if content else "a folder"
+        hint = "choose another `out`; nothing was changed"
+        raise InputError(f"output folder {out}", expected, held, hint)
+
+
+@contextlib.contextmanager
+def _told(out: Path) -> Iterator[None]:
+    """What a folder that cannot be written raises, in one line."""
+    try:
+        yield
     except Exception as error:
         # A store elsewhere may raise anything, for wrong credentials for example.
         if isinstance(error, InputError) or (is_here(out) and not isinstance(error, OSError)):
             raise
         where, expected = f"output folder {out}", "a folder that can be written"
         raise InputError(where, expected, first_line(error), "choose another `out`") from None
-    return out
-
-
-def check_holds(out: Path, content: str) -> None:
-    """Refuse a folder that holds the files of another command; nothing is made or changed.
-
-    Raises
-    ------
-    InputError
-        If it holds something else than `content`.
-    """
-    held = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), content)
-    if content and held != content:
-        hint = "choose another `out`; nothing was changed"
-        raise InputError(f"output folder {out}", f"a new folder, or {content}", held, hint)
 
 
 def _try_to_write(out: Path) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from malus.bench.running.examples import example_ids, is_example_of, with_images_of
 from malus.bench.running.family_task import FamilyResult, FamilyTask
-from malus.bench.running.output_folder import prepare_folder
+from malus.bench.running.output_folder import check_holds, prepare_folder
 from malus.bench.running.parts import (
     Failure,
     Parts,
@@ -75,12 +75,14 @@ def run(
     """
     started = time.perf_counter()
     chosen_variant = variant or choose()
-    families = plan(suite)
     methods = by_name((get_method(reference).name, reference) for reference in suite.methods)
     if suite.metrics:
         from malus.bench.scoring.extra_metrics import get_metrics
 
         get_metrics(suite.metrics)  # whose names are checked before anything is rendered
+    check_holds(as_path(out), "a run")
+    progress(0, 1, "planning")  # half a minute where thousands of objects are drawn
+    families = plan(suite)
     folder = prepare_folder(as_path(out), "a run")
     suite_run = SuiteRun(suite, families, methods, folder, chosen_variant, progress, retry_failed)
     with owned(folder, suite.id):

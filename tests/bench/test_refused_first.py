@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from runs import NOBODY, TINY, formula_dataset, run_malus
+from runs import NOBODY, SUITE, TINY, formula_dataset, run_malus
 
 from malus.bench.datasets.score import score_dataset
+from malus.bench.running import runner
 from malus.bench.running.overrides import chosen_suite
+from malus.bench.running.plan import FamilyPlan, plan
 from malus.reports import write
-from malus.scenes import load_suite
+from malus.scenes import InputError, Suite, load_suite
 from malus.scenes.core.result_files import TABLE
 
 
@@ -71,6 +73,28 @@ def test_a_wrong_option_of_a_run_is_the_only_line(
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert words in line
+
+
+def test_a_run_is_announced_before_it_is_planned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of thousands of drawn objects the plan takes half a minute; a refusal comes before both."""
+    told: list[str] = []
+
+    def planned(suite: Suite) -> list[FamilyPlan]:
+        told.append("the plan")
+        return plan(suite)
+
+    def progress(_done: int, _total: int, label: str) -> None:
+        told.append(label)
+
+    monkeypatch.setattr(runner, "plan", planned)
+    (tmp_path / "photo.png").write_bytes(b"a picture")
+    with pytest.raises(InputError, match="a new folder, or a run, found a file"):
+        runner.run(SUITE, tmp_path / "photo.png", NOBODY, progress)
+    assert not told
+    runner.run(SUITE, tmp_path / "results", NOBODY, progress)
+    assert told[:2] == ["planning", "the plan"]
 
 
 @pytest.mark.parametrize("option", ["--method", "--metric", "--backend", "--out"])
