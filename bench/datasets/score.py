@@ -118,9 +118,7 @@ def score_dataset(
     >>> sorted(results.table.method.unique())
     ['eq8']
     """
-    whole = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
-    whole.check_begun()
-    opened = whole if split is None else whole.of_split(split)
+    whole, opened = _opened(dataset, split)
     methods = [methods] if isinstance(methods, str | Method) else list(methods)
     metrics = [metrics] if isinstance(metrics, str) else list(dict.fromkeys(metrics))
     names = [method if isinstance(method, str) else method.name for method in methods]
@@ -159,6 +157,13 @@ def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name
     if SENSOR in names and dataset.scene(dataset.scenes[0]).sensor is None:
         hint = "add [sensor] to its suite and render it again, or leave this method out"
         raise InputError("method sensor", "a dataset with frames of a sensor", "none", hint)
+
+
+def _opened(dataset: Dataset | Path | str, split: str | None) -> tuple[Dataset, Dataset]:
+    """A dataset that has scenes, and the part of it that is asked for."""
+    whole = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    whole.check_begun()
+    return whole, whole if split is None else whole.of_split(split)
 
 
 def _checked(
