@@ -74,9 +74,9 @@ def headline(results: Results) -> list[dict[str, Any]]:
     """NMSE and skill of every method, body and kind of light, as plain numbers.
 
     Skills are medians over scenes that have one, `skill_unmixed_median` over the pixels of one
-    normal; `without_skill` counts those whose guess is inside the noise. Where an estimate is not
-    finite on any scene, neither error nor skill is a number: without it a method would seem better
-    than it is.
+    normal; `without_skill` counts those that the noise leaves without one. Where an estimate is
+    not finite on any scene, neither error nor skill is a number: without it a method would seem
+    better than it is.
     """
     table = results.headlines
     table = table[table.knowledge == "everything"]

@@ -172,7 +172,9 @@ def finite(sums: FloatArray) -> FloatArray:
     ...
     FloatingPointError: expected finite light from Mitsuba, found 1 of 2 values that are not
     """
-    if not np.isfinite(sums.sum(dtype=np.float64)):
+    with np.errstate(invalid="ignore"):  # of infinities of both signs
+        is_finite = np.isfinite(sums.sum(dtype=np.float64))
+    if not is_finite:
         count = int(np.count_nonzero(~np.isfinite(sums)))
         raise FloatingPointError(
             f"expected finite light from Mitsuba, found {count} of {sums.size} values that are not"

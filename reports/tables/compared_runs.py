@@ -276,7 +276,7 @@ def changes_table(changes: Sequence[Change]) -> TextTable:
 def means_table(names: Sequence[str], runs: Sequence[ResultsLike]) -> TextTable:
     """NMSE and median skill of every method in every run, over all its scenes.
 
-    How many have a skill is told where some have none, their guess being inside the noise.
+    How many have a skill is told where the noise leaves some without one.
     """
     lines = []
     methods = dict.fromkeys(m for run in runs for m in distinct(run.table["method"]))

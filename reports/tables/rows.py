@@ -73,7 +73,7 @@ def overall_rows_at_every_rung(table: pd.DataFrame, metric: str) -> pd.DataFrame
 def not_finite(table: pd.DataFrame, rows: pd.DataFrame) -> pd.Series[bool]:
     """Whether each of `rows` is of an estimate that is not finite: its error is no number.
 
-    Such an estimate has no skill either, as one of a scene whose guess is inside the noise; only
+    Such an estimate has no skill either, as one that is lost in the noise; only
     there the method is not to blame.
 
     Examples

@@ -103,7 +103,10 @@ SEPARATION = (
     " (chromaticity), which it uses, and Mallick et al.'s partial differential equations (suv)."
     " Dispersion makes specular light bluish: no way that takes it for white can reach zero."
 )
-NO_SKILL = "The trivial guess does not rise above the Monte Carlo noise in these scenes."
+NO_SKILL = (
+    "The Monte Carlo noise is too large to tell a skill in these scenes: the trivial guess does not"
+    " rise above it, or the method answers to it with more than its whole error."
+)
 
 
 def no_negative_skill(table: pd.DataFrame) -> str:
@@ -124,7 +127,7 @@ def no_negative_skill(table: pd.DataFrame) -> str:
 
 
 def no_scene_without_skill(table: pd.DataFrame) -> str:
-    """A sentence for a table where the trivial guess hides in the noise of no scene.
+    """A sentence for a table where the noise hides the skill of no method that was scored.
 
     Examples
     --------
@@ -137,11 +140,8 @@ def no_scene_without_skill(table: pd.DataFrame) -> str:
     if skills.empty:
         return "No method but the trivial guess was scored."
     if not_finite(table, skills).any():
-        return (
-            "The trivial guess rises above the noise everywhere; an estimate that is not finite has"
-            " no skill."
-        )
-    return "Every scene has a skill: the trivial guess rises above the noise everywhere."
+        return "The noise is small enough everywhere; an estimate that is not finite has no skill."
+    return "Every scene has a skill: the noise is small enough everywhere."
 
 
 def interpolation(run: dict[str, Any]) -> str:

@@ -33,7 +33,7 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
         which the method could not work), nmse_mean, nmse_max, noise (mean expected Monte Carlo
         part of NMSE), skill_median, skill_min, unmixed_median (of the skill over pixels of one
         normal; NaN where nobody measured which these are), negative and unreported (numbers of
-        scenes whose skill is below zero, and whose trivial guess is inside the noise).
+        scenes whose skill is below zero, and which the noise leaves without one).
 
     Examples
     --------
@@ -100,7 +100,7 @@ def negative_skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
 
 
 def unreported_skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
-    """Light × surface × body where the trivial guess is inside the noise: no skill to report.
+    """Light × surface × body where the noise is too large to tell a skill.
 
     Returns
     -------

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from rooms import needs_arrays
 
+from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba.lighting import NEAR, beside, sampler
 from malus.renderers.variant import choose, mitsuba
-from malus.scenes import Camera, Distant
+from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Torus, Uniform
 
 SLANTED = np.array([-1.06e-12, 1.87e-4, 1.0])
 """Towards a lamp and the camera as a facet that nearly faces them sees it: one sample in three to
@@ -69,3 +70,22 @@ def test_mitsubas_own_integrators_have_it_as_far_beside(camera: Camera) -> None:
     assert turned.irradiance == at_camera.irradiance
     elsewhere = Distant(incidence_deg=1)
     assert beside(elsewhere, Camera().axes[2]) is elsewhere
+
+
+@pytest.mark.parametrize(
+    ("variant", "depth"),
+    [
+        ("scalar", 2),
+        pytest.param("llvm", 2, marks=needs_arrays),
+        pytest.param("llvm", 3, marks=needs_arrays),
+    ],
+)
+def test_light_that_is_not_finite_is_an_error(variant: str, depth: int) -> None:
+    """Sums beyond single precision, in place of what Mitsuba may return."""
+    lamp = Distant(incidence_deg=60).model_copy(update={"irradiance": 3e38})
+    surface = Dielectric(eta=1.5, alpha=0.3)
+    scene = Scene(shape=Torus(), surface=surface, light=Uniform(), camera=Camera(resolution=8))
+    bright = scene.model_copy(update={"light": lamp})
+    sampling = Sampling(samples=16, max_depth=depth)
+    with pytest.raises(FloatingPointError, match="expected finite light from Mitsuba"):
+        render_family([bright], sampling, choose(variant)).truth(bright)
