@@ -1,13 +1,21 @@
 #!/bin/sh
-# Build the wheel, install it into a clean environment outside the checkout, and run a suite there.
+# Build the source archive and from it the wheel, install that into a clean environment outside the
+# checkout, and run a suite there.
 set -eu
 here=$(pwd)
 room=$(mktemp -d)
 trap 'rm -rf "$room"' EXIT
 # A copy, because a build leaves folders behind and must not see those of an earlier one.
 git archive HEAD | (mkdir "$room/source" && tar -x -C "$room/source")
+"$PYTHON" -m venv "$room/builder"
+"$room/builder/bin/python" -m pip install --quiet --disable-pip-version-check build
+"$room/builder/bin/python" -m build --outdir "$room/dist" "$room/source" > "$room/said" 2>&1 || { cat "$room/said"; exit 1; }
+# The wheel is made from the archive, which must hold the checkout but for the tests and what serves its forge.
+git archive HEAD | tar -t | grep -v -e '/$' -e '^tests/' -e '^\.' | sort > "$room/wanted"
+tar -tzf "$room"/dist/malus-*.tar.gz | sed 's,^[^/]*/,,' | sort > "$room/archived"
+missing=$(comm -23 "$room/wanted" "$room/archived")
+[ -z "$missing" ] || { echo "the source archive lacks: $missing; MANIFEST.in says what it holds"; exit 1; }
 "$PYTHON" -m venv "$room/env"
-"$room/env/bin/python" -m pip wheel --quiet --disable-pip-version-check --no-deps -w "$room/dist" "$room/source"
 names=$(cd "$room" && "$PYTHON" -m zipfile -l dist/malus-*.whl | awk 'NR > 1 { split($1, p, "/"); print p[1] }' | sort -u | grep -v dist-info)
 [ "$names" = malus ] || { echo "the wheel's top-level names: expected malus, found: $names"; exit 1; }
 "$room/env/bin/python" -m pip install --quiet --disable-pip-version-check -c "$here/constraints.txt" "$room"/dist/malus-*.whl
