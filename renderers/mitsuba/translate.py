@@ -33,8 +33,8 @@ from malus.scenes.shapes.shapes import (
 )
 
 ORTHOGRAPHIC_DISTANCE = 3.0
-FAR_CLIP = 1e4
-"""Where rays of Mitsuba's cameras end if nothing else is said."""
+NEAR_CLIP, FAR_CLIP = 1e-2, 1e4
+"""Where rays of Mitsuba's cameras begin and end if nothing else is said."""
 LAMP_DISTANCE = 1000.0
 """Distance of a lamp in radii of the objects: its direction differs by 0.06° at most."""
 
@@ -50,6 +50,8 @@ def sensor(
         distance, lens = camera.distance, {"type": "perspective", "fov": camera.fov_deg}
         # The far end enters the rounding of all rays: it stays where it is for cameras nearby.
         lens["far_clip"] = max(FAR_CLIP, 2 * distance)
+        # Half-way to the unit sphere: rays that begin inside an object see its back, which is dark.
+        lens["near_clip"] = min(NEAR_CLIP, 0.5 * (distance - 1.0))
     else:
         lens = {"type": "orthographic"}
     to_world = mi.ScalarTransform4f().look_at(

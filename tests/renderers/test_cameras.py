@@ -207,6 +207,22 @@ def test_the_farthest_camera_sees_what_an_orthographic_one_sees(shape: Shape) ->
     assert (difference > 0.05 * flat.image.max()).sum() <= 3
 
 
+@pytest.mark.parametrize("distance", [1.02, 1.005, 1.00001])
+def test_a_camera_that_all_but_touches_a_ball_sees_its_front(distance: float) -> None:
+    """Mitsuba's rays would begin 0.01 before the pinhole, in the ball, and see its dark back."""
+    camera = wide(8, distance=distance)
+    truth = truth_of(camera, Uniform())
+    assert truth.mask.all()
+    view = camera.view_directions()
+    assert view is not None
+    along = distance * view[..., 2]
+    reach = along - np.sqrt(along**2 - distance**2 + 1.0)  # where x² = 1 on the ray
+    expected = np.array([0.0, 0.0, distance]) - reach[..., None] * view
+    # A pixel's mean normal is that at its middle but for the square of its size.
+    np.testing.assert_allclose(truth.normals, expected, atol=2e-3)
+    assert truth.image.min() > 0
+
+
 @pytest.mark.parametrize(
     ("light", "method", "blindfolded"),
     [
