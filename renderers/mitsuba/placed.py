@@ -25,6 +25,7 @@ from malus.scenes.materials.surface import (
     Surface,
     anisotropic,
 )
+from malus.scenes.shapes.patterns import ImageTexture, Pattern
 from malus.scenes.shapes.shapes import Plane, Sphere
 from malus.scenes.surroundings import Placed
 
@@ -99,6 +100,13 @@ def pattern_on(mi: ModuleType, placed: Placed) -> SurfaceNumber:
     assert isinstance(placed.surface, Patterned)
     number_at = surface_number(mi, placed.surface.pattern, len(placed.surface.surfaces))
     own_of = to_own_frame(mi, placed)
+    if isinstance(placed.shape, Plane) and _is_planar(placed.surface.pattern):
+        # Along z a plane is a line: a picture lies on its face, upright on a wall.
+        def number_on_face(hit: Any) -> Any:
+            own = own_of(hit.p)
+            return number_at(SimpleNamespace(p=mi.Point3f(own.x, -own.z, 0.0)))
+
+        return number_on_face
     # Rounding must not decide on which side of a boundary at y = 0 a plane lies. The factor is
     # data, so that planes and other shapes share a kernel.
     thickness = dr.opaque(mi.Float, 0.0 if isinstance(placed.shape, Plane) else 1.0)
@@ -109,6 +117,10 @@ def pattern_on(mi: ModuleType, placed: Placed) -> SurfaceNumber:
         return number_at(SimpleNamespace(p=point, uv=hit.uv))
 
     return number_in_scene
+
+
+def _is_planar(pattern: Pattern) -> bool:
+    return isinstance(pattern, ImageTexture) and pattern.projection == "planar"
 
 
 def to_own_frame(mi: ModuleType, placed: Placed) -> Callable[[Any], Any]:

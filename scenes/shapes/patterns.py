@@ -147,10 +147,10 @@ class ImageTexture(NamedFile):
     """A grey PNG or EXR file: black is the first surface, white the last.
 
     A grey between is a fine mixture of both neighbours. It is projected along z (`planar`: the
-    square −1..1 of x and y), or from the centre (`spherical`: columns by atan2(−x, −z) from 0 to
-    2π, rows from +y, upright as seen from outside); or it follows a mesh file's own texture
-    coordinates (`uv`: from the lower left corner, repeated beyond 0..1). `digest` is the
-    file's hash, which a suite fills in.
+    square −1..1 of x and y; it lies on a plane's own face, upright on a wall), or from the centre
+    (`spherical`: columns by atan2(−x, −z) from 0 to 2π, rows from +y, upright as seen from
+    outside); or it follows a mesh file's own texture coordinates (`uv`: from the lower left corner,
+    repeated beyond 0..1). `digest` is the file's hash, which a suite fills in.
 
     Examples
     --------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from pictures import ball_with_coordinates, corner
 from PIL import Image
 from rooms import needs_arrays
@@ -38,13 +39,16 @@ SHINY = Dielectric(material="water", alpha=0.15, albedo="blue", body="unpolarise
 GOLD = Conductor(material="gold", alpha=0.25)
 
 
-def among(*objects: Placed, light: object = None) -> Scene:
+IN_FRONT = Camera(resolution=24, half_width=1.2)
+
+
+def among(*objects: Placed, light: object = None, camera: Camera = IN_FRONT) -> Scene:
     """Objects beside a ball that is out of sight."""
     return Scene(
         shape=Sphere(),
         surface=MATT,
         light=light or Distant(incidence_deg=45, azimuth_deg=30),
-        camera=Camera(resolution=24, half_width=1.2),
+        camera=camera,
         surroundings=Surroundings(name="room", objects=objects),
     )
 
@@ -150,6 +154,28 @@ def test_texture_coordinates_stay_with_a_mesh_that_is_moved(tmp_path: Path) -> N
         maps.append(np.where(truth.mask & (truth.normals[..., 2] > 0.4), truth.alpha, 0))
     np.testing.assert_allclose(*maps, atol=0.01)  # rounding, as in test_patterns
     assert {0.25, 0.4} <= set(maps[0].round(6).ravel())
+
+
+@pytest.mark.parametrize(
+    ("elevation", "tilt"), [(90.0, 0.0), (0.0, 90.0)], ids=["floor from above", "wall"]
+)
+def test_a_picture_lies_on_the_face_of_a_plane(
+    tmp_path: Path, elevation: float, tilt: float
+) -> None:
+    """Along z a plane is a line: one row of the picture would be smeared all over it."""
+    paint = Patterned(
+        pattern=ImageTexture(path=str(corner(tmp_path))), surfaces=(MATT, GOLD)
+    )  # gold where the picture is white, in its upper right quarter
+    camera = Camera(resolution=24, half_width=1.0, elevation_deg=elevation)
+    before = tuple(4.0 * camera.axes[2])  # the ball
+    plane = Placed(shape=Plane(), surface=paint, position=before, tilt_deg=tilt)
+    truth = render(among(plane, camera=camera), Sampling(samples=2, max_depth=2))
+    expected = np.full((24, 24), 0.4)
+    expected[:12, 12:] = 0.25
+    # The picture is mixed within half of its pixels beside an edge, 0.3 of an image pixel there, by
+    # a quarter of the step of 0.15 on average; at the corner by both edges: 2 · 0.3 · 0.04 = 0.024.
+    np.testing.assert_allclose(truth.alpha[truth.mask], expected[truth.mask], atol=0.03)
+    assert truth.mask.sum() >= 22 * 22
 
 
 SUITE = """
