@@ -18,6 +18,7 @@ import numpy as np
 from malus.renderers.families.interpolated import Family, interpolate
 from malus.renderers.families.nodes import NodesByAlbedo, nodes_by_albedo
 from malus.renderers.family_key import FamilyKey
+from malus.renderers.mitsuba.coverage import check_facing
 from malus.renderers.mitsuba.kernel_warnings import refused_warnings
 from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, spread_of, unit
 from malus.renderers.mitsuba.path_traced import Room, RoomImages, check_variant, render_room
@@ -84,6 +85,7 @@ def render_bounced(
     started = time.perf_counter()
     room = Room(mitsuba(variant), scenes[0], sampling)
     lobes = _lobes(room.images([[setting] for setting in nodes.rendered]), sampling.samples)
+    check_facing(lobes.normals, lobes.pixels, key.camera, key.shape)
     seconds = time.perf_counter() - started
     error = _interpolation_error(nodes, lobes)
     kept = _at(lobes, nodes.kept)

@@ -17,6 +17,7 @@ from malus.renderers.families.patterned import PatternedFamily, with_part
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba import stokes_integrator, wavefront
 from malus.renderers.mitsuba.bsdfs import bsdfs
+from malus.renderers.mitsuba.coverage import check_facing
 from malus.renderers.mitsuba.kernel_warnings import refused_warnings
 from malus.renderers.mitsuba.lobe_samples import Lobes
 from malus.renderers.mitsuba.path_traced import RenderedScene, render_room
@@ -163,6 +164,7 @@ def _begin_plain(
     def finished() -> Family:
         started = time.perf_counter()
         lobes = wait()
+        check_facing(lobes.normals, lobes.pixels, key.camera, key.shape)
         seconds = began + time.perf_counter() - started
         if points.held_out is None:
             return Family(key, points, lobes, variant.name, seconds, {"rms": 0.0, "worst": 0.0})

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from malus.renderers.mitsuba.rays import Film
-from malus.scenes.core.arrays import BoolArray, Int32Array, IntArray
+from malus.scenes.camera import Camera
+from malus.scenes.core.arrays import BoolArray, Float32Array, Int32Array, IntArray
 from malus.scenes.core.errors import InputError
-from malus.scenes.shapes.shapes import Shape
+from malus.scenes.shapes.shapes import MeshFile, Shape
 
 FAR = 20.0
 """Distance of a camera beyond which `ray_test` errs at the outline of a sphere of radius 1: in 6 of
@@ -53,6 +54,39 @@ def check_seen(touched: BoolArray | IntArray, shape: Shape) -> None:
     if not touched.any():
         hint = "use a camera that sees it, or more resolution"
         raise InputError(shape.label, "an object that covers a pixel", "none", hint)
+
+
+LEAST_FACING = 0.1
+"""Share of a mesh's pixels that have to show the outer side of a face."""
+
+
+def check_facing(normals: Float32Array, pixels: IntArray, camera: Camera, shape: Shape) -> None:
+    """Refuse a mesh file of which the camera sees backs, from which no light comes.
+
+    An open mesh may be inside out: nothing tells its outer side but the order of its corners.
+
+    Parameters
+    ----------
+    normals : (P, 3)
+        Mean normals of pixels, in the world.
+    pixels : (P,)
+        Their flat indices into the image.
+
+    Raises
+    ------
+    InputError
+        If fewer than `LEAST_FACING` of the pixels have a normal towards the camera.
+    """
+    if not isinstance(shape, MeshFile) or not len(pixels):
+        return
+    view = camera.view_directions()
+    toward = camera.axes[2] if view is None else view.reshape(-1, 3)[pixels] @ camera.axes
+    behind = float(np.mean((normals * toward).sum(axis=-1) <= 0))
+    if behind > 1.0 - LEAST_FACING:
+        expected = "faces wound anticlockwise as seen from outside"
+        found = f"backs of faces, which are dark, in {behind:.0%} of its pixels"
+        hint = "flip the faces in the program that wrote it, or move the camera"
+        raise InputError(f"mesh {shape.file}", expected, found, hint)
 
 
 def covering(mi: ModuleType, film: Film, scene: Any, shapes: Sequence[Any]) -> Int32Array:

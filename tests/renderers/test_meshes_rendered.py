@@ -10,7 +10,18 @@ import trimesh
 from made_up import icosphere
 
 from malus.renderers.families.family import render_family
-from malus.scenes import Camera, Dielectric, Distant, MeshFile, Sampling, Scene, Sphere, Uniform
+from malus.renderers.variant import choose
+from malus.scenes import (
+    Camera,
+    Dielectric,
+    Distant,
+    InputError,
+    MeshFile,
+    Sampling,
+    Scene,
+    Sphere,
+    Uniform,
+)
 from malus.scenes.polarisation import dolp
 
 SURFACE = Dielectric(eta=1.5, alpha=0.3, albedo=0.5)
@@ -57,3 +68,25 @@ def test_a_sphere_of_triangles_is_a_sphere(tmp_path: Path, subdivisions: int) ->
     difference = np.abs(analytic.stokes - faceted.stokes)[inner].max()
     assert difference < 1.5 * SURFACE.albedo * turn + 2e-6  # float32
     assert (analytic.mask != faceted.mask).mean() < 0.01
+
+
+@pytest.mark.parametrize("backend", ["auto", "scalar"])
+@pytest.mark.parametrize("inward", [False, True], ids=["outward", "inward"])
+def test_an_open_mesh_that_is_inside_out_is_refused(
+    tmp_path: Path, inward: bool, backend: str
+) -> None:
+    """Nothing turns it, as a closed one is; its truth would be dark, and no error would tell."""
+    ball = icosphere(3)
+    front = ball.faces[ball.vertices[ball.faces].mean(axis=1)[:, 2] > 0]
+    faces = front[:, ::-1] if inward else front
+    trimesh.Trimesh(ball.vertices, faces, process=False).export(tmp_path / "half.ply")
+    shape = MeshFile(path=str(tmp_path / "half.ply"))
+    for azimuth in (0.0, 180.0):  # from behind, the hollow of the other one is seen
+        camera = Camera(resolution=8, azimuth_deg=azimuth)
+        scene = Scene(shape=shape, surface=SURFACE, light=Uniform(), camera=camera)
+        if inward == (azimuth == 0.0):
+            with pytest.raises(InputError, match=r"half\.ply: expected faces wound anticlockwise"):
+                render_family([scene], Sampling(samples=4), choose(backend))
+        else:
+            truth = render_family([scene], Sampling(samples=4), choose(backend)).truth(scene)
+            assert (truth.image[truth.mask] > 0).all()
