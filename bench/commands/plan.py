@@ -62,6 +62,20 @@ def plan_command(ctx: click.Context, /, suite: str, backend: str) -> None:
         f"{Additions.of(planned.suite).label}",
     )
     _tell_thin_highlights(planned, console)
+    _tell_mesh_defects(planned, console)
+
+
+def _tell_mesh_defects(planned: Plan, console: Console) -> None:
+    """Print what is wrong with mesh files."""
+    from malus.bench.running.mesh_defects import mesh_defects
+    from malus.scenes.core.errors import printable
+
+    scenes = (scene for family in planned.families for scene in family.scenes)
+    for file, defects in mesh_defects(scenes).items():
+        if any(defect.startswith(("open", "inconsistent")) for defect in defects):
+            defects = [*defects, "backs of faces that are seen are dark"]
+        told = printable(f"mesh {file}: {'; '.join(defects)}")
+        console.print(told, style="yellow", soft_wrap=True)
 
 
 def _tell_thin_highlights(planned: Plan, console: Console) -> None:

@@ -183,6 +183,9 @@ def outward_normals(
     return normals
 
 
+NO_NORMALS = "no normals in the file"
+"""A defect only where the file's normals are asked for."""
+
 HUGE_FACES = 5_000_000
 """More faces than this are reported as a defect."""
 
@@ -301,7 +304,7 @@ def _without_defects(
         defects.append("inverted: the faces pointed inwards and were turned")
         merged, faces = merged[:, ::-1], faces[:, ::-1]
     if arrays.normals is None:
-        defects.append("no normals in the file")
+        defects.append(NO_NORMALS)
     if len(merged) > HUGE_FACES:
         defects.append(f"huge: {len(merged)} faces")
     if shading == "file":
