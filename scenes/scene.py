@@ -76,7 +76,11 @@ class Scene(Model):
         for placed in self.objects:
             placed.surface.albedos(self.wavelengths_nm)
             if self.surroundings and placed.surface.kind == "measured":
-                raise ValueError("measured surfaces only in scenes without surroundings")
+                expected, hint = (
+                    "measured surfaces only in scenes without surroundings",
+                    "choose one",
+                )
+                raise InputError("surface", expected, placed.surface.label, hint)
         # Among surroundings the scene's own shape may be small.
         if not (self.surroundings or self.camera.sees_the_object):
             hint = "use more resolution, or a camera that is nearer"
@@ -89,7 +93,9 @@ class Scene(Model):
             pattern = placed.surface.pattern if isinstance(placed.surface, Patterned) else None
             by_texture = isinstance(pattern, ImageTexture) and pattern.projection == "uv"
             if by_texture and placed.shape.kind != "mesh":
-                raise ValueError('projection = "uv" only on mesh files')
+                hint = "choose planar or spherical"
+                expected = 'projection = "uv" only on mesh files'
+                raise InputError("pattern", expected, placed.shape.kind, hint)
         return self
 
     @model_validator(mode="after")
@@ -107,8 +113,9 @@ class Scene(Model):
         straight = isinstance(light, Distant) and light.incidence_deg < LEAST_INCIDENCE
         if self.surface.kind == "measured" and straight and self.camera.fov_deg is None:
             # Mitsuba's plugin then gives NaN.
-            expected = f"an incidence_deg of {LEAST_INCIDENCE} or more"
-            raise ValueError(f"{expected}: a pBRDF has no frame for light from the viewer")
+            expected = f"an incidence_deg of {LEAST_INCIDENCE} or more between viewer and light"
+            hint = "move the lamp or the camera: a pBRDF has no frame for light from the viewer"
+            raise InputError("light", expected, f"{light.incidence_deg:g}", hint)
         return self
 
     @property

@@ -243,7 +243,7 @@ def test_where_a_measured_material_cannot_be() -> None:
     scene(surface, CAMERAS["perspective rolled"], Distant(incidence_deg=0))
     beside = (Placed(shape=Sphere(), surface=surface, position=(3, 0, 0)),)
     metal = Conductor(material="gold", alpha=0.3)
-    with pytest.raises(ValueError, match="measured surfaces only in scenes without surroundings"):
+    with pytest.raises(InputError, match="only in scenes without surroundings, found measured;"):
         Scene(
             shape=Sphere(),
             surface=metal,

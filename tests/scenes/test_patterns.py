@@ -200,7 +200,9 @@ def test_coordinates_that_are_not_there_are_told(tmp_path: Path) -> None:
     path.write_text(trimesh.creation.icosphere(subdivisions=1).export(file_type="obj"))
     with pytest.raises(InputError, match=r"bare\.obj: expected texture coordinates for uv"):
         render_family([scene(surface, MeshFile(path=str(path)))], FEW)
-    with pytest.raises(ValueError, match='projection = "uv" only on mesh files'):
+    with pytest.raises(
+        InputError, match='projection = "uv" only on mesh files, found sphere; choose'
+    ):
         scene(surface)
 
 
