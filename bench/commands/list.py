@@ -56,8 +56,8 @@ def list_command(what: str) -> None:
             console.print(make())
 
 
-_UNSHOWN = ("kind", "found_in")
-"""Keys of a model that nobody writes: its name in the table, and the folder of its file."""
+_UNSHOWN = ("kind", "found_in", "digest")
+"""Keys of a model that nobody writes: its name in the table, and folder and hash of its file."""
 
 
 def _new(title: str, *columns: str) -> Table:
@@ -101,26 +101,30 @@ def _metrics() -> Table:
 
 
 def _materials() -> Table:
-    import numpy as np
-
     from malus.bench.public.lists import list_materials
 
-    table = _new("materials", "name", "kind", "η at 587.6 nm", "extrapolated below", "source")
-    visible = np.arange(400.0, 701.0)
+    columns = ("name", "kind", "η at 587.6 nm", "data, nm", "usable, nm", "source")
+    table = _new("materials", *columns)
     for material in list_materials().values():
-        outside = visible[np.asarray(material.extrapolated(visible))]
-        limit = f"{outside.max():.0f} nm" if outside.size else ""
-        table.add_row(material.id, material.kind, f"{material.eta_d:.4f}", limit, material.source)
+        ranges = map(_range, (material.valid_range_nm, material.usable_range_nm))
+        table.add_row(material.id, material.kind, f"{material.eta_d:.4f}", *ranges, material.source)
     return table
+
+
+def _range(ends: tuple[float, float]) -> str:
+    low, high = ends
+    return f"{low:g} to {high:g}"
 
 
 def _metals() -> Table:
     from malus.bench.public.lists import list_metals
 
-    table = _new("metals: materials without a body", "name", *map(_nm, SHOWN_NM), "source")
+    columns = ("name", *map(_nm, SHOWN_NM), "data, nm", "source")
+    table = _new("metals: materials without a body", *columns)
     for metal in list_metals().values():
         indices = [f"{eta.real:.2f} + {eta.imag:.2f}i" for eta in metal.eta(SHOWN_NM)]
-        table.add_row(metal.id, *indices, metal.source)
+        ends = _range((metal.table_nm[0], metal.table_nm[-1]))
+        table.add_row(metal.id, *indices, ends, metal.source)
     return table
 
 
@@ -207,7 +211,11 @@ def _shown(field: FieldInfo) -> str:
     for model in get_args(field.annotation) if value is None else ():
         if issubclass(model, Model):
             return f"left out; {{ {', '.join(model.model_fields)} }}"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(str, value))}]"
     if not isinstance(value, Model):
-        return str(value)
+        return f'"{value}"' if isinstance(value, str) else str(value)
     keys = value.model_dump(exclude_none=True)
     return f"{{ {', '.join(f'{key} = {number:g}' for key, number in keys.items())} }}"

@@ -74,7 +74,7 @@ class Material:
         )
         if self.dispersion == "table":
             return self._from_table(wavelengths)
-        low, high = self.formula_range_nm
+        low, high = self.usable_range_nm
         self._check_wavelengths(
             wavelengths,
             (wavelengths >= low) & (wavelengths <= high),
@@ -100,15 +100,19 @@ class Material:
         return ~((wavelengths >= low) & (wavelengths <= high))
 
     @property
-    def formula_range_nm(self) -> tuple[float, float]:
-        """Wavelengths for which a formula is used: those of its data, and of visible light.
+    def usable_range_nm(self) -> tuple[float, float]:
+        """Wavelengths that have an index: those of the data; of a formula, all visible ones too.
 
         Examples
         --------
-        >>> material("ethanol").formula_range_nm  # its data begin at 477 nm
+        >>> material("ethanol").usable_range_nm  # a formula, whose data begin at 477 nm
         (360.0, 830.0)
+        >>> material("polyvinyl_chloride").usable_range_nm  # a table
+        (400.0, 700.0)
         """
         (low, high), (violet, red) = self.valid_range_nm, VISIBLE_NM
+        if self.dispersion == "table":
+            return self.table_nm[0], self.table_nm[-1]
         return min(low, violet), max(high, red)
 
     @property
@@ -123,7 +127,7 @@ class Material:
         return float((n_d - 1.0) / (n_f - n_c))
 
     def _from_table(self, wavelengths: Float64Array) -> Float64Array:
-        low, high = self.table_nm[0], self.table_nm[-1]
+        low, high = self.usable_range_nm
         inside = (wavelengths >= low) & (wavelengths <= high)
         self._check_wavelengths(
             wavelengths, inside, f"wavelengths within its table, {low:g} to {high:g} nm"
