@@ -110,8 +110,9 @@ class Scene(Model):
     @model_validator(mode="after")
     def _light_beside_camera(self) -> Self:
         light = self.light_in_image
-        straight = isinstance(light, Distant) and light.incidence_deg < LEAST_INCIDENCE
-        if self.surface.kind == "measured" and straight and self.camera.fov_deg is None:
+        if self.surface.kind != "measured" or self.camera.fov_deg is not None:
+            return self
+        if isinstance(light, Distant) and light.incidence_deg < LEAST_INCIDENCE:
             # Mitsuba's plugin then gives NaN.
             expected = f"an incidence_deg of {LEAST_INCIDENCE} or more between viewer and light"
             hint = "move the lamp or the camera: a pBRDF has no frame for light from the viewer"
