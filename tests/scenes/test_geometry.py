@@ -315,3 +315,16 @@ def test_a_stretched_sphere_is_an_ellipsoid() -> None:
     assert np.abs((points**2 / axes**2).sum(axis=1) - 1).max() < 1e-5  # of float32
     assert mesh.normals is not None
     np.testing.assert_allclose(mesh.normals, unit(points / axes**2), atol=1e-5)
+
+
+@pytest.mark.parametrize(("thickness", "degrees"), [(0.5, 0.03), (0.1, 0.3), (0.02, 5.0)])
+def test_the_rim_of_a_flattened_sphere_is_as_exact_as_is_told(
+    thickness: float, degrees: float
+) -> None:
+    """Against the gradient of an ellipsoid's equation, at the points between the vertices."""
+    stretch = np.array([thickness, 1.0, 1.0])
+    mesh = superquadric(1.0, 1.0, (thickness, 1.0, 1.0))
+    weights, normals = interpolated(mesh)
+    points = np.einsum("fk,fkj->fj", weights, mesh.vertices[mesh.faces].astype(np.float64))
+    angle = np.degrees(np.linalg.norm(unit(points / stretch**2) - normals, axis=1).max())
+    assert 0.1 * degrees < angle < degrees  # and no better by far
