@@ -16,6 +16,7 @@ from malus.reconstruct.photos.capture_angles import (
     Unit,
     Zero,
     check_angles,
+    check_counting,
     conventional,
     in_degrees,
 )
@@ -152,7 +153,7 @@ def read_capture(
     Raises
     ------
     InputError
-        An offset that is not finite, fewer than three different angles modulo 180°, names without
+        Unknown words for `zero` or `sense`, an offset that is not finite, fewer than three different angles modulo 180°, names without
         an angle or with several, angles in an unknown unit, pictures of different sizes, an
         unreadable one, or no light that is not clipped.
 
@@ -168,6 +169,7 @@ def read_capture(
     ((3, 2, 2, 1), (-90.0, -30.0, 30.0))
     """
     path = Path(path)
+    check_counting(zero, sense)
     if not math.isfinite(offset_deg):
         raise InputError("offset", "finite degrees", f"{offset_deg}", "correct this value")
     if mosaic is None:

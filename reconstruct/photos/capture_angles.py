@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 from malus.scenes.core.errors import InputError, first_line
 from malus.scenes.polarisation import FROM_VERTICAL_DEG, tell_stokes
@@ -67,6 +67,19 @@ def conventional(angle_deg: float, zero: Zero, sense: Sense) -> float:
     return turned + FROM_VERTICAL_DEG if zero == "horizontal" else turned
 
 
+def check_counting(zero: Zero | None, sense: Sense) -> None:
+    """Refuse other words for where angles count from, and which way: they would count wrongly.
+
+    Raises
+    ------
+    InputError
+        With the words that there are.
+    """
+    for name, word, words in (("zero", zero, get_args(Zero)), ("sense", sense, get_args(Sense))):
+        if word not in words and not (name == "zero" and word is None):
+            raise InputError(name, " or ".join(words), f"{word}", "choose one of them")
+
+
 def in_degrees(angles: Sequence[float], unit: Unit | None, where: str) -> tuple[float, ...]:
     """Angles in degrees; those that could be radians are refused where no unit is given.
 
@@ -105,8 +118,8 @@ def read_angles_file(path: Path) -> dict[str, float]:
     """Angle by file name, from `angles.json`. Raises InputError."""
     example = '{"a.png": 0, "b.png": 60, "c.png": 120}'
     try:
-        data = json.loads(path.read_text("utf-8"))
-        angles = {str(name): float(angle) for name, angle in data.items()}
+        data = json.loads(path.read_text("utf-8"), object_pairs_hook=_each_once)
+        angles = {str(name): _not_boolean(angle) for name, angle in data.items()}
     except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(str(path), example, first_line(error), "correct it") from None
     for name, angle in angles.items():
@@ -114,6 +127,22 @@ def read_angles_file(path: Path) -> dict[str, float]:
             expected = "names of files in the folder and degrees"
             raise InputError(str(path), expected, f"{name}: {angle}", "correct it")
     return angles
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON, of which a name that stands in it twice would be read once."""
+    names = [name for name, _ in pairs]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ValueError(f"{twice[0]} twice")
+    return dict(pairs)
+
+
+def _not_boolean(value: Any) -> float:
+    """A number that is written as one: Python would take true for 1."""
+    if isinstance(value, bool):
+        raise ValueError(f"{str(value).lower()} for an angle")
+    return float(value)
 
 
 class Properties(NamedTuple):
@@ -157,7 +186,7 @@ def _single(value: Any) -> float:
         value = value["values"]
     while isinstance(value, list) and len(value) == 1:
         value = value[0]
-    return float(value)
+    return _not_boolean(value)
 
 
 def angles_in_names(folder: Path, names: Sequence[str]) -> dict[str, float]:

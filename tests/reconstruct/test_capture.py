@@ -19,7 +19,7 @@ from malus.bench.scoring.capture_score import colour_differences, score_capture
 from malus.reconstruct.photos import capture
 from malus.reconstruct.photos.angle_convention import check_convention
 from malus.reconstruct.photos.capture import conventional, read_capture
-from malus.reconstruct.photos.capture_fit import fit_capture
+from malus.reconstruct.photos.capture_fit import fit_capture, noise_by_angles
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.scenes import InputError, polarisation
 
@@ -264,3 +264,43 @@ def test_codes_count_alike_in_either_byte_order(tmp_path: Path) -> None:
         captures.append(read_capture(tmp_path / "codes.npy", **told))
     assert captures[0].pictures.max() < 1
     np.testing.assert_array_equal(captures[0].pictures, captures[1].pictures)
+
+
+@pytest.mark.parametrize(("name", "word"), [("zero", "up"), ("sense", "ccw")])
+def test_unknown_words_for_the_angles_are_refused(tmp_path: Path, name: str, word: str) -> None:
+    stokes, _ = dome_stokes(16)
+    write_capture(tmp_path, stokes, NAMED)
+    with pytest.raises(InputError, match=f"{name}: expected .*, found {word}"):
+        read_capture(tmp_path, **{name: word})
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ('{"pol_000.tif": 0, "pol_030.tif": 30, "pol_060.tif": 60, "pol_030.tif": 90}', "twice"),
+        ('{"pol_000.tif": 0, "pol_030.tif": 30, "pol_060.tif": true}', "true for an angle"),
+    ],
+)
+def test_angles_that_json_would_lose_or_change_are_refused(
+    tmp_path: Path, text: str, found: str
+) -> None:
+    stokes, _ = dome_stokes(16)
+    write_capture(tmp_path, stokes, NAMED)
+    (tmp_path / "angles.json").write_text(text)
+    with pytest.raises(InputError, match=found):
+        read_capture(tmp_path)
+
+
+@pytest.mark.parametrize("angles", [(0, 60, 120), (0, 30, 60), (0, 10, 20, 30), (0, 90, 179.5)])
+def test_noise_by_angles_is_that_of_noisy_pictures(angles: tuple[float, ...]) -> None:
+    draws, spread = 40_000, 1e-3
+    noise = np.random.default_rng(0).normal(0, spread, (len(angles), 1, draws, 1))
+    pictures = (0.5 + noise).astype(np.float32)
+    dark, names = np.zeros((1, draws), bool), tuple(f"{a}" for a in angles)
+    fit = fit_capture(capture.Capture(pictures, angles, dark, names, "light", one_exposure=True))
+    covariance = np.cov(fit.stokes.reshape(-1, 3)[:, 1:], rowvar=False)
+    measured = np.sqrt(np.linalg.eigvalsh(covariance)[-1]) / (spread * np.sqrt(8 / len(angles)))
+    # Four standard deviations of a standard deviation over so many draws.
+    assert noise_by_angles(angles) == pytest.approx(measured, rel=4 / np.sqrt(2 * draws))
+    is_told = any("close together" in warning for warning in fit.warnings)
+    assert is_told == (measured > 4)
