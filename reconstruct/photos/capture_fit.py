@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,9 @@ CLIPPED = 0.002
 """Share of clipped pixels that is worth a warning."""
 UNSTEADY = 0.02
 """Residual of the fit over the mean from which the light, or the polariser, was not steady."""
+
+NOISY = 4.0
+"""Times the noise of angles evenly around the half circle from which that of others is told."""
 
 
 @dataclass(frozen=True)
@@ -155,10 +159,32 @@ def _warnings(
         if capture.one_exposure:
             cause = "the angles of `mosaic` or the `packing` are wrong, or all is edges"
         warnings.append(f"residual of {relative:.1%}: {cause}")
+    noise = noise_by_angles(capture.angles_deg)
+    if noise > NOISY:
+        warnings.append(
+            f"the angles lie close together, modulo 180°: noise in s1 and s2 is {noise:.0f} times"
+            " that of as many angles evenly around"
+        )
     over = float(np.mean(polarisation.dolp(stokes) > 1.0))
     if over > 0.01:
         warnings.append(f"{over:.1%} of the values are more than completely polarised")
     return tuple(warnings)
+
+
+def noise_by_angles(angles_deg: Sequence[float]) -> float:
+    """Largest standard error in s1 and s2, over that of as many angles evenly around.
+
+    Of the normal equations; of n angles evenly around it is √(8/n) times the noise of a picture.
+
+    Examples
+    --------
+    >>> round(noise_by_angles((0.0, 60.0, 120.0)), 6), round(noise_by_angles((0.0, 10.0, 20.0)))
+    (1.0, 25)
+    """
+    matrix = polarisation.analyser(angles_deg)
+    covariance = np.linalg.inv(matrix.T @ matrix)
+    largest = float(np.linalg.eigvalsh(covariance[1:, 1:])[-1])
+    return math.sqrt(largest * len(angles_deg) / 8.0)
 
 
 def capture_summary(capture: Capture, fit: CaptureFit) -> dict[str, Any]:
