@@ -153,9 +153,9 @@ def read_capture(
     Raises
     ------
     InputError
-        Unknown words for `zero` or `sense`, an offset that is not finite, fewer than three different angles modulo 180°, names without
-        an angle or with several, angles in an unknown unit, pictures of different sizes, an
-        unreadable one, or no light that is not clipped.
+        Unknown words for `zero` or `sense`, an offset that is not finite, fewer than three
+        different angles modulo 180°, names without an angle or with several, angles in an unknown
+        unit, pictures of different sizes, an unreadable one, or no light that is not clipped.
 
     Examples
     --------

@@ -26,8 +26,16 @@ from malus.scenes.core.errors import InputError, reading
 _TEXT_TAGS = (271, 272, 306, 315, 33432)
 """Make, model, date, artist, copyright."""
 _ICC_TAG, _EXIF_TAG = 34675, 34665
+_CAPTION_TAGS = (700, 33723, 34377)
+"""XMP, captions after IPTC, and Photoshop's, which hold both."""
+_NO_UNIT, _INCH, _CENTIMETRE = 1, 2, 3
 _REDUCED = 1
 """Bit of a page's subfile type that says it is a small copy of another one."""
+_HINTS = {
+    "float64": "write it as float32", "CFA": "develop it", "LINEAR_RAW": "develop it",
+    "four channels of grey": "write RGB with opacity; pictures through a polariser are a capture",
+}  # fmt: skip
+"""What to do about forms that are refused, where that is not to convert them to RGB."""
 _MOST_PAGES = 200
 _NOWHERE = logging.NullHandler()
 """For the log of tifffile, which would go to the error stream where a program sets up none."""
@@ -56,6 +64,7 @@ def read_tiff(path: Path, linear: bool, part: str | None = None) -> Picture:
         metadata = _metadata(page)
         bits, premultiplied = int(page.bitspersample), _is_premultiplied(page)
         has_exif = _EXIF_TAG in page.tags
+        notes = (*notes, *_notes(page))
     if codes.dtype.kind == "f":
         if codes.dtype == np.float16:
             notes = (*notes, "floats of 16 bits are written with 32")
@@ -112,12 +121,23 @@ def _check_form(path: Path, page: Any) -> None:
         (page.dtype not in (np.uint8, np.uint16, np.float16, np.float32), str(page.dtype)),
         (page.dtype == np.uint8 and page.bitspersample < 8, f"{page.bitspersample} bits"),
         (len(page.shape) not in (2, 3) or samples > 4, f"shape {page.shape}"),
+        (photometric == "MINISBLACK" and samples == 4, "four channels of grey"),
     ]
     for is_wrong, form in wrong:
         if is_wrong:
             expected = "grey or RGB of 8 to 16 or float bits"
-            hint = "develop it" if photometric in ("CFA", "LINEAR_RAW") else "convert it to RGB"
+            hint = _HINTS.get(form, _HINTS.get(photometric, "convert it to RGB"))
             raise InputError(str(path), expected, form, hint)
+
+
+def _notes(page: Any) -> tuple[str, ...]:
+    """What of a page is taken for something, or left out."""
+    three = page.samplesperpixel == 3 and getattr(page.photometric, "name", "") == "MINISBLACK"
+    told = {
+        "its three channels of grey are taken for red, green and blue": three,
+        "XMP and captions after IPTC are left out": any(t in page.tags for t in _CAPTION_TAGS),
+    }
+    return tuple(note for note, is_so in told.items() if is_so)
 
 
 def interleaved(page: Any) -> AnyArray:
@@ -160,12 +180,16 @@ def _metadata(page: Any) -> dict[str, Any]:
         kept["iccprofile"] = tags[_ICC_TAG].value
     if 282 in tags and 283 in tags:
         kept["resolution"] = (tags[282].value, tags[283].value)
-        kept["resolutionunit"] = int(tags[296].value) if 296 in tags else 2
-    texts = [(code, 2, 0, str(tags[code].value), True) for code in _TEXT_TAGS if code in tags]
+        unit = int(tags[296].value) if 296 in tags else _INCH
+        kept["resolutionunit"] = unit if unit in (_NO_UNIT, _INCH, _CENTIMETRE) else _NO_UNIT
+    # As bytes, since tifffile writes no other strings than ASCII.
+    texts = [
+        (code, 2, None, str(tags[code].value).encode(), True) for code in _TEXT_TAGS if code in tags
+    ]
     if texts:
         kept["extratags"] = texts
     if page.description:
-        kept["description"] = page.description
+        kept["description"] = page.description.encode()
     if page.samplesperpixel in (2, 4):
         names = {1: "assocalpha", 2: "unassalpha"}
         kept["extrasamples"] = [names.get(int(s), "unspecified") for s in page.extrasamples[-1:]]

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
+import PIL.Image
 import pytest
 import tifffile
 from click.testing import CliRunner
 from pictures import SMOOTH, rewritten
 
 from malus.bench.commands.filter import filter_command
+from malus.reconstruct.photos.capture import read_capture
 from malus.reconstruct.photos.read_picture import read_picture
 from malus.scenes import InputError
 
@@ -228,3 +230,42 @@ def test_layers_are_refused_or_chosen_by_name(tmp_path: Path) -> None:
         np.testing.assert_allclose(written[name], plane, rtol=1e-6)
     write_exr(path, {name: plane for name, plane in layers.items() if name.startswith("left")})
     assert read_picture(path).linear.shape == (8, 9, 3)
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "cp1252"])
+def test_names_in_every_alphabet_go_out_as_they_came_in(tmp_path: Path, coding: str) -> None:
+    """Programs write them as UTF-8, and older ones in the code page of Windows."""
+    path, texts = tmp_path / "a.tif", {270: "Größe", 271: "Gerät", 315: "Jürgen", 33432: "© Müller"}
+    tags = [(code, 2, None, text.encode(coding), True) for code, text in texts.items()]
+    tifffile.imwrite(path, SMOOTH, photometric="rgb", metadata=None, extratags=tags)
+    copy = rewritten(path, read_picture(path))
+    with tifffile.TiffFile(copy) as file:
+        assert {code: file.pages.first.tags[code].value for code in texts} == texts
+    np.testing.assert_array_equal(tifffile.imread(copy), SMOOTH)
+
+
+def test_an_unknown_unit_of_resolution_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    PIL.Image.fromarray(SMOOTH).save(path, tiffinfo={282: 72.0, 283: 72.0, 296: 9})
+    with tifffile.TiffFile(rewritten(path, read_picture(path))) as file:
+        assert file.pages.first.tags[296].value == 1
+
+
+def test_what_a_tiff_loses_is_told(tmp_path: Path) -> None:
+    tags = [(700, 1, None, b"<x:xmpmeta/>", True)]
+    tifffile.imwrite(tmp_path / "a.tif", SMOOTH, photometric="rgb", extratags=tags)
+    assert read_picture(tmp_path / "a.tif").notes == ("XMP and captions after IPTC are left out",)
+
+
+def test_channels_that_are_no_colours(tmp_path: Path) -> None:
+    """Four angles of a polariser are no red, green, blue and opacity."""
+    path, options = tmp_path / "a.tif", {"photometric": "minisblack", "planarconfig": "contig"}
+    tifffile.imwrite(path, np.dstack([SMOOTH, SMOOTH[..., 0]]), **options)
+    with pytest.raises(InputError, match="found four channels of grey; write RGB"):
+        read_picture(path)
+    assert len(read_capture(path, angles=(0, 45, 90, 135)).pictures) == 4
+    tifffile.imwrite(path, SMOOTH, **options)
+    assert "taken for red, green and blue" in read_picture(path).notes[0]
+    tifffile.imwrite(path, SMOOTH.astype(np.float64), photometric="rgb")
+    with pytest.raises(InputError, match="found float64; write it as float32"):
+        read_picture(path)
