@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from malus.reconstruct.photos.picture import check_size
-from malus.reconstruct.photos.read_picture import read_picture
+from malus.reconstruct.photos.read_picture import SUFFIXES, read_picture
 from malus.scenes.core.arrays import AnyArray, BoolArray, Float32Array, IntArray
 from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.quiet import quiet
 
 
 def read_mask(path: Path | str, shape: tuple[int, int]) -> BoolArray:
@@ -31,12 +33,39 @@ def read_mask(path: Path | str, shape: tuple[int, int]) -> BoolArray:
 
 def _opaque(path: Path) -> Float32Array:
     """Values (height, width, channels) of a picture that hides nothing by being transparent."""
+    if (values := _of_few_values(path)) is not None:
+        return values
     picture = read_picture(path, linear=True)
     if picture.alpha is not None and (picture.alpha < picture.alpha.max()).any():
         hint = "write what is meant in black and white"
         raise InputError(str(path), "an opaque picture", "transparent parts", hint)
     return picture.linear
 
+
+def _of_few_values(path: Path) -> Float32Array | None:
+    """Values of a picture of 1 bit a pixel or of opaque colours of a palette; None of others.
+
+    A photograph of them would not be written as it came in; a mask is only read.
+    """
+    import PIL.Image
+    import PIL.ImageOps
+
+    if SUFFIXES.get(path.suffix.lower()) not in _OF_FEW_VALUES or not path.is_file():
+        return None
+    with suppress(Exception), quiet(), PIL.Image.open(path) as image:
+        wanted = {"1": "L", "P": "RGB"}.get(image.mode)
+        is_plain = "transparency" not in image.info and getattr(image, "n_frames", 1) == 1
+        if wanted is None or not is_plain:
+            return None
+        check_size(path, *image.size)
+        turned = PIL.ImageOps.exif_transpose(image.convert(wanted))
+        values = np.asarray(turned, np.float32) / 255
+        return values if values.ndim == 3 else values[..., None]
+    return None  # what is wrong with it is told where it is read as others are
+
+
+_OF_FEW_VALUES = ("PNG", "BMP", "TIFF")
+"""Formats in which programs write masks and labels of 1 bit a pixel or with a palette."""
 
 MOST_OBJECTS = 255
 """Most objects that a label image may have: more are a photograph, or the marks of a JPEG."""
@@ -82,7 +111,8 @@ def _check_objects(path: Path, objects: int) -> None:
 def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
     """Normals (height, width, 3) from a .npy or EXR of vectors, or a picture of ½ (n + 1).
 
-    Vectors are made unit; those shorter than ½, or that face away, become zero: no normal.
+    A TIFF of floats, some of them below 0, holds vectors as an EXR does. Vectors are made unit;
+    those shorter than ½, or that face away, become zero: no normal.
 
     Raises
     ------
@@ -108,7 +138,8 @@ def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
 
 def _vectors(path: Path) -> AnyArray:
     picture = read_picture(path, linear=True)
-    return picture.linear if picture.kind == "EXR" else 2 * picture.linear - 1
+    is_vectors = picture.kind == "EXR" or float(picture.linear.min()) < 0  # ½ (n + 1) never is
+    return picture.linear if is_vectors else 2 * picture.linear - 1
 
 
 def _npy(path: Path) -> AnyArray:
