@@ -159,7 +159,15 @@ def deep_avif() -> bytes:
 
 def with_gamma(path: Path) -> None:
     light = np.random.default_rng(1).random((8, 8, 3), np.float32)
-    write_picture(path, Picture(light, "PNG", power_transfer(1.0, 16), metadata={"gamma": 1.0}))
+    write_picture(
+        path,
+        Picture(
+            light,
+            "PNG",
+            power_transfer(1.0, 16),
+            metadata={"chunks": {b"gAMA": struct.pack(">I", 100_000)}},
+        ),
+    )
 
 
 def with_exif() -> bytes:

@@ -1,12 +1,14 @@
-"""Tone curves that a picture declares where it has no colour profile: a gamma, or a code of video.
+"""Tone curves and primaries that a picture declares without a profile: numbers, or codes of video.
 
-Sources: PNG 3rd edition, chunks gAMA, sRGB and cICP; Exif 2.32, tags Gamma, ColorSpace and
+Sources: PNG 3rd edition, chunks gAMA, cHRM, sRGB and cICP; Exif 2.32, tags Gamma, ColorSpace and
 InteroperabilityIndex (DCF 2.0, Adobe RGB); ITU-T H.273, table 3, which AVIF and HEIC name.
 """
 
 from __future__ import annotations
 
 import re
+import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +24,34 @@ _LIKE_SRGB = 0.02
 _NCLX, _CICP = (re.compile(p, re.DOTALL) for p in (rb"colrnclx..(..)", rb"\x04cICP.(.)"))
 _CODES = {"AVIF": _NCLX, "HEIF": _NCLX, "PNG": _CICP}
 """Where files of video's kin, and PNG, tell the number of a curve."""
+_PRIMARIES = re.compile(rb"colrnclx(..)", re.DOTALL)
+_PRIMARIES_OF_SRGB = (0, 1, 2, 5, 6)
+"""Those of BT.709, unspecified ones, and BT.601's, which programs show as sRGB's."""
+_SRGB_CURVE, _RGB, _FULL_RANGE = 13, 0, 1
+"""Codes of H.273 for the curve and the matrix, and for codes that use all of their range."""
+_COLOUR_CHUNKS = (b"gAMA", b"cHRM", b"sRGB", b"cICP")
 _OF_SRGB = (0, 1, 2, 6, 13, 14, 15)
 """sRGB, unspecified, and the curve of BT.709, which programs show as sRGB."""
 _GAMMAS = {4: 2.2, 5: 2.8, 8: 1.0}
 _HIGH_RANGE = {16: "the PQ curve of high dynamic range", 18: "the HLG curve of high dynamic range"}
 
 
-def declared_gamma(path: Path, image: Any) -> float | None:
-    """The power of a file's values that is light; None where they are sRGB's.
+def declared_colours(path: Path, image: Any) -> tuple[float | None, dict[bytes, bytes]]:
+    """The power of a file's values that is light, and chunks of a PNG that say it and more.
+
+    The power is None where it is sRGB's curve. The chunks, which may tell primaries too, are none
+    where the colours are sRGB's and no PNG says so. `image` is the file as Pillow opened it.
 
     Raises
     ------
     InputError
         For curves of high dynamic range.
     """
+    gamma = _declared_gamma(path, image)
+    return gamma, _colour_chunks(path, image, gamma)
+
+
+def _declared_gamma(path: Path, image: Any) -> float | None:
     with path.open("rb") as file:
         head = file.read(1 << 16)
     match = _CODES[image.format].search(head) if image.format in _CODES else None
@@ -47,6 +63,33 @@ def declared_gamma(path: Path, image: Any) -> float | None:
             return None
         return 1 / float(written)
     return _of_exif(image) or _of_xmp(image)
+
+
+def _colour_chunks(path: Path, image: Any, gamma: float | None) -> dict[bytes, bytes]:
+    if image.format == "PNG":
+        return dict(_chunks_of(path))
+    written = {} if gamma is None else {b"gAMA": struct.pack(">I", round(100_000 / gamma))}
+    with path.open("rb") as file:
+        head = file.read(1 << 16)
+    match = _PRIMARIES.search(head) if image.format in ("AVIF", "HEIF") else None
+    primaries = 1 if match is None else int.from_bytes(match[1], "big")
+    if primaries in _PRIMARIES_OF_SRGB or primaries > 255:
+        return written
+    code = next((code for code, power in _GAMMAS.items() if power == gamma), _SRGB_CURVE)
+    return {**written, b"cICP": bytes([primaries, code, _RGB, _FULL_RANGE])}
+
+
+def _chunks_of(path: Path) -> Iterator[tuple[bytes, bytes]]:
+    """Name and content of those chunks of a PNG, which all stand before its pixels."""
+    with path.open("rb") as file:
+        file.seek(8)
+        while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
+            length, name = struct.unpack(">I4s", head)
+            if name in _COLOUR_CHUNKS:
+                yield name, file.read(length)
+                file.seek(4, 1)
+            else:
+                file.seek(length + 4, 1)
 
 
 def _of_code(path: Path, code: int) -> float | None:

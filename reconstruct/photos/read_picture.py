@@ -9,6 +9,7 @@ turned upright first, because the angles of a polariser are those that a viewer 
 from __future__ import annotations
 
 import importlib
+import logging
 import re
 import warnings
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from malus.reconstruct.photos.declared_curves import declared_gamma
+from malus.reconstruct.photos.declared_curves import declared_colours
 from malus.reconstruct.photos.picture import (
     ORIENTATION,
     UPRIGHT,
@@ -58,6 +59,9 @@ _EXIF_TEXTS = ("Raw profile type exif", "Raw profile type APP1")
 """Texts of a PNG that are its EXIF: this is kept upright, and as EXIF."""
 _GAIN_MAPS = (b"hdrgm:", b"urn:iso:std:iso:ts:21496")
 """How Ultra HDR JPEGs of Android, and those after ISO 21496-1, announce their gain map."""
+
+_NOWHERE = logging.NullHandler()
+"""For libpng's remarks, which would go to the error stream where a program sets up no log."""
 
 
 def read_picture(path: Path | str, linear: bool = False, part: str | None = None) -> Picture:
@@ -135,7 +139,8 @@ def _read_with_pillow(path: Path, kind: str, linear: bool) -> Picture:
             orientation = int(image.getexif().get(ORIENTATION, 1))
             metadata = _metadata(path, image)
             kind, bits = _KINDS.get(image.format, image.format), _bits(path, image)
-            gamma = None if metadata.get("icc_profile") else declared_gamma(path, image)
+            has_profile = bool(metadata.get("icc_profile"))
+            gamma, chunks = (None, {}) if has_profile else declared_colours(path, image)
             if "transparency" in image.info and image.mode in ("L", "RGB"):
                 image = image.convert("LA" if image.mode == "L" else "RGBA")
                 notes = (*notes, "the transparent colour is written as an alpha channel")
@@ -144,7 +149,7 @@ def _read_with_pillow(path: Path, kind: str, linear: bool) -> Picture:
             if "photoshop" in image.info:
                 notes = (*notes, "captions after IPTC are left out")
             codes = np.asarray(image)
-    if kind in ("AVIF", "HEIF") and (bits > 8 or gamma is not None):
+    if kind in ("AVIF", "HEIF") and (bits > 8 or chunks):
         notes = (*notes, f"{kind} of {bits} bits a channel and its curve is written as a PNG")
         codes = codes if bits == 8 else _deep_heif(path, kind, bits)
         kind, bits = "PNG", 8 if bits == 8 else 16
@@ -152,8 +157,8 @@ def _read_with_pillow(path: Path, kind: str, linear: bool) -> Picture:
         codes = _deep_png(path)
     elif bits == 16:
         codes = codes.astype(np.uint16)
-    if kind == "PNG" and gamma is not None:
-        metadata["gamma"] = 1 / gamma
+    if kind == "PNG" and chunks:
+        metadata["chunks"] = chunks
     transfer = transfer_of(metadata.get("icc_profile"), bits, linear, path, gamma)
     picture = from_codes(upright(codes, orientation), kind, transfer, metadata, notes=notes)
     return replace(picture, turned=orientation != UPRIGHT)
@@ -263,6 +268,7 @@ def _deep_png(path: Path) -> AnyArray:
     """Codes of a PNG with 16 bits a channel."""
     import imagecodecs
 
+    logging.getLogger("imagecodecs").addHandler(_NOWHERE)
     with reading(str(path), "a whole PNG file", "save it again"):
         return np.asarray(imagecodecs.png_decode(path.read_bytes()), dtype=np.uint16)
 

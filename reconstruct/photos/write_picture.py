@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import io
 import struct
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -63,33 +65,30 @@ def _png(path: Path, picture: Picture) -> None:
     import PIL.PngImagePlugin
 
     codes, metadata = _codes(picture), dict(picture.metadata)
-    texts = metadata.pop("text", {})
+    texts, chunks = metadata.pop("text", {}), metadata.pop("chunks", {})
     if codes.dtype == np.uint16 and codes.ndim == 3:
-        path.write_bytes(_deep_png(codes, metadata, texts))
+        path.write_bytes(_deep_png(codes, metadata, texts, chunks))
         return
     info = PIL.PngImagePlugin.PngInfo()
-    if "gamma" in metadata:
-        info.add(b"gAMA", _gamma(metadata.pop("gamma")))
     for key, value in texts.items():
         info.add_itxt(key, value)
-    PIL.Image.fromarray(codes).save(path, format="PNG", pnginfo=info, **metadata)
+    data = io.BytesIO()
+    PIL.Image.fromarray(codes).save(data, format="PNG", pnginfo=info, **metadata)
+    path.write_bytes(_with_chunks(data.getvalue(), chunks.items()))
 
 
-def _gamma(gamma: float) -> bytes:
-    """Content of the chunk of a PNG that tells the power of light that its values are."""
-    return struct.pack(">I", round(gamma * 100_000))
-
-
-def _deep_png(codes: NDArray[np.uint16], metadata: dict[str, Any], texts: dict[str, str]) -> bytes:
+def _deep_png(
+    codes: NDArray[np.uint16],
+    metadata: dict[str, Any],
+    texts: dict[str, str],
+    chunks: dict[bytes, bytes],
+) -> bytes:
     """A PNG of 16-bit colour with its profile, EXIF, resolution and texts spliced in."""
     import imagecodecs
 
-    plain = bytes(imagecodecs.png_encode(codes))
-    extra = []
+    extra = list(chunks.items())
     if "icc_profile" in metadata:
         extra.append((b"iCCP", b"icc\0\0" + zlib.compress(metadata["icc_profile"])))
-    if "gamma" in metadata:
-        extra.append((b"gAMA", _gamma(metadata["gamma"])))
     if "dpi" in metadata:
         per_metre = [round(float(dpi) / 0.0254) for dpi in metadata["dpi"]]
         extra.append((b"pHYs", struct.pack(">IIB", *per_metre, 1)))
@@ -97,6 +96,11 @@ def _deep_png(codes: NDArray[np.uint16], metadata: dict[str, Any], texts: dict[s
         extra.append((b"eXIf", metadata["exif"].removeprefix(b"Exif\0\0")))
     for key, value in texts.items():
         extra.append((b"iTXt", key.encode("latin-1") + b"\0\0\0\0\0" + value.encode()))
+    return _with_chunks(bytes(imagecodecs.png_encode(codes)), extra)
+
+
+def _with_chunks(plain: bytes, extra: Iterable[tuple[bytes, bytes]]) -> bytes:
+    """A PNG with further chunks before its pixels."""
     chunks = b"".join(
         struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
         for name, data in extra

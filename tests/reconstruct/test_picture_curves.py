@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import struct
 import zlib
 from pathlib import Path
@@ -152,3 +153,64 @@ def test_a_linear_avif_is_linear(tmp_path: Path) -> None:
     again = read_picture(rewritten(tmp_path / "a.avif", picture))
     assert again.kind == "PNG"
     np.testing.assert_allclose(again.linear, picture.linear, atol=1e-6)
+
+
+P3 = struct.pack(">8I", 31270, 32900, 68000, 32000, 26500, 69000, 15000, 6000)
+"""White and primaries of Display P3, for a chunk cHRM."""
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize(
+    "chunks",
+    [{b"gAMA": struct.pack(">I", 45455), b"cHRM": P3}, {b"cICP": bytes([12, 13, 0, 1])}],
+)
+def test_a_png_keeps_its_primaries(tmp_path: Path, bits: int, chunks: dict[bytes, bytes]) -> None:
+    """Without them the colours of Display P3 would be shown as those of sRGB."""
+    codes = np.ascontiguousarray(SMOOTH if bits == 8 else CODES_16[..., :3])
+    data, path = bytes(imagecodecs.png_encode(codes)), tmp_path / "a.png"
+    raw = b"".join(
+        struct.pack(">I", len(content)) + name + content
+        + struct.pack(">I", zlib.crc32(name + content)) for name, content in chunks.items()
+    )  # fmt: skip
+    path.write_bytes(data[:33] + raw + data[33:])
+    picture = read_picture(path)
+    assert "sRGB" in picture.assumption
+    written = rewritten(path, picture).read_bytes()
+    assert raw in written[: written.index(b"IDAT")]
+    np.testing.assert_array_equal(imagecodecs.png_decode(written), codes)
+
+
+def test_an_avif_keeps_its_primaries_in_a_png(tmp_path: Path) -> None:
+    """Pillow writes AVIF with the primaries of sRGB alone."""
+    data = imagecodecs.avif_encode(SMOOTH, level=100, primaries=12, transfer=13, matrix=0)
+    (tmp_path / "a.avif").write_bytes(data)
+    picture = read_picture(tmp_path / "a.avif")
+    assert any("written as a PNG" in note for note in picture.notes)
+    copy = rewritten(tmp_path / "a.avif", picture)
+    assert b"\0\0\0\4cICP" + bytes([12, 13, 0, 1]) in copy.read_bytes()
+    # Matrix 0 keeps red, green and blue as they are: lossless.
+    np.testing.assert_array_equal(imagecodecs.png_decode(copy.read_bytes()), SMOOTH)
+
+
+def test_libpng_says_nothing_of_an_interlaced_picture(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By Adam7: seven pictures of every n-th pixel, one after the other, after the PNG standard."""
+    codes = CODES_16[..., :3]
+    steps = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2),
+             (1, 0, 2, 1))  # fmt: skip
+    passes = [codes[row::down, column::right] for row, column, down, right in steps]
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for part in passes for row in part)
+    height, width = codes.shape[:2]
+    head = struct.pack(">2I5B", width, height, 16, 2, 0, 0, 1)
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+    whole = b"".join(
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        for name, data in chunks
+    )
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + whole)
+    # A program that sets up no log has what is logged on its error stream.
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    picture = read_picture(tmp_path / "a.png")
+    np.testing.assert_array_equal(picture.transfer.encoded(picture.linear), codes)
+    assert capfd.readouterr().err == ""
