@@ -221,9 +221,12 @@ def _write(
         ("imin", lambda: 0.5 * components.image - half_polarised),
     ]
 
+    # Floats below 0 are noise around black, or colours beyond the primaries: they stay.
+    least = 0.0 if picture.transfer is not None else np.minimum(picture.linear, 0)
+
     def write(image: tuple[str, Callable[[], AnyArray]]) -> Thumbnail:
         name, light = image
-        filtered = picture.with_light(np.maximum(gain * light(), 0))
+        filtered = picture.with_light(np.maximum(gain * light(), least))
         write_picture(folder / f"{stem}_{name}{picture.suffix}", filtered)
         return name, thumbnail(filtered.linear, picture, SHEET_SIDE)
 

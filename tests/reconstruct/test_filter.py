@@ -50,6 +50,19 @@ def test_crossed_angles_add_up_to_the_picture(
     assert len(done.files) == 7
 
 
+@pytest.mark.parametrize("suffix", ["exr", "tif"])
+def test_floats_below_zero_go_through_the_filter(tmp_path: Path, suffix: str) -> None:
+    """Noise around black, and colours beyond the primaries."""
+    light = (RNG.random((12, 18, 3)) - 0.3).astype(np.float32)
+    kind = {"exr": "EXR", "tif": "TIFF"}[suffix]
+    unpolarised = Knowledge(method="unpolarised")
+    for physical, gain in ((False, 1.0), (True, 0.5)):
+        output = FilterOutput((30.0,), physical=physical)
+        filter_picture(Picture(light, kind, None), tmp_path, unpolarised, output, stem="a")
+        written = read_picture(tmp_path / f"a_angle030.{suffix}").linear
+        np.testing.assert_array_equal(written, gain * light)
+
+
 @pytest.mark.parametrize("angle_deg", [0.0, 30.0, 45.0, 100.0, 180.0])
 def test_the_light_through_a_polariser_is_equation_1(angle_deg: float) -> None:
     planes = np.random.default_rng(1).random((3, 5, 5, 3))
