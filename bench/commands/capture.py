@@ -261,7 +261,7 @@ def _print_captures(results: Results) -> None:
     """A line a capture and method."""
     from malus.bench.commands.console import plain_console
     from malus.bench.commands.printing import plain_table
-    from malus.reports.tables.captures import by_capture, conventions, notes
+    from malus.reports.tables.captures import by_capture, conventions, fit_warnings, notes
 
     errors = by_capture(results.table)
     shown = [errors.heads.index(head) for head in _SHOWN]
@@ -272,9 +272,8 @@ def _print_captures(results: Results) -> None:
     console.print(table)
     for note in notes(results.table):
         console.print(note)
-    for doubt in conventions(results.run):
-        text = in_words_of_options(f"warning: {doubt}")
-        console.print(text)
+    for doubt in (*conventions(results.run), *fit_warnings(results.run)):
+        console.print(in_words_of_options(f"warning: {doubt}"))
 
 
 def _report(results: dict[str, Any]) -> str:

@@ -148,12 +148,23 @@ class CaptureSuite(Model):
     ) -> CaptureSuite:
         """A suite of folders or files that are all read alike; `told` are keys of `CaptureEntry`.
 
+        Folders of one name, such as morning/kettle and evening/kettle, are called by their paths.
+
         Raises
         ------
         InputError
             A value that is not valid, or folders of one name.
         """
-        entries = tuple({"folder": str(folder), **told} for folder in folders)
+        counts = Counter(Path(folder).resolve().name for folder in folders)
+        entries = tuple(
+            {"folder": str(folder), **told}
+            | (
+                {"name": str(Path(folder))[-100:]}
+                if counts[Path(folder).resolve().name] > 1
+                else {}
+            )
+            for folder in folders
+        )
         content = {"capture": entries, "methods": tuple(methods) or METHODS}
         return cls.parse(content, "captures")
 

@@ -188,6 +188,13 @@ def conventions(run: dict[str, Any]) -> Iterator[str]:
             yield f"{capture['name']}: {doubt}."
 
 
+def fit_warnings(run: dict[str, Any]) -> Iterator[str]:
+    """Why fits may be wrong, in a sentence each."""
+    for capture in run["captures"]:
+        for warning in capture["fit"]["warnings"]:
+            yield f"{capture['name']}: {warning}."
+
+
 def doubts(run: dict[str, Any]) -> Iterator[str]:
     """Hints and warnings of the fits, and captures that failed, in a sentence each."""
     yield from conventions(run)

@@ -1,0 +1,51 @@
+"""`malus capture` of several folders: what they are called, and what is said of their fits."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from pictures import dome_stokes, write_capture
+
+from malus.bench.commands.capture import capture_command
+from malus.bench.running.capture_suite import CaptureSuite
+from malus.scenes import InputError
+
+
+def dome_folder(folder: Path, marks: dict[str, float]) -> Path:
+    """A capture of a dome through polarisers at `marks`, by file name."""
+    folder.mkdir(parents=True)
+    write_capture(folder, dome_stokes(24)[0], marks)
+    return folder
+
+
+def captured(*arguments: object) -> Result:
+    """The command's result, of the guess alone."""
+    options = [*map(str, arguments), "--method", "unpolarised"]
+    return CliRunner().invoke(capture_command, options, catch_exceptions=False)
+
+
+def right(*degrees: int) -> dict[str, float]:
+    """Names that tell the angles."""
+    return {f"pol_{angle:03d}.tif": float(angle) for angle in degrees}
+
+
+def test_a_bad_fit_among_several_is_told_at_once(tmp_path: Path) -> None:
+    """Two pictures that changed places, as the page says too."""
+    good = dome_folder(tmp_path / "good", right(0, 45, 90, 135))
+    swapped = {**right(90, 135), "pol_000.tif": 45.0, "pol_045.tif": 0.0}
+    bad = dome_folder(tmp_path / "bad", swapped)
+    result = captured(good, bad, "--out", tmp_path / "out")
+    assert "warning: bad: residual of" in result.output
+    assert "good: residual" not in result.output
+
+
+def test_folders_of_one_name_are_called_by_their_paths(tmp_path: Path) -> None:
+    folders = [dome_folder(tmp_path / day / "kettle", right(0, 60, 120)) for day in ("mo", "tu")]
+    captured(*folders, "--out", tmp_path / "out")
+    run = json.loads((tmp_path / "out/run.json").read_text())
+    assert [capture["name"] for capture in run["captures"]] == [str(f)[-100:] for f in folders]
+    with pytest.raises(InputError, match="different names"):
+        CaptureSuite.of_folders([folders[0], folders[0]])
