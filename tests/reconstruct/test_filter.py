@@ -13,10 +13,12 @@ import PIL.ImageCms
 import pytest
 import tifffile
 from click.testing import CliRunner
+from matplotlib import colormaps
 from pictures import dome, saved_dome
 
 from malus.bench.commands.filter import filter_command
 from malus.reconstruct import Components
+from malus.reconstruct.photos import filter as filter_module
 from malus.reconstruct.photos.filter import FilterOutput, filter_picture, polarised
 from malus.reconstruct.photos.knowledge import PRESETS, Knowledge, read_knowledge
 from malus.reconstruct.photos.picture import Picture
@@ -157,6 +159,36 @@ def test_exposure_makes_up_for_one_stop(tmp_path: Path) -> None:
         filter_picture(picture, tmp_path, Knowledge(normals), output, stem=f"{physical}")
     bright, dim = (read_picture(tmp_path / f"{p}_angle000.exr").linear for p in (False, True))
     np.testing.assert_allclose(bright, 2 * dim, rtol=1e-6)
+
+
+def test_the_sheet_shows_degree_and_angle_in_their_colours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A turn by 180° is one round of the colours; light that is not polarised has no angle."""
+    shown: dict[str, np.ndarray] = {}
+
+    def keep(path: Path, thumbnails: list[tuple[str, np.ndarray]]) -> None:
+        shown.update(thumbnails)
+        path.touch()
+
+    monkeypatch.setattr(filter_module, "write_sheet", keep)
+    linear, normals = dome()
+    filter_picture(Picture(linear, "EXR", None), tmp_path, Knowledge(normals), stem="d")
+    dolp, aolp = (
+        np.asarray(PIL.Image.open(tmp_path / f"d_{name}.png")) / 65536 for name in ("dolp", "aolp")
+    )
+    polarised_enough = dolp > 0.01
+    assert np.ptp(aolp[polarised_enough]) > 0.9
+    for tile, values, colours in (
+        ("dolp 0 to 1", dolp, "viridis"),
+        ("aolp 0 to 180°", aolp, "twilight"),
+    ):
+        expected = 255 * colormaps[colours](values)[..., :3]
+        # Colours of 256 steps, of values that were stored in 65536.
+        off = np.abs(shown[tile] - expected)[polarised_enough]
+        assert np.median(off) < 1
+        assert off.max() < 6, tile
+    assert (shown["aolp 0 to 180°"][dolp == 0] == 128).all()
 
 
 def huge_png() -> bytes:

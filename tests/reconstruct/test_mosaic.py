@@ -187,13 +187,17 @@ def test_grey_that_was_saved_in_three_channels(tmp_path: Path) -> None:
         read_capture(tmp_path / "rgb.png", mosaic=SONY)
 
 
-def test_clipped_pixels_spoil_their_neighbours_too(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("bayer", "reach"), [(None, 1), ("rggb", 3)])
+def test_clipped_pixels_spoil_their_neighbours_too(
+    tmp_path: Path, bayer: str | None, reach: int
+) -> None:
+    """Pixels of one polariser are 2 apart: a colour comes from its neighbour there, and beside."""
     frame = np.full((16, 16), 100, np.uint8)
     frame[6, 9] = 255
     PIL.Image.fromarray(frame).save(tmp_path / "f.png")
-    capture = read_capture(tmp_path / "f.png", mosaic=SONY)
-    assert capture.clipped.sum() == 9
-    assert capture.clipped[5:8, 8:11].all()
+    capture = read_capture(tmp_path / "f.png", mosaic=SONY, bayer=bayer)
+    assert capture.clipped.sum() == (2 * reach + 1) ** 2
+    assert capture.clipped[6 - reach : 7 + reach, 9 - reach : 10 + reach].all()
 
 
 def test_levels_of_a_frame(tmp_path: Path) -> None:

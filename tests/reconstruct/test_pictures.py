@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,30 @@ def test_curves_of_a_profile_are_used(tmp_path: Path) -> None:
     read = read_picture(tmp_path / "g.png")
     np.testing.assert_allclose(read.linear[..., 0], expected[CODES_8[..., 0]], rtol=1e-6)
     assert "embedded" in read.assumption
+
+
+G, A, B, C, D, E, F = 2.0, 0.75, 0.25, 0.125, 0.5, 0.0625, 0.03125
+"""Parameters of curves, in whole 1/65536: stored without rounding."""
+
+
+@pytest.mark.parametrize(
+    ("numbers", "light"),
+    [
+        ((G,), lambda x: x**G),
+        ((G, A, -B), lambda x: (A * x - B) ** G if x >= B / A else 0.0),
+        ((G, A, -B, C), lambda x: (A * x - B) ** G + C if x >= B / A else C),
+        ((G, A, B, C, D), lambda x: (A * x + B) ** G if x >= D else C * x),
+        ((G, A, B, C, D, E, F), lambda x: (A * x + B) ** G + E if x >= D else C * x + F),
+    ],
+    ids=["type 0", "type 1", "type 2", "type 3", "type 4"],
+)
+def test_parametric_curves_are_those_of_the_standard(
+    numbers: tuple[float, ...], light: Callable[[float], float]
+) -> None:
+    """ICC.1:2022, parametricCurveType, code by code."""
+    kind = {1: 0, 3: 1, 4: 2, 5: 3, 7: 4}[len(numbers)]
+    table = icc_transfer(grey_profile(parametric(kind, *numbers)), 8, "x").table[0]
+    np.testing.assert_allclose(table, [light(code / 255) for code in range(256)], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
