@@ -42,6 +42,18 @@ def test_more_knowledge_more_skill(name: str, least: float, coloured: bool) -> N
     assert score.violations == 0
 
 
+def test_index_and_roughness_are_those_of_the_surface() -> None:
+    """Not those that are assumed where nothing tells them: 1.5, of which all other scenes are."""
+    surface = Dielectric(eta=1.8, alpha=0.15, body="unpolarised")
+    scene = sphere().scene.model_copy(update={"surface": surface})
+    truth = render(scene, renderer="torrance-sparrow")
+    told = Observation(truth.image, truth.mask, normals=truth.normals, light=scene.light)
+    found = run_chain(told).observation
+    # The search ends within 1e-4 of ln alpha.
+    np.testing.assert_allclose(found.eta, 1.8, rtol=1e-4)
+    assert found.alpha == pytest.approx(0.15, rel=1e-4)
+
+
 def test_the_way_is_told() -> None:
     truth = sphere()
     chain = run_chain(observe(truth, frozenset()))

@@ -18,8 +18,9 @@ from malus.bench.commands.capture import capture_command
 from malus.bench.scoring.capture_score import colour_differences, score_capture
 from malus.reconstruct.photos import capture
 from malus.reconstruct.photos.angle_convention import check_convention
-from malus.reconstruct.photos.capture import conventional, read_capture
+from malus.reconstruct.photos.capture import Capture, conventional, read_capture
 from malus.reconstruct.photos.capture_fit import fit_capture, noise_by_angles
+from malus.reconstruct.photos.capture_levels import level_hints
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.scenes import InputError, polarisation
 
@@ -74,6 +75,43 @@ def test_movement_and_a_changing_light_are_flagged(tmp_path: Path) -> None:
     assert "pol_060.tif" in warnings
     assert "pol_120.tif" not in warnings
     assert "light or exposure changed" in warnings
+
+
+def test_the_residual_is_that_of_least_squares() -> None:
+    """Of pictures that no sinusoid fits, over the mean light of pixels that are not clipped."""
+    angles = (0.0, 30.0, 75.0, 110.0, 150.0)
+    pictures = np.random.default_rng(4).uniform(0.2, 0.8, (5, 6, 7, 1)).astype(np.float32)
+    clipped = np.zeros((6, 7), bool)
+    clipped[0] = True
+    pictures[:, clipped] = 1.0
+    fit = fit_capture(Capture(pictures, angles, clipped, tuple("abcde"), "linear"))
+    turns = 2 * np.radians(angles)
+    matrix = 0.5 * np.stack([np.ones(5), -np.cos(turns), -np.sin(turns)], axis=-1)
+    light = pictures.reshape(5, -1).astype(np.float64)
+    left = light - matrix @ np.linalg.lstsq(matrix, light, rcond=None)[0]
+    rms = np.sqrt(np.mean(left**2, axis=0))
+    np.testing.assert_allclose(fit.residual.ravel(), rms, atol=1e-6)  # single precision
+    good = ~clipped.ravel()
+    expected = np.sqrt(np.mean(rms[good] ** 2)) / light[:, good].mean()
+    assert fit.relative_residual == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(("darkest", "told"), [(0.10, True), (0.06, True), (0.04, False)])
+def test_a_likely_dark_level_is_told_where_none_is_given(darkest: float, told: bool) -> None:
+    """From a twentieth of the brightest light on; a dark level that is given answers it."""
+    light = np.linspace(darkest, 1.0, 4000, dtype=np.float32).reshape(1, 40, 100, 1)
+    clipped, piled = np.zeros((40, 100), bool), np.full(1, np.inf)
+    hints = [level_hints(light, clipped, piled, given) for given in (False, True)]
+    assert [any("dark" in hint for hint in each) for each in hints] == [told, False]
+
+
+def test_one_channel_that_is_full_clips_its_pixel(tmp_path: Path) -> None:
+    codes = np.full((8, 8, 3), 100, np.uint8)
+    codes[2, 5, 0] = 255
+    for angle in (0, 45, 90, 135):
+        PIL.Image.fromarray(codes).save(tmp_path / f"p{angle}.png")
+    capture = read_capture(tmp_path, linear=True)
+    assert np.argwhere(capture.clipped).tolist() == [[2, 5]]
 
 
 def test_clipped_pixels_are_left_out(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from pictures import dome, saved_dome
 from malus.bench.commands.filter import filter_command
 from malus.reconstruct import Components
 from malus.reconstruct.photos import filter as filter_module
+from malus.reconstruct.photos.estimate import estimate
 from malus.reconstruct.photos.filter import FilterOutput, filter_picture, polarised
 from malus.reconstruct.photos.knowledge import PRESETS, Knowledge, read_knowledge
 from malus.reconstruct.photos.picture import Picture
@@ -149,6 +150,18 @@ def test_an_undecided_body_is_a_warning(tmp_path: Path, monkeypatch: pytest.Monk
     assert result.exit_code == 0, result.output
     assert result.stderr.count("warning: the body is undecided and taken for unpolarised") == 1
     assert "body taken for unpolarised" in result.stdout
+
+
+def test_a_coloured_light_changes_no_degree_of_polarisation() -> None:
+    """Gray World takes the tint for the light's: s1 and s2 of a channel scale as its light does."""
+    linear, normals = dome(32)
+    white = linear / linear[normals[..., 2] > 0].mean(axis=0)
+    tint = np.array([1.5, 0.9, 0.6], np.float32)
+    told = Knowledge(normals, eta=1.5, alpha=0.2, mirror=True, illuminant="gray-world")
+    plain, tinted = (estimate(light, told, "dome").components for light in (white, white * tint))
+    for one, other in ((plain.s1, tinted.s1), (plain.s2, tinted.s2)):
+        assert np.abs(one).max() > 0.1
+        np.testing.assert_allclose(other, one * tint, atol=1e-6 * np.abs(one).max())  # float32
 
 
 def test_exposure_makes_up_for_one_stop(tmp_path: Path) -> None:

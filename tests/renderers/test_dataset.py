@@ -25,8 +25,8 @@ from malus.bench.datasets.render import render_dataset
 from malus.renderers import Truth, render
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.datasets.dataset_writer import DatasetWriter
-from malus.renderers.datasets.planes import FIELDS, MAPS
-from malus.renderers.datasets.spectral_exr import write_exr
+from malus.renderers.datasets.planes import FIELDS, MAPS, S3, S3_ERRORS
+from malus.renderers.datasets.spectral_exr import read_spectral, write_exr
 from malus.scenes import Camera, InputError, Suite
 from malus.scenes.core.remote import as_path
 
@@ -34,7 +34,7 @@ from malus.scenes.core.remote import as_path
 def assert_same(found: Truth, expected: Truth) -> None:
     assert found.scene == expected.scene
     assert found.interpolation_error == expected.interpolation_error
-    for name in (*FIELDS, *MAPS, "mask"):
+    for name in (*FIELDS, *MAPS, S3, *S3_ERRORS, "mask"):
         one, other = getattr(found, name), getattr(expected, name)
         if other is None:
             assert one is None, name
@@ -54,6 +54,19 @@ def test_made_up_truths_come_back_to_the_bit(tmp_path: Path, dtype: type) -> Non
     for truth in truths:
         assert_same(dataset.truth(truth.scene.id), truth)
     assert len(list(dataset)) == len(dataset) == 3
+
+
+def test_the_fourth_component_comes_back_to_the_bit(tmp_path: Path) -> None:
+    truth, random = made_up_truth(), np.random.default_rng(4)
+    images = (random.normal(size=truth.image.shape).astype(np.float32) for _ in range(3))
+    whole = dataclasses.replace(truth, **dict(zip((S3, *S3_ERRORS), images, strict=True)))
+    folder = stored(tmp_path, whole)
+    assert_same(open_dataset(folder).truth(truth.scene.id), whole)
+    # In files that others read, it is that of the whole light and of the specular lobe.
+    for name, expected in (("stokes", whole.s3), ("specular", whole.s3), ("diffuse", 0 * whole.s3)):
+        path = folder / truth.scene.id / f"{name}.exr"
+        four = read_spectral(path, truth.mask.shape, BANDS, components=4)
+        np.testing.assert_array_equal(four[..., 3], expected)
 
 
 @pytest.mark.parametrize("index", [np.float32, np.float64, np.complex64, np.complex128])

@@ -80,6 +80,8 @@ def test_a_bar_that_ends_below_zero_runs_off_the_logarithmic_axis(table: pd.Data
     ax = figure5(table, "unpolarised").axes[1]
     assert len(ax.collections[3].get_segments()) == endless.sum()
     assert all(b[0][1] < ax.get_ylim()[0] for b in ax.collections[3].get_segments())
+    whole = [bar[0][1] for bar in ax.collections[2].get_segments()]
+    np.testing.assert_array_equal(np.array(whole)[endless], values["mean"][endless])
 
 
 def test_errors_below_the_axis_are_named(table: pd.DataFrame) -> None:

@@ -58,6 +58,14 @@ def test_better_follows_the_direction_of_the_metric(metric: str, better: int) ->
     assert paired(table, metric, "a", "b").better == better
 
 
+def test_scenes_that_only_one_has_are_left_out() -> None:
+    none = math.nan
+    table = table_of({"psnr": {"a": [none, 31, 32, 34, 9], "b": [20, 30, 30, 31, none]}})
+    pair = paired(table, "psnr", "a", "b")
+    assert (pair.better, pair.scenes, pair.difference) == (3, 3, 2.0)
+    assert pair.half_width == pytest.approx(half_width(np.array([1.0, 2.0, 3.0])))
+
+
 def test_two_infinite_ratios_are_equal() -> None:
     table = table_of({"psnr": {"a": [math.inf, 30, 31, 32], "b": [math.inf, 29, 30, 31]}})
     pair = paired(table, "psnr", "a", "b")

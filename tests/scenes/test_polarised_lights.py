@@ -64,6 +64,12 @@ def test_beside_the_camera_both_polarisers_count_alike() -> None:
     assert np.degrees(np.arctan2(-axis[0], axis[1])) == pytest.approx(30.0)
 
 
+def test_an_axis_and_its_opposite_are_one_angle() -> None:
+    """In (−90°, 90°], also where it is level."""
+    direction, level = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    assert [polariser_angle_deg(direction, sign * level) for sign in (1, -1)] == [90.0, 90.0]
+
+
 def field(light: Light, toward: np.ndarray) -> np.ndarray:
     """Degree times the tensor of the oscillation's direction, in the world: no frame enters."""
     how = oscillation(light)
