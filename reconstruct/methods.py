@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct.observation import Components, Observation
+from malus.reconstruct.observation import INPUTS, Components, Observation
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.named_file import digest_of
 from malus.scenes.core.validation import near
@@ -50,6 +50,11 @@ class Method:
     optional : frozenset of str
         Attributes of `Observation` that it estimates itself, and uses where they are given.
 
+    Raises
+    ------
+    InputError
+        A name that is no text, needs that no method can have, or no function.
+
     Examples
     --------
     >>> def half(observation):
@@ -68,11 +73,20 @@ class Method:
     optional: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
-        """Take a list of names, or one name, for the set of them."""
+        """Check it, before anything is rendered for it; a list of names, or one, is a set."""
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise InputError("method", "a name", repr(self.name), "give it one, in a word")
+        if not callable(self.reconstruct):
+            hint = "give a function of an Observation that returns Components"
+            raise InputError(f"method {self.name}", "a function", repr(self.reconstruct), hint)
         for field in ("needs", "optional"):
             names = getattr(self, field)
             own = frozenset((names,) if isinstance(names, str) else names)
             object.__setattr__(self, field, own)
+            if unknown := sorted(map(str, own - INPUTS)):
+                expected, found = f"some of {', '.join(sorted(INPUTS))}", ", ".join(unknown)
+                hint = near(found, INPUTS) or "image, mask and wavelengths_nm are always there"
+                raise InputError(f"method {self.name}, {field}", expected, found, hint)
 
 
 def _unpolarised(observation: Observation) -> Components:
@@ -192,6 +206,8 @@ def _loaded(where: str, reference: str) -> Method:
     module, _, attribute = reference.partition(":")
     try:
         loaded = getattr(_imported(module), attribute)
+    except InputError:
+        raise  # of a Method there that is none
     except (ImportError, AttributeError, ValueError) as error:
         hint = "check that it can be imported"
         raise InputError(where, "package.module:object", str(error), hint) from None

@@ -58,6 +58,11 @@ def as_mask(values: object) -> BoolArray:
 _ARRAYS = ("image", "specular", "diffuse", "normals", "view_direction", "eta", "illuminant")
 """Attributes of an Observation that are arrays; lists are taken for them."""
 
+INPUTS = frozenset(
+    ("specular", "diffuse", "normals", "eta", "alpha", "distribution", "light", "illuminant")
+)
+"""Names of all that a method can be told besides the picture."""
+
 
 @dataclass(frozen=True)
 class Observation:

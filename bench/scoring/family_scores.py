@@ -17,7 +17,7 @@ from malus.bench.scoring.field_agreement import ALONG, ENERGY, ERROR, TRIVIAL, A
 from malus.bench.scoring.judge import Score, angle_form, rounding_slack
 from malus.bench.scoring.masked_pixels import two_rows
 from malus.bench.scoring.metrics import Residuals, cos_zenith
-from malus.bench.scoring.observe import INPUTS, inputs
+from malus.bench.scoring.observe import inputs
 from malus.bench.scoring.own_range import OwnRange
 from malus.bench.scoring.pixel_kernels import (
     MOST_BANDS,
@@ -29,6 +29,7 @@ from malus.bench.scoring.pixel_kernels import (
 )
 from malus.bench.scoring.unmixed_pixels import MixedPixels, Unmixed
 from malus.reconstruct import Components, Inapplicable, Method, Observation
+from malus.reconstruct.observation import INPUTS
 from malus.renderers.families.interpolated import Family
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import Float64Array, FloatArray

@@ -18,8 +18,9 @@ from dataclasses import replace
 import numpy as np
 
 from malus.bench.scoring.masked_pixels import MaskedPixels
-from malus.bench.scoring.observe import INPUTS, observe
+from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method, Observation
+from malus.reconstruct.observation import INPUTS
 
 EVERYTHING = "everything"
 RUNGS: dict[str, frozenset[str]] = {

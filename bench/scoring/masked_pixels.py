@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.bench.scoring.observe import INPUTS, inputs, observe
+from malus.bench.scoring.observe import inputs, observe
 from malus.bench.scoring.pixel_kernels import gather
 from malus.reconstruct import Components, Method, Observation
+from malus.reconstruct.observation import INPUTS
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import BoolArray, FloatArray
 

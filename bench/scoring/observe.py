@@ -28,9 +28,6 @@ _INPUTS: dict[str, Callable[[Truth], Any]] = {
     "illuminant": lambda truth: np.ones(len(truth.scene.wavelengths_nm)),
 }
 
-INPUTS = frozenset(_INPUTS)
-"""Names of all that a method can be told besides the picture."""
-
 
 def observe(truth: Truth, needs: Iterable[str]) -> Observation:
     """The unpolarised picture of a truth with what `needs` names filled in, and nothing else.

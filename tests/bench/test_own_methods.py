@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+from made_up import made_up_truth
 from runs import NOBODY, SUITE, formula_dataset
 
 import malus
@@ -14,6 +16,7 @@ from malus.bench.gates.gate import gate, passed, updated
 from malus.bench.running.results import Results, headline
 from malus.bench.running.runner import run
 from malus.reconstruct import Components, Method, Observation
+from malus.reconstruct.observation import INPUTS
 from malus.reports.tables.compared_runs import RunComparison
 from malus.reports.tables.skills import by_light_and_body, unreported_skills
 from malus.scenes import InputError
@@ -102,6 +105,38 @@ def test_any_type_of_real_numbers_is_scored(dtype: str) -> None:
     # Half precision rounds by 1/2048, 2 % of the polarisation here, and single by 6e-8: 3e-6.
     tolerance = 2e-2 if dtype == "float16" else 1e-5
     assert cast_ones == pytest.approx(ours, rel=tolerance, abs=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("needs", {"normal"}, "method odd, needs: .* found normal; did you mean normals"),
+        ("needs", "image", "found image; image, mask and wavelengths_nm are always there"),
+        ("optional", ["eta", "lihgt"], "method odd, optional: .* found lihgt; did you mean light"),
+        ("name", " ", "method: expected a name, found ' '"),
+        ("name", 5, "method: expected a name, found 5"),
+        ("reconstruct", "eq8", "method odd: expected a function, found 'eq8'"),
+    ],
+)
+def test_what_no_method_can_be_is_refused_when_it_is_made(key: str, value: Any, words: str) -> None:
+    odd: dict[str, Any] = {"name": "odd", "needs": (), "reconstruct": len, "summary": ""}
+    with pytest.raises(InputError, match=words):
+        Method(**(odd | {key: value}))
+
+
+def test_a_wrong_need_is_told_before_anything_is_rendered() -> None:
+    text = "from malus import Method\nmine = Method('mine', {'normal'}, len, '')\n"
+    Path("made.py").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"method mine, needs: .* did you mean normals"):
+        results("unpolarised", "made:mine")
+    assert not Path("run").exists()
+
+
+def test_a_method_may_ask_for_every_input_and_is_told_it() -> None:
+    truth = made_up_truth()
+    every = Method("every", INPUTS, lambda observation: observation, "asks for all")
+    told = malus.observe(truth, every.needs)
+    assert all(getattr(told, name) is not None for name in INPUTS)
 
 
 def test_two_methods_of_one_name_are_refused() -> None:

@@ -11,9 +11,10 @@ from runs import run_malus
 
 from malus.bench.scoring.family_scores import FamilyJudge, FamilyPixels
 from malus.bench.scoring.judge import Judge, Score
-from malus.bench.scoring.observe import INPUTS, observe
+from malus.bench.scoring.observe import observe
 from malus.bench.scoring.unmixed_pixels import MOST_SPREAD_DEG
 from malus.reconstruct import get_method
+from malus.reconstruct.observation import INPUTS
 from malus.renderers import Truth
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.families.family import render_family

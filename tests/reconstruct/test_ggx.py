@@ -9,11 +9,12 @@ import pytest
 
 from malus.bench import score
 from malus.bench.scoring.knowledge_ladder import RUNGS
-from malus.bench.scoring.observe import INPUTS, observe
+from malus.bench.scoring.observe import observe
 from malus.bench.studies.reference import reference_dolp
 from malus.reconstruct import Method, Observation, get_method, specular_dolp
 from malus.reconstruct.facets.facet_kernels import shadowing_ggx
 from malus.reconstruct.known_light_kernels import facet_weight
+from malus.reconstruct.observation import INPUTS
 from malus.renderers import Truth, render
 from malus.scenes import (
     Area,

@@ -12,8 +12,9 @@ import pytest
 from click.testing import CliRunner
 
 from malus.bench.commands.filter import filter_command
-from malus.bench.scoring.observe import INPUTS, observe
+from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Observation, get_method
+from malus.reconstruct.observation import INPUTS
 from malus.reconstruct.photos.estimate import estimate
 from malus.reconstruct.photos.knowledge import Knowledge, read_knowledge
 from malus.reconstruct.single_image.blind import ChainResult, run_chain

@@ -16,8 +16,9 @@ from malus.bench import run, score
 from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
 from malus.bench.scoring.judge import Judge
-from malus.bench.scoring.observe import INPUTS, observe
+from malus.bench.scoring.observe import observe
 from malus.reconstruct import Components, Inapplicable, Method
+from malus.reconstruct.observation import INPUTS
 from malus.renderers import Truth, render
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
