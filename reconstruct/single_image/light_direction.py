@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 from malus.reconstruct.observation import Inapplicable
 from malus.reconstruct.single_image.parameters import TYPICAL_ETA, fit_parameters
 from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.errors import InputError
 
 _INCIDENCES_DEG = np.arange(5.0, 121.0, 11.5)
 _AZIMUTHS_DEG = np.arange(0.0, 360.0, 22.5)
@@ -39,6 +40,8 @@ def estimate_direction(
 
     Raises
     ------
+    InputError
+        For arrays that do not belong together.
     Inapplicable
         If the object is dark, or no direction explains its shading and `refuse` is true.
 
@@ -55,6 +58,11 @@ def estimate_direction(
     >>> bool(estimate_direction(np.clip(n[:, 0], 0, 1), n)[0] > 0.999)
     True
     """
+    pixels, normals = np.asarray(pixels), np.asarray(normals)
+    if normals.shape != (pixels.size, 3) or pixels.ndim != 1:
+        found = f"{pixels.shape} and {normals.shape}"
+        hint = "of several bands take the mean: pixels.mean(axis=-1)"
+        raise InputError("pixels, normals", "shapes (n,) and (n, 3)", found, hint)
     if not pixels.size or not pixels.max() > 0:
         raise Inapplicable("the object is dark: no shading to read a light from")
     scaled = pixels[:, None] / pixels.max()

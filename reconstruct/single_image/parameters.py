@@ -8,6 +8,7 @@ and only if, the irradiance is given.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import get_args
 
@@ -113,7 +114,8 @@ def fit_parameters(
     Inapplicable
         If the light shines from exactly behind the object.
     InputError
-        For arrays that do not belong together, normals that are none, or an unknown body.
+        For arrays that do not belong together, normals that are none, an unknown body, or a given
+        value that is not above 0.
 
     Notes
     -----
@@ -132,7 +134,9 @@ def fit_parameters(
     >>> round(fit.eta, 3), round(fit.alpha, 3)
     (1.5, 0.2)
     """
+    pixels, normals = np.asarray(pixels), np.asarray(normals)
     _check(pixels, normals, body)
+    check_positive(irradiance=irradiance, eta=eta, alpha=alpha)
     direction = unit_direction(direction)
     index = eta if eta is not None else TYPICAL_ETA
     roughness = alpha
@@ -153,17 +157,40 @@ def fit_parameters(
 
 def _check(pixels: Float64Array, normals: Float64Array, body: str) -> None:
     """Raise InputError for what are no pixels, no normals of them, or no body."""
-    if body not in get_args(BodyKind):
-        expected = f"one of {', '.join(get_args(BodyKind))}"
-        raise InputError("body", expected, str(body), "choose one of them")
-    if np.ndim(pixels) != 2 or np.shape(normals) != (len(pixels), 3):
-        found = f"{np.shape(pixels)} and {np.shape(normals)}"
+    check_body(body)
+    if pixels.ndim != 2 or normals.shape != (len(pixels), 3):
+        found = f"{pixels.shape} and {normals.shape}"
         hint = "pixels of one band are pixels[:, None]"
         raise InputError("pixels, normals", "shapes (n, bands) and (n, 3)", found, hint)
     lengths = np.linalg.norm(normals, axis=1)
     if len(lengths) and not np.abs(lengths - 1).max() < _LENGTH_SLACK:
         found = f"lengths from {lengths.min():.4g} to {lengths.max():.4g}"
         raise InputError("normals", "unit vectors", found, "divide them by their lengths")
+
+
+def check_body(body: str) -> None:
+    """Raise InputError for a body that is neither unpolarised nor polarised.
+
+    Examples
+    --------
+    >>> check_body("polarised")
+    """
+    if body not in get_args(BodyKind):
+        expected = f"one of {', '.join(get_args(BodyKind))}"
+        raise InputError("body", expected, str(body), "choose one of them")
+
+
+def check_positive(**given: float | None) -> None:
+    """Raise InputError for a given value, by its name, that is not above 0 or not finite.
+
+    Examples
+    --------
+    >>> check_positive(alpha=0.3, eta=None)
+    """
+    for name, value in given.items():
+        if value is not None and not 0 < value < math.inf:
+            expected, hint = "a finite number above 0", "correct it, or leave it out"
+            raise InputError(name, expected, str(value), hint)
 
 
 def _index(

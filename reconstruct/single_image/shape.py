@@ -19,6 +19,8 @@ from malus.reconstruct.single_image.outline import Outline, outline_of
 from malus.reconstruct.single_image.parameters import (
     TYPICAL_ETA,
     SurfaceParameters,
+    check_body,
+    check_positive,
     fit_parameters,
 )
 from malus.reconstruct.single_image.reduced import ReducedPicture, reduce
@@ -99,6 +101,11 @@ class GivenParameters:
         Relative refractive index and Beckmann roughness.
     body : 'unpolarised', 'polarised' or None
 
+    Raises
+    ------
+    InputError
+        For a number that is not above 0, or an unknown body.
+
     Examples
     --------
     >>> GivenParameters(eta=1.5).alpha is None
@@ -109,6 +116,12 @@ class GivenParameters:
     eta: float | None = None
     alpha: float | None = None
     body: BodyKind | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what nothing can be."""
+        check_positive(irradiance=self.irradiance, eta=self.eta, alpha=self.alpha)
+        if self.body is not None:
+            check_body(self.body)
 
 
 @dataclass(frozen=True)

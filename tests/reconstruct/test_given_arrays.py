@@ -15,6 +15,7 @@ from malus.reconstruct.photos.filter import FilterOutput, filter_picture
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.reconstruct.photos.picture import Picture
 from malus.reconstruct.single_image.illuminant import estimate_illuminant
+from malus.reconstruct.single_image.light_direction import estimate_direction
 from malus.reconstruct.single_image.parameters import fit_parameters
 from malus.reconstruct.single_image.separation import separate
 from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
@@ -129,6 +130,11 @@ def test_a_shape_is_recovered_from_what_others_take_too() -> None:
         ({"body": "lambert"}, "body: expected one of unpolarised, polarised, found lambert"),
         ({"pixels": np.ones(5)}, r"shapes \(n, bands\) and \(n, 3\), found \(5,\)"),
         ({"direction": [0, 0]}, "direction: expected a vector"),
+        ({"irradiance": -1.0}, "irradiance: expected a finite number above 0, found -1.0"),
+        ({"irradiance": np.inf}, "irradiance: expected a finite number above 0, found inf"),
+        ({"eta": 0}, "eta: expected a finite number above 0, found 0"),
+        ({"alpha": 0.0}, "alpha: expected a finite number above 0, found 0.0"),
+        ({"alpha": np.nan}, "alpha: expected a finite number above 0, found nan"),
     ],
 )
 def test_fits_refuse_what_is_no_surface(change: dict[str, Any], says: str) -> None:
@@ -139,6 +145,44 @@ def test_fits_refuse_what_is_no_surface(change: dict[str, Any], says: str) -> No
         told["normals"] = told["normals"] * facing
     with pytest.raises(InputError, match=says):
         fit_parameters(**told)
+
+
+@pytest.mark.parametrize(
+    "given", [{"irradiance": 0.0}, {"eta": -1.5}, {"alpha": np.nan}, {"body": "polarized"}]
+)
+def test_what_is_given_of_a_surface_is_possible(given: dict[str, Any]) -> None:
+    """A negative irradiance had an index of 2.58, without a word."""
+    (name,) = given
+    with pytest.raises(InputError, match=f"{name}: expected"):
+        GivenParameters(**given)
+
+
+def test_lists_and_arrays_have_the_same_surface_and_light() -> None:
+    pixels, normals, light = made_up_ball()
+    fit, same = (
+        fit_parameters(p, n, d, "unpolarised", alpha=0.3)
+        for p, n, d in (
+            (pixels, normals, light),
+            (pixels.tolist(), normals.tolist(), light.tolist()),
+        )
+    )
+    np.testing.assert_array_equal(same.albedo, fit.albedo)
+    grey = pixels.mean(axis=1)
+    np.testing.assert_array_equal(
+        estimate_direction(grey.tolist(), normals.tolist()), estimate_direction(grey, normals)
+    )
+    for wrong in (pixels, grey[:-1], grey[:, None, None]):
+        with pytest.raises(InputError, match=r"shapes \(n,\) and \(n, 3\), found .*take the mean"):
+            estimate_direction(wrong, normals)
+
+
+def made_up_ball() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (n, 2), normals (n, 3) and light of Lambert's ball."""
+    image, mask = ball()
+    y, x = np.mgrid[1:-1:16j, -1:1:16j] / np.sqrt(0.8)
+    normals = np.stack([x[mask], y[mask], image[mask][:, 0]], axis=-1)
+    light = np.array([0.6, 0.0, 0.8])
+    return np.clip(normals @ light, 0, None)[:, None] * [0.5, 1.0], normals, light
 
 
 def test_pictures_and_masks_belong_together() -> None:
