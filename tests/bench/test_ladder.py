@@ -14,8 +14,9 @@ from malus.bench.running.scene_scores import SceneResult, ScoringPlan
 from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.knowledge_ladder import EVERYTHING, GIVEN_RUNGS, RUNGS, rungs
 from malus.bench.scoring.masked_pixels import MaskedPixels
-from malus.bench.scoring.observe import INPUTS, observe
+from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method, Observation, get_method, methods
+from malus.reconstruct.observation import INPUTS
 from malus.renderers import Truth, render
 from malus.reports.tables.figure_numbers import MODEL, NOISE, ladder_numbers
 from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere

@@ -102,7 +102,8 @@ def scene(light: Distant | Uniform, albedo: float) -> Scene:
 def test_a_score_has_the_likeliest_reading() -> None:
     truth = render(scene(Distant(incidence_deg=60), 0.1), renderer="torrance-sparrow")
     score = Judge(truth).score(get_method("eq8"))
-    from malus.bench.scoring.observe import INPUTS, observe
+    from malus.bench.scoring.observe import observe
+    from malus.reconstruct.observation import INPUTS
 
     estimate = get_method("eq8").reconstruct(observe(truth, INPUTS)).stokes[truth.mask]
     (expected,) = scaled_one_by_one(LIKELIEST, [(estimate, truth.stokes[truth.mask])])
