@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from malus.renderers import Truth
-from malus.renderers.mitsuba.translate import emitters, sensor, shape_object
+from malus.renderers.comparison.plain_mitsuba import lamps
+from malus.renderers.mitsuba.translate import sensor, shape_object
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
     Area,
@@ -22,6 +23,7 @@ from malus.scenes import (
     Sphere,
     Torus,
 )
+from malus.scenes.lights.polarised import is_polarised
 from malus.scenes.materials.surface import Surface
 
 needs_arrays = pytest.mark.skipif(
@@ -63,14 +65,15 @@ def plain_bsdf(surface: Dielectric | Conductor) -> dict[str, Any]:
 def by_mitsuba(scene: Scene, sampling: Sampling, shapes: dict[str, Any], runs: int) -> np.ndarray:
     """Stokes images (runs, height, width, 4) by Mitsuba's `stokes` over its `path` integrator."""
     mi = mitsuba(choose())
-    path = {"type": "path", "max_depth": sampling.depth(scene), "hide_emitters": True}
+    depth = sampling.depth(scene) + is_polarised(scene.light)  # a lamp's plate counts
+    path = {"type": "path", "max_depth": depth, "hide_emitters": True}
     loaded = mi.load_dict(
         {
             "type": "scene",
             "sensor": sensor(mi, scene.camera, 100.0),
             "integrator": {"type": "stokes", "path": path},
         }
-        | emitters(mi, scene.light)
+        | lamps(mi, scene.light)
         | shapes
     )
     images = [np.asarray(mi.render(loaded, spp=sampling.samples, seed=i)) for i in range(runs)]

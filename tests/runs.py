@@ -19,12 +19,13 @@ import pytest
 
 from malus.bench import read_results
 from malus.bench.cli import main
+from malus.bench.datasets.predictions import Predictions, find_predictions, problems_of
 from malus.bench.datasets.render import render_dataset
 from malus.bench.running import sharing
 from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.variant import Variant
-from malus.scenes import Camera, load_suite
+from malus.scenes import Camera, InputError, load_suite
 from malus.scenes.core.result_files import EXAMPLES, PARTS
 
 TINY = ("run", "quick", "--resolution", "8", "--samples", "2")
@@ -39,6 +40,14 @@ SUITE = load_suite("quick").model_copy(
     }
 )
 """Two families of two scenes, whose truths are closed forms: a run takes a moment."""
+
+
+def check_predictions(
+    dataset: Dataset, folder: Path, progress: Callable[[int, int, str], None]
+) -> tuple[Predictions, list[InputError]]:
+    """Find predictions and every problem of every one of them, before anything is scored."""
+    predictions, problems = find_predictions(folder, dataset)
+    return predictions, problems + problems_of(dataset, predictions, progress)
 
 
 def formula_dataset(folder: Path, side: int = 14) -> Dataset:

@@ -148,20 +148,6 @@ def find_predictions(folder: Path, dataset: Dataset) -> tuple[Predictions, list[
     return Predictions(folder, paths), problems
 
 
-def check_predictions(
-    dataset: Dataset, folder: Path, progress: Callable[[int, int, str], None]
-) -> tuple[Predictions, list[InputError]]:
-    """Find predictions and every problem of every one of them, before anything is scored.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be read.
-    """
-    predictions, problems = find_predictions(folder, dataset)
-    return predictions, problems + problems_of(dataset, predictions, progress)
-
-
 def problems_of(
     dataset: Dataset, predictions: Predictions, progress: Callable[[int, int, str], None]
 ) -> list[InputError]:

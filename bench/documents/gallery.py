@@ -28,8 +28,6 @@ from malus.scenes import Scene, Suite, load_suite, polarisation
 from malus.scenes.colour import preview
 
 SUITES = Path(__file__).parent / "suites"
-STORED = Path(__file__).parents[2] / "reports" / "gallery"
-"""Where the pictures lie that documents show."""
 
 METHOD = "shadowed+body"
 """The method of the photo's last picture."""

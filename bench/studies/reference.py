@@ -26,6 +26,7 @@ RATIO = 4.0
 """Ratio of the widths of neighbouring pieces: Gauss of n nodes then errs by 3^(−2n) at worst."""
 
 ORDERS = (8, 11, 15, 20, 27)
+TOLERANCE = 1e-9
 G1_END = 1.6  # Mitsuba's microfacet.h: Smith's G1 is 1 from there on
 _CHUNK = 1 << 15  # numbers in one temporary array
 
@@ -194,9 +195,7 @@ def _dolp(theta: float, eta: complex, sigma: float, measure: str, order: int) ->
     return float(polarised / total)
 
 
-def reference_dolp(
-    zenith: float, eta: complex, sigma: float, measure: str = "eq8", *, tolerance: float = 1e-9
-) -> Reference:
+def reference_dolp(zenith: float, eta: complex, sigma: float, measure: str = "eq8") -> Reference:
     """ρ = (I_⊥ − I_∥)/(I_⊥ + I_∥) of Equations 4 to 8, refined until two orders agree.
 
     Arguments as those of `malus.reconstruct.specular_dolp`, scalars. At eta = 1, where nothing is
@@ -213,7 +212,7 @@ def reference_dolp(
     for order in ORDERS[1:]:
         value = _dolp(zenith, index, sigma, measure, order)
         error = abs(value - before)
-        if error <= tolerance:
+        if error <= TOLERANCE:
             break
         before = value
     return Reference(value, error)

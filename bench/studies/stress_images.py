@@ -30,16 +30,16 @@ class ImageCase(NamedTuple):
     invalid: bool
 
 
-def ordinary(dtype: str, height: int = 5, width: int = 7) -> Observation:
+def ordinary(dtype: str) -> Observation:
     """Observation of a cap of a sphere in three bands under a distant light, without extremes."""
-    y, x = np.meshgrid(np.linspace(0.6, -0.6, height), np.linspace(-0.7, 0.7, width), indexing="ij")
+    y, x = np.meshgrid(np.linspace(0.6, -0.6, 5), np.linspace(-0.7, 0.7, 7), indexing="ij")
     normals = np.stack([x, y, np.sqrt(1.0 - x * x - y * y)], axis=-1).astype(dtype)
     bands = np.array([1.0, 0.5, 0.25])
     specular = ((0.2 + y * y + np.abs(x))[..., None] * bands).astype(dtype)
     diffuse = ((0.5 + 0.3 * x)[..., None] * bands[::-1]).astype(dtype)
     return Observation(
         image=specular + diffuse,
-        mask=np.ones((height, width), dtype=bool),
+        mask=np.ones(x.shape, dtype=bool),
         wavelengths_nm=(450.0, 550.0, 650.0),
         specular=specular,
         diffuse=diffuse,

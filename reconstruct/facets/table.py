@@ -74,12 +74,10 @@ def _tabulated(function: Function, coefficients: int = 0) -> _Interpolant:
 
 
 @lru_cache(maxsize=1024)
-def _specular(
-    eta: complex, sigma: float, measure: Measure, part_error: float = _PART_ERROR
-) -> _Interpolant:
+def _specular(eta: complex, sigma: float, measure: Measure) -> _Interpolant:
     """Specular ρ of microfacets, cached: a surface is tabulated once a process."""
     index = eta if eta.imag else eta.real
-    (table,) = _specular_together(np.array([index]), sigma, measure, part_error)
+    (table,) = _specular_together(np.array([index]), sigma, measure, _PART_ERROR)
     return table
 
 

@@ -132,26 +132,3 @@ def lamps(mi: ModuleType, light: Light) -> dict[str, Any]:
 def _polariser(angle_deg: float) -> dict[str, Any]:
     """A plate whose front faces the object: its theta counts from its own x axis, horizontal."""
     return {"type": "polarizer", "theta": {"type": "uniform", "value": angle_deg + 90.0}}
-
-
-def stokes_image(variant: Variant, scene: Scene, band: int, sampling: Sampling) -> Float32Array:
-    """s0 to s3 (height, width, 4) of one band of one object by Mitsuba's `stokes` integrator.
-
-    Nothing of malus goes into it but the places of object, camera and lamp. Of bodies it has the
-    polarised one only.
-    """
-    mi = mitsuba(variant)
-    depth = 3 if is_polarised(scene.light) else 2  # the plate counts
-    path = {"type": "path", "max_depth": depth, "hide_emitters": True}
-    loaded = mi.load_dict(
-        {
-            "type": "scene",
-            "sensor": sensor(mi, scene.camera),
-            "shape": shape_object(mi, scene.shape, mi.load_dict(_bsdf(scene, band))),
-            "integrator": {"type": "stokes", "path": path},
-        }
-        | lamps(mi, scene.light)
-    )
-    raw = mi.render(loaded, spp=sampling.samples, seed=sampling.seed)
-    stokes: Float32Array = np.asarray(raw)[..., [-12, -9, -6, -3]]
-    return stokes

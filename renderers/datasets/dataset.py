@@ -13,7 +13,6 @@ followed, and sizes are bounded before anything is decoded.
 from __future__ import annotations
 
 import functools
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,8 +40,6 @@ from malus.scenes.core.errors import InputError
 from malus.scenes.core.remote import as_path
 from malus.scenes.maps import MapName
 from malus.scenes.sensor_frame import SensorFrame
-
-_ID = re.compile(r"[0-9a-f]{16}")
 
 
 @dataclass(frozen=True)

@@ -145,25 +145,23 @@ def write_exr(
 def read_exr(
     path: Path,
     shape: tuple[int, int],
-    required: Iterable[str],
-    optional: Iterable[str] = (),
+    channels: Iterable[str],
     dtype: type[np.generic] = np.float32,
 ) -> Channels:
-    """Read the `required` planes of a file with these channels, maybe `optional` ones, no others.
+    """Read the planes of a file with these channels and no others.
 
     Raises
     ------
     InputError
         A link, a file too large, no OpenEXR file, another size, other channels, other pixels.
     """
-    names = list(required)
-    allowed = {*names, *optional}
-    _check_memory(path, shape, len(allowed))
+    names = list(channels)
+    _check_memory(path, shape, len(names))
     _check_regular(path)
-    _check_bytes(path, shape, len(allowed))
+    _check_bytes(path, shape, len(names))
     with readable(path) as file:
         opened = _opened(file, header_only=True)
-        _check_conditions(path, lambda: _header_conditions(opened, shape, set(names), allowed))
+        _check_conditions(path, lambda: _header_conditions(opened, shape, set(names)))
         decoded = _decoded(path, _opened(file, header_only=False))
     return _checked_planes(path, decoded, names, shape, (np.dtype(dtype).name,))
 
@@ -272,9 +270,7 @@ def _check_conditions(path: Path, conditions: Callable[[], list[Condition]]) -> 
             raise InputError(str(path), expected, found, "write the file again")
 
 
-def _header_conditions(
-    file: Any, shape: tuple[int, int], required: set[str], allowed: set[str]
-) -> list[Condition]:
+def _header_conditions(file: Any, shape: tuple[int, int], wanted: set[str]) -> list[Condition]:
     """Conditions on the header of a file of malus: these channels and no others."""
     header = file.header()
     names = {channel.name for channel in header["channels"]}
@@ -282,8 +278,8 @@ def _header_conditions(
         *_size_conditions(len(file.parts), header, shape, names),
         (header["type"] == OpenEXR.scanlineimage, "a scan-line image", str(header["type"])),
         _compression_condition(header, _OWN_COMPRESSION),
-        (not required - names, f"channel {_first(required - names)}", "no such channel"),
-        (not names - allowed, "no further channel", f"channel {_first(names - allowed)}"),
+        (not wanted - names, f"channel {_first(wanted - names)}", "no such channel"),
+        (not names - wanted, "no further channel", f"channel {_first(names - wanted)}"),
     ]
 
 

@@ -16,12 +16,11 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from made_up import made_up_truth
-from runs import formula_dataset
+from runs import check_predictions, formula_dataset
 
 from malus.bench import read_results, run
 from malus.bench.commands.score import score_command
 from malus.bench.datasets.export import export
-from malus.bench.datasets.predictions import check_predictions
 from malus.bench.datasets.score import score_dataset
 from malus.reconstruct import get_method
 from malus.renderers.datasets.dataset import Dataset, open_dataset

@@ -10,10 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain import by_mitsuba, own_shape
 from rooms import needs_arrays
 
 from malus.renderers import Truth, render
-from malus.renderers.comparison.plain_mitsuba import lamps, stokes_image
+from malus.renderers.comparison.plain_mitsuba import lamps
 from malus.renderers.families.family import render_family
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
@@ -79,8 +80,8 @@ def test_a_polarised_lamp_is_mitsubas_lamp_behind_a_plate(
     )
     truth = render(scene, Sampling(samples=1024))
     runs = 16
-    images = [stokes_image(choose(), scene, 0, Sampling(samples=1024, seed=i)) for i in range(runs)]
-    theirs, pixels = np.stack(images)[..., :3], lit(truth)
+    images = by_mitsuba(scene, Sampling(samples=1024), own_shape(scene), runs)
+    theirs, pixels = images[..., :3], lit(truth)
     ours, error = truth.stokes[:, :, 0][pixels], truth.standard_error[:, :, 0][pixels]
     mean = theirs.mean(axis=0)[pixels]
     variance = error**2 + theirs.var(axis=0, ddof=1)[pixels] / runs
@@ -106,8 +107,8 @@ def test_metals_make_circular_light_of_a_lamp_as_mitsubas() -> None:
     assert truth.s3 is not None
     assert truth.s3_standard_error is not None
     runs = 16
-    images = [stokes_image(choose(), scene, 0, Sampling(samples=1024, seed=i)) for i in range(runs)]
-    theirs, pixels = np.stack(images)[..., 3], lit(truth)
+    images = by_mitsuba(scene, Sampling(samples=1024), own_shape(scene), runs)
+    theirs, pixels = images[..., 3], lit(truth)
     error = truth.s3_standard_error[..., 0][pixels]
     variance = error**2 + theirs.var(axis=0, ddof=1)[pixels] / runs
     ours, mean = truth.s3[..., 0][pixels], theirs.mean(axis=0)[pixels]

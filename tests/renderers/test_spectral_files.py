@@ -13,8 +13,8 @@ import numpy as np
 import OpenEXR
 import pytest
 from made_up import made_up_truth
+from runs import check_predictions
 
-from malus.bench.datasets.predictions import check_predictions
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.spectral_exr import read_spectral, write_exr, write_spectral
