@@ -106,7 +106,6 @@ TRIVIAL = Method(
 """The method that skill is measured against."""
 
 
-@functools.cache
 def methods() -> dict[str, Method]:
     """All methods by name: those that malus brings, and the entry-point group `malus.methods`.
 
@@ -120,6 +119,12 @@ def methods() -> dict[str, Method]:
     >>> "eq8" in methods()
     True
     """
+    return dict(_methods())
+
+
+@functools.cache
+def _methods() -> dict[str, Method]:
+    """The same, kept."""
     # Imported only now, because it takes long and `import malus.reconstruct` does not need it.
     from malus.reconstruct.builtin_methods import whole_picture_methods
 
@@ -182,11 +187,11 @@ def get_method(name: str) -> Method:
         return _loaded(f"method {name}", name)
     if name in _per_pixel() and all(entry.name != name for entry in _installed()):
         return _per_pixel()[name]  # without those of whole pictures, which take longer to import
-    by_name = methods()
-    if name not in by_name:
-        hint = near(name, by_name) or "`malus list methods` shows them; your own is module:object"
-        raise InputError("method", f"one of {', '.join(by_name)}", name, hint)
-    return by_name[name]
+    known = _methods()
+    if name not in known:
+        hint = near(name, known) or "`malus list methods` shows them; your own is module:object"
+        raise InputError("method", f"one of {', '.join(known)}", name, hint)
+    return known[name]
 
 
 _NETWORKS = ("net:", "net-around:")

@@ -13,17 +13,19 @@ from malus.renderers.rendering import render
 from malus.renderers.truth import Truth
 
 if TYPE_CHECKING:
-    from malus.renderers.datasets.dataset import Dataset, open_dataset
+    from malus.renderers.datasets.dataset import Dataset
+    from malus.renderers.datasets.opened import open_dataset
 
 __all__ = ["Dataset", "Truth", "open_dataset", "render"]
 
-_DATASET_NAMES = {"Dataset", "open_dataset"}
+_MODULES = {"Dataset": "datasets.dataset", "open_dataset": "datasets.opened"}
+"""Module of each name that is imported when it is first used."""
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used."""
-    if name not in _DATASET_NAMES:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.datasets.dataset"), name)
+    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
     globals()[name] = value
     return value

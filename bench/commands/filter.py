@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -144,20 +145,15 @@ def filter_command(
     click.echo(f"{len(filtered.files)} files in {folder}")
 
 
-def _progress() -> Any:
+@contextmanager
+def _progress() -> Iterator[Callable[[str, float], None]]:
     """A progress bar on standard error with time left; silent where that is no terminal."""
-    import contextlib
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    @contextlib.contextmanager
-    def shown() -> Any:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from malus.bench.commands.console import plain_console
 
-        from malus.bench.commands.console import plain_console
-
-        console = plain_console(stderr=True)
-        columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn()
-        with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-            task = bar.add_task("reading", total=1.0)
-            yield lambda step, share: bar.update(task, description=step, completed=share)
-
-    return shown()
+    console = plain_console(stderr=True)
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("reading", total=1.0)
+        yield lambda step, share: bar.update(task, description=step, completed=share)

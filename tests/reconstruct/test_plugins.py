@@ -11,7 +11,7 @@ from pictures import dome
 
 from malus.bench.scoring.judge import score
 from malus.reconstruct import Components, Method, Observation, get_method, methods
-from malus.reconstruct.methods import _installed
+from malus.reconstruct.methods import _installed, _methods
 from malus.reconstruct.photos.estimate import estimate
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.renderers import render
@@ -63,15 +63,21 @@ def test_entry_points_are_methods(module: Path, monkeypatch: pytest.MonkeyPatch)
         for name in ("theirs", "visible")
     ]
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: entries)
-    for kept in (methods, _installed):
+    for kept in (_methods, _installed):
         kept.cache_clear()
     try:
         assert get_method("theirs").summary == "a tenth, vertical"
         assert get_method("visible").summary == "a tenth, vertical"  # in place of malus's own
         assert "eq8" in methods()
     finally:
-        for kept in (methods, _installed):
+        for kept in (_methods, _installed):
             kept.cache_clear()
+
+
+def test_what_is_done_to_the_list_of_methods_costs_nobody_a_method() -> None:
+    methods().clear()
+    assert get_method("blind").name == "blind"
+    assert {"eq8", "blind", "net"} <= methods().keys()
 
 
 def test_a_method_is_a_small_declaration() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 
+import malus
 import malus.reconstruct as public
 from malus.scenes import InputError
 
@@ -64,3 +66,12 @@ def test_unknown_names_are_told() -> None:
         public.separate(IMAGE, MASK, method="nothing")
     with pytest.raises(InputError, match=r"one of neutral, .*, found nothing"):
         public.estimate_illuminant(IMAGE, method="nothing")
+
+
+@pytest.mark.parametrize("package", ["scenes", "renderers", "reconstruct", "bench", "reports"])
+def test_a_name_of_malus_is_the_same_in_its_packages(package: str) -> None:
+    module = importlib.import_module(f"malus.{package}")
+    shared = set(module.__all__) & set(malus.__all__)
+    # `malus.bench.run` takes a Suite and writes no report, as it says.
+    differ = {name for name in shared if getattr(module, name) is not getattr(malus, name)}
+    assert differ == ({"run"} if package == "bench" else set())
