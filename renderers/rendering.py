@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.truth import Truth
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, check_kind
 from malus.scenes.scene import Sampling, Scene
 
 
@@ -18,7 +18,7 @@ def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mits
     sampling : Sampling, optional
         Samples a pixel and seed; the Torrance-Sparrow renderer ignores it.
     renderer : 'mitsuba' or 'torrance-sparrow'
-        The second is for spheres and normal maps under distant lights, without Mitsuba.
+        The second is for spheres under distant lights, without Mitsuba.
 
     Returns
     -------
@@ -38,16 +38,14 @@ def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mits
     >>> render(scene).image.shape
     (8, 8, 1)
     """
-    if not isinstance(scene, Scene):
-        hint = "`malus.run` and `malus.render_dataset` render the scenes of a suite"
-        raise InputError("scene", "a malus.Scene", type(scene).__name__, hint)
-    if not isinstance(sampling, Sampling | None):
-        hint = "give malus.Sampling(samples=…, seed=…)"
-        raise InputError("sampling", "a malus.Sampling", type(sampling).__name__, hint)
+    sampling = Sampling() if sampling is None else sampling
+    hint = "`malus.run` and `malus.render_dataset` render the scenes of a suite"
+    check_kind("scene", scene, Scene, hint)
+    check_kind("sampling", sampling, Sampling, "give malus.Sampling(samples=…, seed=…)")
     if renderer == "torrance-sparrow":
         return render_torrance_sparrow(scene)
     if renderer != "mitsuba":
         raise InputError("renderer", "mitsuba or torrance-sparrow", renderer, "choose one of them")
     from malus.renderers.families.family import render_family
 
-    return render_family([scene], sampling or Sampling()).truth(scene)
+    return render_family([scene], sampling).truth(scene)

@@ -88,7 +88,7 @@ def _checked_light(scene: Scene, normals: Float64Array | None) -> Distant:
     hint = "use the mitsuba renderer for this scene"
     where = f"scene {scene.id}, torrance-sparrow renderer"
     if normals is None and not isinstance(scene.shape, Sphere):
-        raise InputError(where, "a sphere or a normal map", scene.shape.kind, hint)
+        raise InputError(where, "a sphere", scene.shape.kind, hint)
     light = scene.light_in_image
     if not isinstance(light, Distant):
         raise InputError(where, "a distant light", light.kind, hint)

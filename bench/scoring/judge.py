@@ -36,7 +36,7 @@ from malus.reconstruct import Components, Method, get_method
 from malus.reconstruct.methods import guarded
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import Float64Array, FloatArray
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, check_kind
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 
 StokesMetric = Callable[[FloatArray], Iterable[MetricValue]]
@@ -389,9 +389,7 @@ def score(truth: Truth, method: Method | str) -> Score:
     >>> round(score(truth, "half_vector").skill, 6)
     1.0
     """
-    if not isinstance(truth, Truth):
-        hint = "`malus.render` makes one"
-        raise InputError("truth", "a malus.Truth", type(truth).__name__, hint)
+    check_kind("truth", truth, Truth, "`malus.render` makes one")
     if not isinstance(method, Method | str):
         hint = "`malus list methods` shows those there are"
         raise InputError("method", "a Method or the name of one", type(method).__name__, hint)

@@ -9,6 +9,7 @@ import numpy as np
 
 from malus.reconstruct import Observation
 from malus.renderers.truth import Truth
+from malus.scenes.core.errors import check_kind
 
 
 def _unless_nan(value: Any) -> Any:
@@ -51,7 +52,7 @@ def observe(truth: Truth, needs: Iterable[str]) -> Observation:
     Raises
     ------
     ValueError
-        If a need is none of these.
+        If a need is none of these, or the truth is none.
 
     Examples
     --------
@@ -63,6 +64,7 @@ def observe(truth: Truth, needs: Iterable[str]) -> Observation:
     >>> observe(truth, frozenset({"alpha"})).alpha
     0.3
     """
+    check_kind("truth", truth, Truth, "`malus.render` makes one")
     named = frozenset((needs,) if isinstance(needs, str) else needs)
     return Observation(image=truth.image, mask=truth.mask, **inputs(truth, named))
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from malus.reconstruct.photos.mosaic import demosaic
 from malus.scenes.core.arrays import Float32Array
+from malus.scenes.core.errors import check_kind
 from malus.scenes.polarisation import analyser
 from malus.scenes.sensor_frame import SensorFrame
 
@@ -26,6 +27,11 @@ def demosaiced_stokes(frame: SensorFrame) -> Float32Array:
     (height, width, channels, 3) array
         Stokes vectors, in the units of the scene's radiance.
 
+    Raises
+    ------
+    InputError
+        For what is no frame with its sensor.
+
     Examples
     --------
     >>> from malus.scenes.sensor import Sensor
@@ -35,6 +41,7 @@ def demosaiced_stokes(frame: SensorFrame) -> Float32Array:
     >>> demosaiced_stokes(frame)[4, 4, 0].round(2).tolist()
     [1.0, -1.0, 0.0]
     """
+    check_kind("frame", frame, SensorFrame, "`malus.expose` makes one, and a dataset has them")
     sensor, channels = frame.sensor, frame.channels
     # demosaic: (4, height, width, 1 or 3) of a frame; all frames, or all colours, side by side
     pictures = np.concatenate(

@@ -33,6 +33,7 @@ from malus.reconstruct.single_image.shading import BodyKind
 from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray
+from malus.scenes.core.errors import check_kind
 from malus.scenes.lights.lights import Distant
 
 
@@ -167,6 +168,7 @@ def run_chain(
     (1.5, 'unpolarised')
     """
     check_separation(separation, "separation")
+    check_kind("observation", observation, Observation, "give malus.Observation(image, mask)")
     require_distant(observation)
     observation, finite = without_gaps(observation)
     specular, separation_statements = _by_colour(observation, separation)

@@ -50,6 +50,7 @@ from malus.reconstruct.single_image.parameters import SurfaceParameters
 from malus.reconstruct.single_image.separation import SEPARATIONS, check_separation, separate
 from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
 from malus.scenes.core.arrays import BoolArray, Float64Array, NumberArray
+from malus.scenes.core.errors import check_kind
 from malus.scenes.lights.lights import Distant, Light
 
 STAGES = frozenset({"illuminant", "specular", "diffuse", "normals", "eta", "alpha", "light"})
@@ -106,6 +107,7 @@ def run_paper(
     'separated by the fitted model, not by colour'
     """
     check_separation(separation, "separation")
+    check_kind("observation", observation, Observation, "give malus.Observation(image, mask)")
     colour, about_colour = _illuminant(observation)
     observation, finite = without_gaps(observation)
     specular, about_lobes = _lobes(observation, colour, separation)

@@ -49,6 +49,20 @@ class InputError(ValueError):
         )
 
 
+def check_kind(where: str, value: object, kind: type, hint: str) -> None:
+    """Raise InputError for a value of another class than a public one, `kind`.
+
+    Examples
+    --------
+    >>> check_kind("error", 3, InputError, "raise one")
+    Traceback (most recent call last):
+        ...
+    malus.scenes.core.errors.InputError: error: expected a malus.InputError, found int; raise one
+    """
+    if not isinstance(value, kind):
+        raise InputError(where, f"a malus.{kind.__name__}", type(value).__name__, hint)
+
+
 def printable(text: object) -> str:
     r"""Text with control characters, line breaks and lone surrogates written as escapes.
 

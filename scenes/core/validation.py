@@ -59,7 +59,7 @@ def first_problem(error: ValidationError, data: Any, where: str) -> InputError:
     )
 
 
-def near(name: str, names: Iterable[str]) -> str:
+def near(name: object, names: Iterable[str]) -> str:
     """A question that suggests the most similar names, or an empty string where none is.
 
     Examples
@@ -67,7 +67,7 @@ def near(name: str, names: Iterable[str]) -> str:
     >>> near("sphre", ["sphere", "torus"])
     'did you mean sphere?'
     """
-    close = difflib.get_close_matches(name.lower(), names, n=3, cutoff=0.5)
+    close = difflib.get_close_matches(str(name).lower(), names, n=3, cutoff=0.5)
     return f"did you mean {' or '.join(close)}?" if close else ""
 
 

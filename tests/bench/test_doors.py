@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import pickle
 from collections.abc import Callable
@@ -55,6 +56,38 @@ ANYTHING = cast(Any, malus)
 def test_what_is_of_another_kind_is_told(call: Callable[[], Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         call()
+
+
+TAKING = [
+    name
+    for name in malus.__all__
+    if name != "read_knowledge"  # without a file to read it looks at no shape
+    and inspect.isfunction(function := getattr(malus, name))
+    and any(p.default is p.empty for p in inspect.signature(function).parameters.values())
+]
+"""Functions that must be given something."""
+
+
+@pytest.mark.parametrize(
+    "value", [None, 3, np.zeros(3), object()], ids=["None", "number", "array", "object"]
+)
+@pytest.mark.parametrize("name", TAKING)
+def test_a_value_of_another_kind_is_a_wrong_value_or_a_wrong_type(
+    name: str, value: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No error of an attribute deep inside, whatever stands for all that must be given."""
+    monkeypatch.chdir(tmp_path)
+    function = getattr(malus, name)
+    needed = [p for p in inspect.signature(function).parameters.values() if p.default is p.empty]
+    with pytest.raises((ValueError, TypeError)):
+        function(*[value] * len(needed))
+
+
+@pytest.mark.parametrize("name", ["blind", "paper", "run_chain", "run_paper"])
+def test_who_gives_a_truth_to_a_chain_is_told_what_it_takes(name: str) -> None:
+    truth = malus.render(SCENE, renderer="torrance-sparrow")
+    with pytest.raises(InputError, match=r"a malus.Observation, found Truth; give malus.Obs"):
+        getattr(malus, name)(truth)
 
 
 def test_a_score_needs_a_method() -> None:
