@@ -60,7 +60,7 @@ def expose(
     stokes: FloatArray,
     sensor: Sensor,
     wavelengths_nm: tuple[float, ...] = (550.0,),
-    seed: Sequence[int] = (1,),
+    seed: int | Sequence[int] = 1,
 ) -> SensorFrame:
     """Take a raw frame of a Stokes image with a polarisation camera.
 
@@ -72,7 +72,7 @@ def expose(
         The camera.
     wavelengths_nm : (bands,)
         Of the bands of `stokes`.
-    seed : integers
+    seed : integer, or several
         The noise follows from these and the number of the frame alone.
 
     Returns
@@ -101,8 +101,9 @@ def expose(
     # A polariser passes no negative light; a noisy Stokes vector may claim some.
     signal = np.maximum(_behind_colours(passing, sensor, channels), 0.0)
     exposure = _exposure(signal, sensor)
+    seeds = [seed] if isinstance(seed, int) else seed
     raw = [
-        _digital(exposure * frame, sensor, np.random.default_rng([*seed, number]))
+        _digital(exposure * frame, sensor, np.random.default_rng([*seeds, number]))
         for number, frame in enumerate(signal)
     ]
     return SensorFrame(sensor, np.stack(raw), exposure, channels)

@@ -20,12 +20,12 @@ STANDS = {"azimuth_deg": 40.0, "elevation_deg": 25.0}
 DIAGONAL = 0.5**0.5
 
 
-def mirror_ball() -> Truth:
+def mirror_ball(resolution: int = 192, samples: int = 256) -> Truth:
     """A smooth dark ball under uniform light; its specular lobe is what the picture shows."""
     surface = Dielectric(eta=1.5, alpha=0.1, albedo=0.0, body="unpolarised")
-    camera = Camera(resolution=192)
+    camera = Camera(resolution=resolution)
     scene = Scene(shape=Sphere(), surface=surface, light=Uniform(), camera=camera)
-    return render(scene, Sampling(samples=256))
+    return render(scene, Sampling(samples=samples))
 
 
 def picture(truth: Truth) -> Figure:
@@ -85,14 +85,14 @@ def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], colou
     ax.annotate("", xy=end, xytext=start, arrowprops=style)
 
 
-def lit_ball() -> Truth:
+def lit_ball(resolution: int = 256, samples: int = 64) -> Truth:
     """A ball lit from the world's top, seen by a camera that was moved around it."""
     surface = Dielectric(eta=1.5, alpha=0.3, albedo=0.7)
     lens = {"projection": "perspective", "fov_deg": 45.0, "distance": 4.0}
-    camera = Camera.model_validate(lens | STANDS | {"resolution": 256})
+    camera = Camera.model_validate(lens | STANDS | {"resolution": resolution})
     light = Distant(incidence_deg=50, azimuth_deg=100)
     scene = Scene(shape=Sphere(), surface=surface, light=light, camera=camera)
-    return render(scene, Sampling(samples=64))
+    return render(scene, Sampling(samples=samples))
 
 
 def camera_picture(truth: Truth) -> Figure:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mpmath import mpf
 from plain import (
     GOLD,
     LAMP,
@@ -20,6 +22,7 @@ from plain import (
     returns_no_more,
     scene_of,
 )
+from reference.fresnel import reflectances
 
 from malus.renderers import render
 from malus.renderers.families.family import render_family
@@ -38,6 +41,7 @@ from malus.scenes import (
     Sampling,
     Sphere,
     Surroundings,
+    Torus,
     Uniform,
 )
 from malus.scenes.materials.surface import Surface
@@ -195,6 +199,37 @@ def test_the_formulas_refuse_ggx() -> None:
     surface = Dielectric(eta=1.5, alpha=0.3, body="unpolarised", distribution="ggx")
     with pytest.raises(InputError, match=r"Beckmann's facets, found ggx"):
         render_torrance_sparrow(scene_of(surface, OBLIQUE))
+
+
+def test_the_formulas_take_a_map_of_normals() -> None:
+    """One tilted facet in every pixel but one: what a pocket calculator says of it."""
+    eta, alpha, albedo, irradiance = 1.5, 0.3, 0.4, 2.0
+    surface = Dielectric(eta=eta, alpha=alpha, albedo=albedo, body="unpolarised")
+    lamp = Distant(incidence_deg=50, azimuth_deg=35, irradiance=irradiance)
+    normal = np.array([0.2, 0.3, math.sqrt(1 - 0.13)])
+    normals = np.tile(normal, (4, 6, 1))
+    normals[0, 0] = 0.0
+    scene = scene_of(surface, lamp, Torus(), resolution=4)
+    truth = render_torrance_sparrow(scene, normals)
+    assert truth.mask.sum() == 4 * 6 - 1
+    assert not truth.stokes[0, 0].any()
+
+    across, azimuth = math.sin(math.radians(50)), math.radians(35)
+    light = np.array([across * math.cos(azimuth), across * math.sin(azimuth), 0])
+    light[2] = math.cos(math.radians(50))
+    half = (light + [0, 0, 1]) / np.linalg.norm(light + [0, 0, 1])
+    n_h, n_v, n_l, incidence = normal @ half, normal[2], normal @ light, math.radians(25)
+    perpendicular, parallel = map(float, reflectances(mpf(incidence), eta))
+    facets = math.exp((1 - 1 / n_h**2) / alpha**2) / (math.pi * alpha**2 * n_h**4)
+    masking = min(1, 2 * n_h * n_v / half[2], 2 * n_h * n_l / half[2])
+    lobe = facets * masking / (4 * n_l * n_v) * irradiance * n_l
+    s0 = lobe * (perpendicular + parallel) / 2
+    # Crosswise to the plane of lamp and viewer, whose azimuth is 35°.
+    crosswise = -lobe * (perpendicular - parallel) / 2
+    expected = [s0, crosswise * math.cos(2 * azimuth), crosswise * math.sin(2 * azimuth)]
+    seen = truth.specular[1, 2, 0]
+    assert seen == pytest.approx(expected, rel=1e-12)  # rounding of a dozen operations
+    assert truth.diffuse[1, 2, 0, 0] == pytest.approx(albedo / math.pi * irradiance * n_l)
 
 
 def test_methods_are_told_one_roughness_of_two() -> None:

@@ -90,6 +90,8 @@ def test_noise_follows_from_seed_and_frame_alone() -> None:
     assert np.array_equal(frame.raw[:2], two.raw)
     others = [expose(three, sensor, bands, seed=seed).raw for seed in ((7, 4), (8, 3))]
     assert not any(np.array_equal(frame.raw, other) for other in others)
+    one, same = (expose(three, sensor, bands, seed=seed).raw for seed in (7, (7,)))
+    assert np.array_equal(one, same)  # one number, as everywhere else
     alike = expose(field(0.5, 0.5, 16, 2), sensor, bands[:2]).raw.astype(float)
     # Uncorrelated: of 256 pixels to 0.06; the mosaic is taken out.
     noise = [
