@@ -18,6 +18,8 @@ def compare_command(results: tuple[Path, ...], out: Path | None, as_json: bool) 
 
     Runs may be of one suite, with other versions, seeds or methods, or of several suites. Scenes
     that both have are compared one by one, others by their means under the same light and body.
+    Another seed or other samples move all scenes together: then gain, rotation and facing skill are
+    compared, whose noise is known, and not NMSE and skill.
 
     \b
     Example:

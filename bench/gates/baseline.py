@@ -19,6 +19,7 @@ import pandas as pd
 from pydantic import Field
 
 from malus.bench.running.results import Results
+from malus.reports.tables.other_images import TOLERANCES
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.files import write_whole
 from malus.scenes.core.model import Model, content_id
@@ -160,13 +161,19 @@ class Baseline(Model):
 
 DEFAULT_RULES = (
     ToleranceRule(
-        metric="gain", tolerance=0.005, reason="a quarter of the 2 % that must never pass"
+        metric="gain",
+        tolerance=TOLERANCES["gain"],
+        reason="a quarter of the 2 % that must never pass",
     ),
     ToleranceRule(
-        metric="rotation", tolerance=0.005, reason="a turn by 0.14 degrees at equal strength"
+        metric="rotation",
+        tolerance=TOLERANCES["rotation"],
+        reason="a turn by 0.14 degrees at equal strength",
     ),
     ToleranceRule(
-        metric="facing_skill", tolerance=0.01, reason="a hundredth of the way to the trivial guess"
+        metric="facing_skill",
+        tolerance=TOLERANCES["facing_skill"],
+        reason="a hundredth of the way to the trivial guess",
     ),
 )
 """Rules of a new baseline."""

@@ -20,22 +20,15 @@ from typing import Literal
 
 from malus.bench.gates.baseline import Baseline, PooledMetric, RunIdentity, ToleranceRule, measure
 from malus.bench.running.results import Results
+from malus.reports.tables.other_images import HIDDEN_NOISE, SAME_SIGNAL
 from malus.scenes.core.errors import InputError
 
 FALSE_ALARM = 1e-3
 """Probability that noise alone turns a whole run red."""
 
-HIDDEN_NOISE = 1.6
-"""Factor on standard errors measured from halves of the samples. The halves share the pixels'
-mean normals and the mask, whose noise they do not show: over 24 seeds the spread of gains was up
-to 1.6 times the measured error (distant light, roughness 0.4), usually 0.7 to 1.2 times."""
-
 PAIRED_NOISE = 0.01
 """Fraction of the noise that is left in a difference over the same images: rounding, which may
 differ between machines."""
-
-SAME_SIGNAL = 1e-5
-"""Relative difference of true polarised intensities up to which renders are the same images."""
 
 DETECTED = 2.0
 """Standard errors beyond the limit at which a change is detected 98 times in 100."""

@@ -6,12 +6,20 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from malus.reports.tables.metric_definitions import MetricDefinition, definition_of
+from malus.reports.tables.other_images import (
+    TOLERANCES,
+    noise_width,
+    same_images,
+    signals,
+    weighted_means,
+)
 from malus.reports.tables.paired import LEAST_SCENES, PairedDifference, student_width
 from malus.reports.tables.paper_table import default_metrics, number_with_error
 from malus.reports.tables.rows import TRIVIAL, ResultsLike, complete_mean, distinct, overall_rows
@@ -24,7 +32,7 @@ FALSE_ALARM = 0.05
 KEYS = ["method", "body", "light"]
 """Scenes are compared in groups: a method under one kind of light on one kind of body."""
 
-Outcome = Literal["better", "worse", "changed", "same"]
+Outcome = Literal["better", "worse", "changed", "same", "not told"]
 
 
 @dataclass(frozen=True)
@@ -38,6 +46,9 @@ class Change:
         interval.
     paired : bool
         Whether both runs have the same scenes; else different ones of the group are compared.
+    told : bool
+        Whether anything tells what chance does to the difference: not where the same scenes were
+        rendered with other random numbers, and the metric does not tell its noise.
     """
 
     run: str
@@ -49,6 +60,7 @@ class Change:
     half_width: float
     scenes: int
     paired: bool
+    told: bool = True
 
     @property
     def outcome(self) -> Outcome:
@@ -60,6 +72,8 @@ class Change:
         if math.isnan(self.before) != math.isnan(self.after):
             return "better" if math.isnan(self.before) else "worse"
         infinite = math.isinf(self.before) or math.isinf(self.after)
+        if not (self.told or infinite or self.difference == 0):
+            return "not told"
         if not (infinite and self.before != self.after) and (
             self.difference == 0 or not abs(self.difference) > self.half_width
         ):
@@ -73,39 +87,44 @@ class Change:
 def compared(names: Sequence[str], runs: Sequence[ResultsLike]) -> list[Change]:
     """Compare every run with the first, for all methods, bodies, lights and metrics of both.
 
-    Scenes of both are paired; where a group shares none, its means are compared (Welch's t).
-    Groups of fewer than three scenes are left out: nothing tells their chance. The intervals
-    together raise a false alarm in one comparison of twenty (Bonferroni).
+    Scenes of both are paired; where a group shares none, its means are compared (Welch's t). Scenes
+    of both that were rendered with other random numbers are compared by the metrics that tell their
+    noise (`other_images`); of the others their change is no evidence. Groups of fewer than three
+    scenes are left out: nothing tells their chance. The intervals together raise a false alarm in
+    one comparison of twenty (Bonferroni).
     """
-    first = _values(runs[0].table)
-    jobs = [
-        (name, key, before, after)
+    first = _groups(runs[0].table)
+    pairs = [
+        _Pair(name, key, before, after)
         for name, run in zip(names[1:], runs[1:], strict=True)
-        for key, before, after in _shared(first, _values(run.table))
+        for key, before, after in _shared(first, _groups(run.table))
     ]
-    confidence = 1.0 - FALSE_ALARM / max(len(jobs), 1)
-    return [_change(*job, confidence) for job in jobs]
+    pairs = [pair for pair in pairs if pair.is_other or pair.key[0] not in TOLERANCES]
+    confidence = 1.0 - FALSE_ALARM / max(sum(pair.told for pair in pairs), 1)
+    return [pair.change(confidence) for pair in pairs]
 
 
-_Groups = dict[tuple[str, ...], "pd.Series[float]"]
+_Groups = dict[tuple[str, ...], pd.DataFrame]
 
 
-def _values(table: pd.DataFrame) -> _Groups:
-    """Values by scene of every metric, method, body and light."""
-    groups: _Groups = {}
-    for metric in default_metrics(table):
+def _groups(table: pd.DataFrame) -> _Groups:
+    """Value, noise and signal by scene of every metric, method, body and light."""
+    signal, groups = signals(table), _Groups()
+    for metric in dict.fromkeys([*default_metrics(table), *TOLERANCES]):
         rows = overall_rows(table, metric)
         for key, part in rows.groupby(KEYS, sort=False, observed=True):
-            series = part.set_index("scene")["value"].astype(float)
+            own = part.drop_duplicates("scene").set_index("scene")
+            own = own.reindex(columns=["value", "noise"]).astype(float)
+            own["signal"] = [signal.get((key[0], scene), math.nan) for scene in own.index]
             if metric != "nmse":  # of which the estimates that are not finite have none
-                series = series.dropna()
-            groups[metric, *map(str, key)] = series[~series.index.duplicated()]
+                own = own.dropna(subset="value")
+            groups[metric, *map(str, key)] = own
     return groups
 
 
 def _shared(
     before: _Groups, after: _Groups
-) -> Iterator[tuple[tuple[str, ...], pd.Series[float], pd.Series[float]]]:
+) -> Iterator[tuple[tuple[str, ...], pd.DataFrame, pd.DataFrame]]:
     for key in filter(after.__contains__, before):  # in the order of the first
         a, b = before[key], after[key]
         same = a.index.intersection(b.index)
@@ -115,23 +134,55 @@ def _shared(
             yield key, a, b
 
 
-def _change(
-    name: str,
-    key: tuple[str, ...],
-    before: pd.Series[float],
-    after: pd.Series[float],
-    confidence: float,
-) -> Change:
-    metric = replace(definition_of(key[0]), name=key[0])
-    a, b = before.to_numpy(np.float64), after.to_numpy(np.float64)
-    paired = before.index.equals(after.index)
-    if paired:
-        pair = PairedDifference.of(b, a, metric, confidence)
-        difference, width = pair.difference, pair.half_width
-    else:
-        difference, width = float(b.mean()) - float(a.mean()), _welch(a, b, confidence)
-    means = float(a.mean()), float(b.mean())
-    return Change(name, key[1:], metric, *means, difference, width, min(len(a), len(b)), paired)
+class _Pair(NamedTuple):
+    """A metric of a method, body and light in the first run and in another."""
+
+    run: str
+    key: tuple[str, ...]
+    before: pd.DataFrame
+    after: pd.DataFrame
+
+    @property
+    def is_paired(self) -> bool:
+        """Whether both have the same scenes."""
+        return self.before.index.equals(self.after.index)
+
+    @property
+    def is_other(self) -> bool:
+        """Whether the same scenes were rendered with other random numbers."""
+        return self.is_paired and not same_images(self.before["signal"], self.after["signal"])
+
+    @property
+    def told(self) -> bool:
+        """Whether anything tells what chance does to the difference."""
+        return self.key[0] in TOLERANCES or not self.is_other
+
+    def change(self, confidence: float) -> Change:
+        """The difference and its interval."""
+        metric = replace(definition_of(self.key[0]), name=self.key[0])
+        a, b = (rows["value"].to_numpy(np.float64) for rows in (self.before, self.after))
+        means = float(a.mean()), float(b.mean())
+        difference, width = means[1] - means[0], math.nan
+        if not self.is_paired:
+            width = _welch(a, b, confidence)
+        elif not self.is_other:
+            pair = PairedDifference.of(b, a, metric, confidence)
+            difference, width = pair.difference, pair.half_width
+        elif self.told:
+            means, width = self._pooled(confidence)
+            difference = means[1] - means[0]
+        count, paired = min(len(a), len(b)), self.is_paired
+        return Change(
+            self.run, self.key[1:], metric, *means, difference, width, count, paired, self.told
+        )
+
+    def _pooled(self, confidence: float) -> tuple[tuple[float, float], float]:
+        """Means by polarised energy, and the largest difference that noise explains."""
+        columns = [rows[name] for name in ("value", "noise") for rows in (self.before, self.after)]
+        weight = self.before["signal"].to_numpy(np.float64)
+        a, b, *noises = weighted_means(np.stack(columns), weight).tolist()
+        quantile = NormalDist().inv_cdf(0.5 + confidence / 2)
+        return (a, b), noise_width(self.key[0], *noises, quantile)
 
 
 def _welch(a: Float64Array, b: Float64Array, confidence: float) -> float:
@@ -189,8 +240,20 @@ class RunComparison:
         counts = Counter(change.outcome for change in self.changes)
         verdict = "changes beyond chance" if self.changed else "nothing changed beyond chance"
         parts = (f"{counts[name]} {name}" for name in ("better", "worse", "changed"))
-        told = f"{verdict}: {len(self.changes)} compared, {', '.join(parts)}"
-        return "; ".join((told, *map(str, self.lost)))
+        compared = len(self.changes) - counts["not told"]
+        told = f"{verdict}: {compared} compared, {', '.join(parts)}"
+        return "; ".join((told, *self._not_told(), *map(str, self.lost)))
+
+    def _not_told(self) -> Iterator[str]:
+        """What is not told, and why, as a sentence without a stop."""
+        untold = [change for change in self.changes if change.outcome == "not told"]
+        if untold:
+            metrics = ", ".join(dict.fromkeys(change.metric.name for change in untold))
+            yield (
+                f"{len(untold)} not told ({metrics}): the images of both runs differ, and these "
+                "metrics tell no noise; with one seed and as many samples images are the same, "
+                "unless the renderer changed"
+            )
 
     def numbers(self) -> list[dict[str, Any]]:
         """Every comparison as plain values, then what was lost.
@@ -259,7 +322,7 @@ def _plain(value: float) -> float | str | None:
 def changes_table(changes: Sequence[Change]) -> TextTable:
     """What changed, the worse first; without what stayed the same."""
     order = {"worse": 0, "changed": 1, "better": 2}
-    listed = sorted((c for c in changes if c.outcome != "same"), key=lambda c: order[c.outcome])
+    listed = sorted((c for c in changes if c.outcome in order), key=lambda c: order[c.outcome])
     lines = [
         [
             change.outcome, change.run, change.metric.name, *change.key,

@@ -59,7 +59,9 @@ COMPARISON = (
     "Every run beside the first, method by method under each light and body. Scenes of both runs"
     " are compared one by one, others by their means. A difference counts where its interval over"
     " scenes leaves out zero; the intervals are so wide that chance alone makes one comparison of"
-    " twenty show a change."
+    " twenty show a change. Noise of a render moves all scenes of a seed together, so that no"
+    " interval over scenes sees it: runs whose images differ are compared by gain, rotation and"
+    " facing skill, weighted by true polarised energy, whose noise every scene tells."
 )
 CAPTURES = (
     "Real pictures through a polariser: the truth is the sinusoid of Equation 1 that fits them,"

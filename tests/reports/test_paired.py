@@ -245,6 +245,49 @@ def test_chance_alone_seldom_makes_a_change() -> None:
     assert alarms <= 9
 
 
+def _other_images(values: dict[str, list[float]], signal: float, error: float) -> SimpleNamespace:
+    """A run of one method whose scenes have that signal, and metrics that stated error."""
+    run = run_of({name: {"eq8": column} for name, column in values.items()})
+    scenes = len(next(iter(values.values())))
+    told = table_of({"signal": {"eq8": [signal] * scenes}})
+    run.table = pd.concat([run.table, told], ignore_index=True).assign(noise=error)
+    return run
+
+
+def _outcomes(before: SimpleNamespace, after: SimpleNamespace) -> dict[str, str]:
+    changes = RunComparison.of(("a", "b"), (before, after)).changes
+    return {change.metric.name: change.outcome for change in changes}
+
+
+def test_noise_that_scenes_share_is_no_change() -> None:
+    """Scenes of a seed share their random numbers: all move by the noise of one draw."""
+    rng = np.random.default_rng(4)
+    gain, skill = rng.normal(0.9, 0.02, 24), rng.normal(0.6, 0.2, 24)
+    before = _other_images({"skill": list(skill), "gain": list(gain)}, 0.1, 0.01)
+    moved = {"skill": list(skill + 0.004), "gain": list(gain + 0.01)}
+    assert _outcomes(before, _other_images(moved, 0.1003, 0.01)) == {
+        "skill": "not told",
+        "gain": "same",
+    }
+    # On the same images there is no noise between the runs: every scene shows the same change.
+    assert _outcomes(before, _other_images(moved, 0.1, 0.01)) == {"skill": "better"}
+
+
+def test_a_change_beyond_the_noise_of_other_images_is_told() -> None:
+    """1.96 · 1.6 · √2 · 0.01 and a tolerance of 0.005 are 0.049, less than a gain fell by."""
+    values = {"skill": [0.5, 0.6, 0.7], "gain": [0.9, 0.95, 1.0]}
+    fallen = {"skill": [0.4, 0.5, 0.6], "gain": [0.8, 0.85, 0.9]}
+    before, after = (_other_images(v, s, 0.01) for v, s in ((values, 0.1), (fallen, 0.2)))
+    assert _outcomes(before, after) == {"skill": "not told", "gain": "worse"}
+    assert "1 not told (skill)" in RunComparison.of(("a", "b"), (before, after)).headline
+
+
+def test_an_estimate_that_is_not_finite_is_worse_on_other_images_too() -> None:
+    before = _other_images({"nmse": [0.1, 0.2, 0.3]}, 0.1, 0.01)
+    after = _other_images({"nmse": [0.1, math.nan, 0.3]}, 0.2, 0.01)
+    assert _outcomes(before, after) == {"nmse": "worse"}
+
+
 def test_every_metric_of_a_score_is_defined() -> None:
     """What a table can hold is told by `malus list metrics`."""
     from malus.bench.scoring.extra_metrics import METRICS, get_metrics
