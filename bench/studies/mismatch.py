@@ -167,12 +167,19 @@ def _of_truths(holds: Truth, broken: Truth) -> Iterator[Skills]:
         yield holds.scene.id, name, first, second
 
 
-def _of_inputs(truth: Truth, *wrong: Callable[[Observation], Observation]) -> Iterator[Skills]:
-    """Skills with the right inputs, and with each of several wrong ones."""
+def _of_inputs(
+    truth: Truth, changed: str, *wrong: Callable[[Observation], Observation]
+) -> Iterator[Skills]:
+    """Skills with the right inputs, and with each of several wrong ones, `changed` in them.
+
+    Methods that do not use this input are left out: that they lose nothing is no price.
+    """
     judge = Judge(truth)
     right = judge.pixels.observation
     for name in METHODS:
         method = get_method(name)
+        if changed not in method.needs:
+            continue
         try:
             first = judge.score(method).skill
             for change in wrong:
@@ -196,7 +203,7 @@ def _untold(observation: Observation) -> Observation:
 
 def _ggx(effort: Effort) -> Iterator[Skills]:
     for truth in _plain_truths(effort, "ggx"):
-        yield from _of_inputs(truth, _untold)
+        yield from _of_inputs(truth, "distribution", _untold)
 
 
 def _anisotropic(effort: Effort) -> Iterator[Skills]:
@@ -320,10 +327,12 @@ def _wrong_normals(observation: Observation) -> Observation:
     return replace(observation, normals=np.stack([one, one]))
 
 
-def _wrong(*changes: Callable[[Observation], Observation]) -> Callable[[Effort], Iterator[Skills]]:
+def _wrong(
+    changed: str, *changes: Callable[[Observation], Observation]
+) -> Callable[[Effort], Iterator[Skills]]:
     def skills(effort: Effort) -> Iterator[Skills]:
         for truth in _plain_truths(effort):
-            yield from _of_inputs(truth, *changes)
+            yield from _of_inputs(truth, changed, *changes)
 
     return skills
 
@@ -332,7 +341,7 @@ def _wrong_light(effort: Effort) -> Iterator[Skills]:
     changes = [partial(_turned_light, by_deg=sign * LIGHT_OFF_DEG) for sign in (-1, 1)]
     for truth in _plain_truths(effort):
         if isinstance(truth.scene.light, Distant):
-            yield from _of_inputs(truth, *changes)
+            yield from _of_inputs(truth, "light", *changes)
 
 
 def _rung(number: int) -> Callable[[Effort], Iterator[Skills]]:
@@ -368,15 +377,18 @@ ASSUMPTIONS = (
     Assumption(
         "index known (off by 0.05)",
         "input",
-        _wrong(*(partial(_shifted_eta, by=sign * ETA_OFF) for sign in (-1, 1))),
+        _wrong("eta", *(partial(_shifted_eta, by=sign * ETA_OFF) for sign in (-1, 1))),
     ),
     Assumption(
         "roughness known (off by 20 %)",
         "input",
-        _wrong(*(partial(_scaled, name="alpha", factor=1 + s * ALPHA_OFF) for s in (-1, 1))),
+        _wrong(
+            "alpha",
+            *(partial(_scaled, name="alpha", factor=1 + s * ALPHA_OFF) for s in (-1, 1)),
+        ),
     ),
     Assumption("light known (off by 10°)", "input", _wrong_light),
-    Assumption("normals known (off by 5°)", "input", _wrong(_wrong_normals)),
+    Assumption("normals known (off by 5°)", "input", _wrong("normals", _wrong_normals)),
     Assumption("lobes known (estimated)", "ladder", _rung(0)),
     Assumption("normals known too (estimated)", "ladder", _rung(1)),
     Assumption("index, roughness known too (estimated)", "ladder", _rung(2)),

@@ -122,12 +122,15 @@ def report_lines(scales: Sequence[Scale], carried: Messages) -> list[str]:
 
 
 def _extrapolated(smaller: Scale, larger: Scale, scenes: int) -> Scale:
-    """Cost of so many scenes, on the straight line through two that were measured."""
+    """Cost of so many scenes, on the straight line through two that were measured.
+
+    No cost falls with more scenes: where the larger run happened to need less, the line is level.
+    """
     factor = (scenes - larger.scenes) / (larger.scenes - smaller.scenes)
 
     def extrapolate(name: str) -> float:
         last = getattr(larger, name)
-        return float(last + factor * (last - getattr(smaller, name)))
+        return float(last + factor * max(last - getattr(smaller, name), 0.0))
 
     names = ("plan_seconds", "run_seconds", "store_mb", "start_mb", "memory_mb")
     return Scale(scenes, **{name: extrapolate(name) for name in names})

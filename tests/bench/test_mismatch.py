@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -45,8 +46,26 @@ def test_right_inputs_cost_nothing() -> None:
         ),
         renderer="torrance-sparrow",
     )
-    for _, _, holds, broken in mismatch._of_inputs(truth, lambda observation: observation):
-        assert holds == broken
+    rows = list(mismatch._of_inputs(truth, "eta", lambda observation: observation))
+    assert [method for _, method, *_ in rows] == list(mismatch.METHODS)
+    assert all(holds == broken for *_, holds, broken in rows)
+
+
+def test_an_input_has_no_price_for_methods_that_do_not_use_it() -> None:
+    """`eq8` is printed without a light; every one whose price is told changes its estimate."""
+    truth = render(
+        Scene(
+            shape=Sphere(),
+            surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised", albedo=0.2),
+            light=Distant(incidence_deg=60),
+            camera=Camera(resolution=16),
+        ),
+        renderer="torrance-sparrow",
+    )
+    turned = partial(mismatch._turned_light, by_deg=10.0)
+    ((_, name, holds, broken),) = mismatch._of_inputs(truth, "light", turned)
+    assert name == "lights+body"
+    assert holds != broken
 
 
 def test_prices_are_paired_means() -> None:

@@ -33,3 +33,11 @@ def test_larger_numbers_are_drawn_on_in_a_straight_line() -> None:
     # plan 1 ms, tables 2 ms, scheduler 24 ms a family of 24 = 1 ms, each times a million
     assert [million[k] for k in (1, 3, 9)] == ["1000.0", "2000.0", "1000.0"]
     assert (million[5], million[7]) == ("1000005.0", "500100")
+
+
+def test_no_cost_falls_with_more_scenes() -> None:
+    """Peaks of memory of two small runs differ by chance, in either direction."""
+    scales = [Scale(24, 0.01, 0.1, 0.2, 600.0, 671.0), Scale(48, 0.02, 0.2, 0.4, 600.0, 614.0)]
+    lines = report_lines(scales, Messages(5000, 500_000, 0.024))
+    million = next(line for line in lines if line.startswith("  1000000")).split()
+    assert million[7] == "614"
