@@ -82,7 +82,9 @@ MAPS: dict[MapName, MapDefinition] = {
         "1", "", "bands", "float32 or complex64",
     ),
     "alpha": MapDefinition(
-        "Beckmann roughness; NaN where it is unknown", "1", "", "", "float32"
+        "roughness of the facets, Beckmann's or GGX's, of brushed metal the geometric mean of both;"
+        " NaN where it is unknown",
+        "1", "", "", "float32",
     ),
     "uv": MapDefinition(
         "texture coordinates, u to the right and v up: those of a mesh file that has some; of other"
