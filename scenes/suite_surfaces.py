@@ -106,9 +106,15 @@ def _surface_kind(value: Any) -> str | None:
     return None
 
 
+def _whole_surface_kind(value: Any) -> str | None:
+    """As `_surface_kind` where no part can stand: `material` is a key too many there."""
+    kind = _surface_kind(value)
+    return "roughness" if kind == "part" else kind
+
+
 SuiteUniformSurface = Annotated[
     SurfaceName | Annotated[Roughness, Tag("roughness")],
-    Discriminator(_surface_kind, "choice", "a name or { alpha = … }"),
+    Discriminator(_whole_surface_kind, "choice", "a name or { alpha = … }"),
 ]
 
 
@@ -138,7 +144,9 @@ SuiteSurface = Annotated[
     SurfaceName
     | Annotated[Roughness, Tag("roughness")]
     | Annotated[PatternedSurface, Tag("patchwork")],
-    Discriminator(_surface_kind, "choice", "a name, { alpha = … } or { pattern = …, parts = […] }"),
+    Discriminator(
+        _whole_surface_kind, "choice", "a name, { alpha = … } or { pattern = …, parts = […] }"
+    ),
 ]
 
 

@@ -98,6 +98,13 @@ MISTAKES = [
         "a number in 0..1, a swatch, or one number a band",
         "{}",
     ),
+    (
+        '"carbon"',
+        '{ alpha = 0.2, material = "gold" }',
+        "surfaces.0, key",
+        "one of the keys here",
+        "'material'; known: alpha, albedo, distribution",
+    ),
     ('"carbon"', "3", "surfaces.0", "a name, { alpha = … } or { pattern = …, parts = […] }", "3"),
     (
         '"carbon"',
