@@ -66,11 +66,14 @@ def read_black(
     Raises
     ------
     InputError
-        Dark frames of another size, or none in the folder.
+        Dark frames of another size, none in the folder, or an empty text.
     """
     number = _number(black)
     if number is not None:
         return level_of(like, number, "black")
+    if not str(black):  # which would be the current folder
+        expected, hint = "a level, or a dark frame's path", "leave it out"
+        raise InputError("black", expected, "an empty text", hint)
     path = Path(str(black))
     paths = [path]
     if path.is_dir():

@@ -133,6 +133,7 @@ def test_a_dark_frame_beside_the_pictures_is_none_of_them(tmp_path: Path) -> Non
         ({"white": 70000}, "white: expected a code of at most 65535"),
         ({"black": 0.5, "white": 0.4}, "white: expected a level above black"),
         ({"black": "none.png"}, "no such file"),
+        ({"black": ""}, "black: expected a level, or a dark frame's path, found an empty text"),
         ({"angles": (0, 45, 90)}, "angles: expected 4 angles, one a picture, found 3"),
         ({"angles": (0, 1, 2, 3)}, "are they radians"),
         ({"angles": (0, 90, 180, 270)}, "three or more angles"),
