@@ -159,6 +159,7 @@ def _fit_one(
     from malus.scenes.core.errors import InputError
     from malus.scenes.core.json_text import json_text
 
+    _check_out(out, folder)
     reading = {name: given.pop(name) for name in _READING}
     capture = read_capture(folder, offset_deg=offset, **reading)
     knowledge = knowledge_of(capture.clipped.shape, given)
@@ -179,6 +180,15 @@ def _fit_one(
     click.echo(json_text(results, 1) if as_json else _report(results))
     if refusal is not None:
         raise refusal
+
+
+def _check_out(out: Path | None, folder: Path) -> None:
+    """Refuse a folder in which maps of the fit would be read as pictures the next time."""
+    from malus.scenes.core.errors import InputError
+
+    if out is not None and out.resolve() == folder.resolve():
+        hint = "choose one for the maps of the fit"
+        raise InputError("out", "another folder than the pictures'", str(out), hint)
 
 
 _READING = (

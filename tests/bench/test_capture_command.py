@@ -49,3 +49,12 @@ def test_folders_of_one_name_are_called_by_their_paths(tmp_path: Path) -> None:
     assert [capture["name"] for capture in run["captures"]] == [str(f)[-100:] for f in folders]
     with pytest.raises(InputError, match="different names"):
         CaptureSuite.of_folders([folders[0], folders[0]])
+
+
+def test_maps_do_not_go_among_the_pictures(tmp_path: Path) -> None:
+    """The next fit would read them, or refuse the folder."""
+    folder = dome_folder(tmp_path / "dome", right(0, 60, 120))
+    options = [str(folder), "--fit-only", "--out", f"{folder}/../dome"]
+    result = CliRunner().invoke(capture_command, options)
+    assert "out: expected another folder than the pictures'" in str(result.exception)
+    assert {path.name for path in folder.iterdir()} == set(right(0, 60, 120))
