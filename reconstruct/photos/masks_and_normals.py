@@ -59,7 +59,7 @@ def _of_few_values(path: Path) -> Float32Array | None:
             return None
         check_size(path, *image.size)
         turned = PIL.ImageOps.exif_transpose(image.convert(wanted))
-        values = np.asarray(turned, np.float32) / 255
+        values = np.asarray(turned, np.float32) / np.float32(255)
         return values if values.ndim == 3 else values[..., None]
     return None  # what is wrong with it is told where it is read as others are
 
