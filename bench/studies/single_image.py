@@ -86,7 +86,7 @@ def single_image(
         An unknown level or shape, or a file that holds something else than rows of this study.
     """
     for level in levels:
-        lookup(level, LEVELS, "levels")
+        lookup(level, LEVELS, "levels", "the name of a level")
     for shape in shapes:
         if not _SHAPE.fullmatch(shape):
             raise InputError("shapes", "sphere, blob, or blob and a seed", shape, "choose one")

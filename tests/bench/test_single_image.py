@@ -149,3 +149,8 @@ def test_a_file_of_something_else_is_left_alone(tmp_path: Path, text: str) -> No
     with pytest.raises(InputError, match=r"rows.jsonl, line 1: expected a row of this command"):
         CliRunner().invoke(bench_command, arguments, catch_exceptions=False)
     assert rows.read_text("latin-1") == text
+
+
+def test_an_unknown_level_is_named_with_those_there_are() -> None:
+    with pytest.raises(InputError, match=r"expected the name of a level, found 'nope'; known: bl"):
+        single_image.single_image("chain", levels=("nope",))
