@@ -180,9 +180,9 @@ class _Pair(NamedTuple):
         """Means by polarised energy, and the largest difference that noise explains."""
         columns = [rows[name] for name in ("value", "noise") for rows in (self.before, self.after)]
         weight = self.before["signal"].to_numpy(np.float64)
-        a, b, *noises = weighted_means(np.stack(columns), weight).tolist()
+        a, b, noise_a, noise_b = weighted_means(np.stack(columns), weight).tolist()
         quantile = NormalDist().inv_cdf(0.5 + confidence / 2)
-        return (a, b), noise_width(self.key[0], *noises, quantile)
+        return (a, b), noise_width(self.key[0], noise_a, noise_b, quantile)
 
 
 def _welch(a: Float64Array, b: Float64Array, confidence: float) -> float:

@@ -59,7 +59,7 @@ def weighted_means(values: Float64Array, signal: Float64Array) -> Float64Array:
 
     Examples
     --------
-    >>> weighted_means(np.array([[0.5, 1.0]]), np.array([1.0, 3.0])).tolist()
+    >>> weighted_means(np.array([[0.5, 1.0]]), np.array([1.0, 3.0])).round(9).tolist()
     [0.95]
     """
     energy = signal**2
