@@ -150,9 +150,13 @@ class Shards:
         with reading(str(path), expected, _AGAIN), path.open("rb", buffering=0) as file:
             offsets = _index(index, index.stat().st_mtime_ns)[scene]
             stored = dict.fromkeys("stokes" if name == "image" else name for name in maps)
+            for name in stored:
+                _check_member(file.fileno(), offsets[name], f"{scene}.{name}{_NPY}")
             arrays = {name: _array(file.fileno(), offsets[name], cut) for name in stored}
+        # A copy: who divides the picture by its mean shall not change the truth with it.
         return {
-            name: arrays["stokes"][..., 0] if name == "image" else arrays[name] for name in maps
+            name: arrays["stokes"][..., 0].copy() if name == "image" else arrays[name]
+            for name in maps
         }
 
 
@@ -161,6 +165,17 @@ def _index(path: Path, written_ns: int) -> dict[str, dict[str, int]]:
     """Offsets of the arrays of every scene of a shard; of one that was written again, its own."""
     content: dict[str, dict[str, int]] = json.loads(path.read_text("utf-8"))
     return content
+
+
+def _check_member(descriptor: int, offset: int, name: str) -> None:
+    """Raise ValueError unless the member of that name begins at an offset of a shard.
+
+    An index of another export, after a copy that was cut short, has other scenes there.
+    """
+    header = os.pread(descriptor, tarfile.BLOCKSIZE, offset - tarfile.BLOCKSIZE)
+    found = tarfile.TarInfo.frombuf(header, "utf-8", "strict").name
+    if found != name:
+        raise ValueError(f"{found} where its index has {name}")
 
 
 _HEADER = 256

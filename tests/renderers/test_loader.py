@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import pickle
+import shutil
 import tarfile
 from pathlib import Path
 from typing import Any
@@ -99,6 +100,31 @@ def test_all_forms_take_seeds_and_epochs(forms: dict[str, Path], form: str) -> N
         np.testing.assert_array_equal(samples[1]["stokes"], before)
     with pytest.raises(InputError, match="seed: expected a whole number, 0 or larger, found -1"):
         malus.open_dataset(forms[form], seed=-1)
+    for epoch in (-1, 1.5, "a"):
+        with pytest.raises(InputError, match="epoch: expected a whole number, 0 or larger"):
+            malus.open_dataset(forms[form], crop=5).set_epoch(epoch)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_arrays_of_a_sample_are_its_own(forms: dict[str, Path], form: str) -> None:
+    """A picture divided by its mean in place leaves the truth, and the next reading, as they are."""
+    samples = malus.open_dataset(forms[form], maps=("image", "stokes"))
+    sample = samples[1]
+    before = sample["stokes"].copy()
+    sample["image"] /= 2 * sample["image"].mean()
+    np.testing.assert_array_equal(sample["stokes"], before)
+    np.testing.assert_array_equal(samples[1]["stokes"], before)
+
+
+def test_an_index_of_another_export_is_noticed(forms: dict[str, Path], tmp_path: Path) -> None:
+    """Where scenes lie elsewhere their arrays have the same shapes: other truths were read."""
+    folder = shutil.copytree(forms["webdataset"], tmp_path / "mixed")
+    index = folder / "malus-000000.tar.index.json"
+    offsets = json.loads(index.read_text())
+    turned = [*offsets][1:] + [*offsets][:1]
+    index.write_text(json.dumps(dict(zip(turned, offsets.values(), strict=True))))
+    with pytest.raises(InputError, match=r"npy where its index has .*; export the dataset again"):
+        malus.open_dataset(folder, maps="stokes")[0]
 
 
 def _read(samples: Any, index: int, queue: Any) -> None:
