@@ -151,7 +151,16 @@ class Samples:
         return (self[index] for index in range(len(self)))
 
     def set_epoch(self, epoch: int) -> None:
-        """Draw other crops from now on; the same ones for the same epoch."""
+        """Draw other crops from now on; the same ones for the same epoch.
+
+        Workers that stay from epoch to epoch have copies, which hear nothing of it.
+
+        Raises
+        ------
+        InputError
+            An epoch that is no whole number, or negative.
+        """
+        _check_whole("epoch", epoch, 0, math.inf, "a whole number, 0 or larger")
         self.epoch = epoch
 
     def _cut(self, position: int) -> Cut:
