@@ -24,6 +24,7 @@ from malus.renderers.datasets.dataset_record import (
     DatasetRecord,
     read_dataset,
 )
+from malus.renderers.datasets.hdf5 import HDF5
 from malus.renderers.datasets.samples import Samples, scenes_of
 from malus.renderers.datasets.scene_folder import (
     SCENE,
@@ -34,6 +35,7 @@ from malus.renderers.datasets.scene_folder import (
     read_sensor,
 )
 from malus.renderers.datasets.scene_samples import SceneFolders
+from malus.renderers.datasets.shards import SHARDS
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError
@@ -213,7 +215,7 @@ def open_dataset(folder: Path | str) -> Dataset:
     Raises
     ------
     InputError
-        If the folder holds none, or its `dataset.json` is malformed.
+        If the folder holds none, or an export of one, or its `dataset.json` is malformed.
 
     Examples
     --------
@@ -230,4 +232,7 @@ def open_dataset(folder: Path | str) -> Dataset:
     True
     """
     opened = as_path(folder)
+    if not (opened / DATASET).exists() and any((opened / name).exists() for name in (SHARDS, HDF5)):
+        expected, hint = "the folder of a dataset", "give the folder it was made of"
+        raise InputError(str(folder), expected, "its export", hint)
     return Dataset(opened, *read_dataset(opened))

@@ -17,6 +17,7 @@ from runs import formula_dataset
 import malus
 from malus.bench.datasets.export import export
 from malus.renderers.datasets.dataset import Dataset
+from malus.renderers.datasets.dataset import open_dataset as open_folders
 from malus.renderers.datasets.hdf5 import write_hdf5
 from malus.renderers.datasets.shards import Shards, ShardScene
 from malus.renderers.variant import Variant
@@ -107,13 +108,20 @@ def test_all_forms_take_seeds_and_epochs(forms: dict[str, Path], form: str) -> N
 
 @pytest.mark.parametrize("form", FORMS)
 def test_arrays_of_a_sample_are_its_own(forms: dict[str, Path], form: str) -> None:
-    """A picture divided by its mean in place leaves the truth, and the next reading, as they are."""
+    """A picture divided by its mean in place leaves the truth as it is, and the next reading."""
     samples = malus.open_dataset(forms[form], maps=("image", "stokes"))
     sample = samples[1]
     before = sample["stokes"].copy()
     sample["image"] /= 2 * sample["image"].mean()
     np.testing.assert_array_equal(sample["stokes"], before)
     np.testing.assert_array_equal(samples[1]["stokes"], before)
+
+
+@pytest.mark.parametrize("form", ["webdataset", "hdf5"])
+def test_exports_are_told_from_datasets(forms: dict[str, Path], form: str) -> None:
+    """Training, scores and exports need whole truths: the message says which folder to give."""
+    with pytest.raises(InputError, match="found its export; give the folder it was made of"):
+        open_folders(forms[form])
 
 
 def test_an_index_of_another_export_is_noticed(forms: dict[str, Path], tmp_path: Path) -> None:
