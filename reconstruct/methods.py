@@ -10,7 +10,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from importlib.machinery import PathFinder
 from pathlib import Path
 from types import ModuleType
@@ -242,11 +242,7 @@ def guarded(method: Method) -> Method:
 
 def _guarded(method: Method, observation: Observation) -> Components:
     """What a method of one's own makes of arrays of its own, which it may change."""
-    given = {field.name: getattr(observation, field.name) for field in fields(observation)}
-    own: dict[str, Any] = {
-        name: value.copy() for name, value in given.items() if isinstance(value, np.ndarray)
-    }
-    returned: Any = method.reconstruct(replace(observation, **own))
+    returned: Any = method.reconstruct(observation.with_own_arrays())
     if not isinstance(returned, Components):
         hint = "return malus.reconstruct.Components(image, s1, s2)"
         raise InputError(f"method {method.name}", "Components", type(returned).__name__, hint)

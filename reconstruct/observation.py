@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self, get_args
 
 import numpy as np
@@ -156,6 +156,21 @@ class Observation:
                 wanted = " or ".join(map(str, shapes))
                 raise ValueError(f"{name}: expected shape {wanted}, found {np.shape(value)}")
         object.__setattr__(self, "mask", as_mask(self.mask))
+
+    def with_own_arrays(self) -> Self:
+        """The same with copies of all arrays: what is written into them changes no others.
+
+        Examples
+        --------
+        >>> picture = np.ones((1, 1, 1))
+        >>> Observation(picture, np.ones((1, 1), bool)).with_own_arrays().image is picture
+        False
+        """
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        own: dict[str, Any] = {
+            name: value.copy() for name, value in given.items() if isinstance(value, np.ndarray)
+        }
+        return replace(self, **own)
 
     def require(self, name: str) -> Any:
         """Value of an attribute that the method cannot do without.

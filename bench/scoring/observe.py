@@ -47,7 +47,7 @@ def observe(truth: Truth, needs: Iterable[str]) -> Observation:
     Returns
     -------
     Observation
-        What a method with these needs is given.
+        What a method with these needs is given; its arrays are its own, not the truth's.
 
     Raises
     ------
@@ -66,7 +66,8 @@ def observe(truth: Truth, needs: Iterable[str]) -> Observation:
     """
     check_kind("truth", truth, Truth, "`malus.render` makes one")
     named = frozenset((needs,) if isinstance(needs, str) else needs)
-    return Observation(image=truth.image, mask=truth.mask, **inputs(truth, named))
+    told = Observation(image=truth.image, mask=truth.mask, **inputs(truth, named))
+    return told.with_own_arrays()
 
 
 def inputs(truth: Truth, needs: frozenset[str]) -> dict[str, Any]:

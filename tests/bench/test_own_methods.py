@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from made_up import made_up_truth
 from runs import NOBODY, SUITE, formula_dataset
@@ -68,6 +69,16 @@ def test_what_a_method_writes_into_is_its_own() -> None:
     for method in ("unpolarised", "eq8"):
         first, second = (table[table.method == method] for table in (alone, after))
         assert first.value.tolist() == second.value.tolist()
+
+
+def test_what_is_written_into_an_observation_changes_no_truth() -> None:
+    truth, same = made_up_truth(), made_up_truth()
+    told = malus.observe(truth, INPUTS)
+    for value in vars(told).values():
+        if isinstance(value, np.ndarray):
+            value[...] = 0
+    for name in ("specular", "diffuse", "normals", "mask", "eta", "image", "stokes"):
+        np.testing.assert_array_equal(getattr(truth, name), getattr(same, name))
 
 
 @pytest.mark.parametrize("per_pixel", [True, False])
