@@ -15,7 +15,8 @@ from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.knowledge_ladder import EVERYTHING, GIVEN_RUNGS, RUNGS, rungs
 from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.observe import observe
-from malus.reconstruct import Inapplicable, Method, Observation, get_method, methods
+from malus.reconstruct import Inapplicable, Method, Observation, get_method
+from malus.reconstruct.methods import _methods
 from malus.reconstruct.observation import INPUTS
 from malus.renderers import Truth, render
 from malus.reports.tables.figure_numbers import MODEL, NOISE, ladder_numbers
@@ -117,7 +118,7 @@ def test_methods_are_given_what_a_rung_tells(truth: Truth, monkeypatch: pytest.M
         lambda observation: SimpleNamespace(observation=misled(truth)),
     )
     whole = Method("whole", frozenset(), get_method("unpolarised").reconstruct, "needs a picture")
-    monkeypatch.setitem(methods(), "whole", whole)
+    monkeypatch.setitem(_methods(), "whole", whole)
     scores = scored(truth, ("eq8", "half_vector", "whole"))
     assert [rung for method, rung in scores if method == "whole"] == [EVERYTHING]
     judge = Judge(truth)
