@@ -52,7 +52,7 @@ def observe(truth: Truth, needs: Iterable[str]) -> Observation:
     Raises
     ------
     ValueError
-        If a need is none of these, or the truth is none.
+        If a need is none of these, or `truth` is no Truth.
 
     Examples
     --------
