@@ -61,7 +61,10 @@ def serve(
     if error_stream is not None:
         os.dup2(error_stream, 2)
         os.close(error_stream)
-    connection.send(READY)
+    try:
+        connection.send(READY)
+    except BrokenPipeError:  # the parent was killed meanwhile
+        return
     # Ctrl-C goes to all processes of a terminal; the parent ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow_parent, daemon=True).start()

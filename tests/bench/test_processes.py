@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
 import os
 import time
 from collections.abc import Iterable, Iterator
@@ -15,6 +16,7 @@ from runs import NOBODY, SUITE, share_at_once
 
 from malus.bench.running import sharing, work
 from malus.bench.running.family_task import FamilyResult, FamilyTask
+from malus.bench.running.inside_worker import serve
 from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
 from malus.bench.running.task_queue import TaskQueue
@@ -221,3 +223,10 @@ def test_a_stop_ends_what_the_processes_do(monkeypatch: pytest.MonkeyPatch) -> N
         assert time.monotonic() - began < 30  # a half of what one of them would take
         with pytest.raises(Died, match="given up"):
             list(one.stream(pid_of))
+
+
+def test_a_process_whose_parent_is_gone_before_it_is_ready_says_nothing() -> None:
+    """A killed command left a traceback on the terminal."""
+    kept, given = multiprocessing.Pipe()
+    kept.close()
+    serve(given, None, (None, None))
