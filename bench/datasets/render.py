@@ -35,11 +35,10 @@ from malus.bench.running.worker_process import (
 )
 from malus.renderers.datasets.dataset_files import names_files
 from malus.renderers.datasets.dataset_writer import DatasetWriter
-from malus.renderers.datasets.listed_scenes import listed_of
+from malus.renderers.datasets.listed_scenes import being_written, listed_of
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, mitsuba, use_threads
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.files import owned
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.versions import versions
 from malus.scenes.scene import Scene
@@ -190,7 +189,7 @@ def _render_families(
     """Render and write what the folder lacks; counts of scenes, and bytes that were written."""
     families, origins = planned.families, {n: s.origin for n, s in planned.scenes.items()}
     with (
-        owned(folder, planned.part.renders),
+        being_written(folder, planned.part),
         DatasetWriter(folder, planned.scenes, about(suite, variant), planned.part) as writer,
         WritingThread(writer, origins) as writing,
     ):

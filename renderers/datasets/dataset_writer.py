@@ -21,7 +21,6 @@ from malus.renderers.datasets.listed_scenes import (
     folder_size,
     has_record_of_scenes,
     listed_of,
-    remove_unneeded,
 )
 from malus.renderers.datasets.part_list import Part, PartList, PlannedScene
 from malus.renderers.datasets.scene_folder import (
@@ -121,8 +120,6 @@ class DatasetWriter:
             self._list.__exit__(error_type, error, trace)
         if not self._earlier_stands:
             self._write_record()
-        if self._list is not None:
-            remove_unneeded(self.folder, self.part)
 
     def add(self, truth: Truth, origin: str = "") -> None:
         """Write one truth, as a whole or not at all.

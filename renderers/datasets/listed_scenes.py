@@ -17,6 +17,7 @@ from malus.renderers.datasets.dataset_record import (
 from malus.renderers.datasets.part_list import Part, PartContent, read_parts, remove_lists
 from malus.renderers.datasets.scene_folder import SCENE, FileName
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import is_being_written, owned, remove_abandoned
 from malus.scenes.core.remote import lstat
 
 
@@ -170,14 +171,38 @@ def folder_size(folder: Path) -> int | None:
         return None
 
 
-def remove_unneeded(folder: Path, part: Part) -> None:
-    """Remove the lists of a dataset that `dataset.json` makes unneeded.
+@contextlib.contextmanager
+def being_written(folder: Path, part: Part) -> Iterator[None]:
+    """Mark a dataset as being written; who leaves it last removes the lists of parts.
 
-    They are those of the whole, and those of all parts when nothing is left.
+    Not before: another process may be about to write a `dataset.json` that lacks what a list has.
+
+    Raises
+    ------
+    InputError
+        While a process writes something else there.
     """
-    listed = [content.part for content in read_parts(folder)]
-    if part.count > 1:
-        record = read_dataset(folder)[0]
-        if len(record.scenes) + len(record.failed) < part.in_all:
-            return
-    remove_lists(folder, [each for each in listed if each.renders == part.renders])
+    entered = False
+    try:
+        with owned(folder, part.renders):
+            entered = True
+            yield
+    finally:
+        if entered:
+            _remove_unneeded(folder, part)
+
+
+def _remove_unneeded(folder: Path, part: Part) -> None:
+    """Remove the lists whose scenes `dataset.json` has, where nobody writes the dataset.
+
+    Those of parts stay until nothing is left.
+    """
+    remove_abandoned(folder)
+    record = _record_of(folder)
+    if record is None or is_being_written(folder):
+        return
+    listed = {entry.scene for entry in record.scenes} | {entry.scene for entry in record.failed}
+    if part.count > 1 and len(listed) < part.in_all:
+        return
+    lists = [each for each in read_parts(folder) if listed >= each.done.keys() | each.failed]
+    remove_lists(folder, [each.part for each in lists if each.part.renders == part.renders])

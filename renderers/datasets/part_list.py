@@ -125,7 +125,17 @@ class PartList:
 
     def __enter__(self) -> Self:
         """Begin the list, or go on with one of the same part."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        while True:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                self._begin()
+                return self
+            except (InputError, OSError) as error:
+                # Who made the dataset whole may have removed the empty folder at this moment.
+                if not isinstance(error.__cause__ or error, FileNotFoundError):
+                    raise
+
+    def _begin(self) -> None:
         earlier = read_part(self.path)
         if earlier is not None and earlier.part == self.part:
             self.earlier = earlier
@@ -134,7 +144,6 @@ class PartList:
         if is_here(self.path):
             self._file = self.path.open("a", encoding="utf-8")
             self._append("\n")  # a killed process may have left half a line
-        return self
 
     def add(self, entry: SceneEntry | FailedScene) -> None:
         """Add a scene that is done or that failed.

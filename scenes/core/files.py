@@ -222,6 +222,19 @@ def owned(folder: Path, purpose: str) -> Iterator[None]:
         mark.unlink(missing_ok=True)
 
 
+def is_being_written(folder: Path) -> bool:
+    """Whether a process marks a folder as being written, for whatever purpose.
+
+    Examples
+    --------
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with owned(folder, "a"):
+    ...     is_being_written(folder)
+    True
+    """
+    return any(_PURPOSE in entry.name for entry in _temporary(folder))
+
+
 def read_json(path: Path, limit: int) -> tuple[Any, str]:
     """The content of a JSON file of at most `limit` bytes, and the SHA-256 of its bytes.
 

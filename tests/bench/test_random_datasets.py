@@ -21,7 +21,9 @@ from malus.bench.datasets.render import render_dataset
 from malus.bench.running.distributions import histogram
 from malus.bench.running.status import status
 from malus.renderers.datasets import dataset as datasets
+from malus.renderers.datasets import part_list
 from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, InputError, Sampling, Suite, load_suite
 from malus.scenes.core.remote import as_path
@@ -353,3 +355,35 @@ def test_the_card_names_maps_and_frames(tmp_path: Path) -> None:
     assert "`<scene>/maps.exr`" in (tmp_path / "README.md").read_text("utf-8")
     assert "maps.exr" in metadata
     assert "raw.tiff" not in metadata
+
+
+def test_a_part_that_ends_while_another_is_listed_loses_no_scene(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It made the dataset whole and removed its list; the other then listed what it had read."""
+    write, others = DatasetWriter._write_record_with, []
+
+    def late(writer: DatasetWriter, *arguments: Any) -> None:
+        if writer.part.number == 1 and len(writer.done) == 5 and not others:
+            others.append(render_dataset(drawn(), tmp_path, NOBODY, part="2/2"))
+        write(writer, *arguments)
+
+    monkeypatch.setattr(DatasetWriter, "_write_record_with", late)
+    render_dataset(drawn(), tmp_path, NOBODY, part="1/2")
+    assert others
+    assert (tmp_path / "dataset.json").read_bytes() == (whole / "dataset.json").read_bytes()
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in whole.iterdir()}
+
+
+def test_a_part_begins_while_the_folder_of_lists_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = part_list.replace_text
+
+    def replace(path: Path, text: str) -> None:
+        monkeypatch.undo()
+        path.parent.rmdir()
+        written(path, text)
+
+    monkeypatch.setattr(part_list, "replace_text", replace)
+    assert render_dataset(drawn(), tmp_path, NOBODY, part="1/2")["rendered"] == 5
