@@ -12,6 +12,7 @@ another worker. A worker whose family takes too long ends itself. A family that 
 from __future__ import annotations
 
 import logging
+import resource
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -36,6 +37,9 @@ WAITING = 32
 
 CONNECT_SECONDS = 30
 """Longest wait for a scheduler and its first worker."""
+
+FILES, FILES_A_WORKER = 24, 12
+"""Open files that a new cluster takes; 17 to 22, and 7 to 10 a worker, were counted."""
 
 _one_at_a_time = threading.Lock()
 """Held during a family: Mitsuba's variant is one for all threads of a worker."""
@@ -84,7 +88,8 @@ def cluster_client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
     Raises
     ------
     InputError
-        Both at once, a number of workers below one, Dask missing, no scheduler at the address.
+        Both at once, a number of workers below one, or more than this machine can start, Dask
+        missing, no scheduler at the address.
     """
     if workers is not None and scheduler is not None:
         raise InputError("workers, scheduler", "one of the two", "both", "leave one out")
@@ -215,6 +220,7 @@ def _local(workers: int, stack: ExitStack) -> Any:
     distributed = _distributed()
     from dask import config
 
+    _check_open_files(workers)
     settings = {
         "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
         # One task a worker: a second one that waits there would be blamed for its death too.
@@ -222,7 +228,8 @@ def _local(workers: int, stack: ExitStack) -> Any:
         "distributed.worker.profile.enabled": False,  # see `stop_profiler`
     }
     stack.enter_context(config.set(settings))
-    with main_hidden():
+    expected, hint = f"{workers} processes that start", "start fewer, or give them more memory"
+    with main_hidden(), reading("workers", expected, hint):
         cluster = distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -235,6 +242,15 @@ def _local(workers: int, stack: ExitStack) -> Any:
         )
     stack.enter_context(cluster)
     return stack.enter_context(distributed.Client(cluster))
+
+
+def _check_open_files(workers: int) -> None:
+    """Refuse more workers than the limit of open files allows: Dask would only print tracebacks."""
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    needed = FILES + FILES_A_WORKER * workers
+    if resource.RLIM_INFINITY != limit < needed:
+        expected = f"a limit of at least {needed} open files for {workers} workers"
+        raise InputError("workers", expected, str(limit), f"start fewer, or `ulimit -n {needed}`")
 
 
 def dask_setup(worker: Any) -> None:
@@ -265,7 +281,7 @@ def _distributed() -> Any:
     """Import Dask's package for clusters, which is optional."""
     try:
         import distributed
-    except ImportError:
+    except ModuleNotFoundError:
         raise InputError(
             "workers, scheduler", "the package distributed", "none", "pip install distributed"
         ) from None

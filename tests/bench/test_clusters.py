@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -145,6 +146,28 @@ def test_wrong_clusters_are_one_line(tmp_path: Path, options: list[str], says: s
     done = run_malus(*TINY, "--out", str(tmp_path), *options)
     assert done.returncode == 2
     assert says in one_line(done.stderr)
+
+
+def test_too_few_open_files_for_the_workers_are_one_line() -> None:
+    """Dask printed dozens of tracebacks, of which none named the limit."""
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with ExitStack() as stack:
+        stack.callback(resource.setrlimit, resource.RLIMIT_NOFILE, before)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (40, before[1]))  # 40 did not suffice for two
+        with pytest.raises(InputError, match=r"at least 48 open files for 2 workers, found 40; "):
+            cluster._local(2, stack)
+
+
+def test_workers_that_do_not_start_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed")
+
+    def fails(**_: object) -> None:
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr(distributed, "LocalCluster", fails)
+    with ExitStack() as stack, pytest.raises(InputError, match=r"2 processes that start, found Na"):
+        cluster._local(2, stack)
 
 
 def test_a_scheduler_without_workers_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
