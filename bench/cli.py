@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 import sys
 from collections.abc import Sequence
@@ -29,6 +30,9 @@ except KeyboardInterrupt:
     # A command just given: its Ctrl-C may come before `main` can catch it.
     sys.stderr.write("malus: stopped; nothing was written\n")
     sys.exit(130)
+
+UNMAPPED = "failed to map segment"
+"""In the message of a library that could not be loaded for want of memory."""
 
 BAD_INPUT, INTERRUPTED, TERMINATED = 2, 130, 143
 """Exit codes, besides 0 and the 1 of a command whose work failed in part."""
@@ -97,7 +101,7 @@ def main() -> None:
         if not isinstance(mistake, InputError):
             raise
         _stop(str(mistake), BAD_INPUT)
-    except (OSError, MemoryError) as error:
+    except (OSError, MemoryError, ImportError) as error:
         _stop(_reason(error), BAD_INPUT)
 
 
@@ -119,10 +123,16 @@ def _stopped(words: Sequence[str]) -> str:
     return STOPPED + (GOES_ON if keeps else BEGINS_ANEW)
 
 
-def _reason(error: OSError | MemoryError) -> str:
-    if isinstance(error, MemoryError):
-        return f"expected enough memory, found too little; ask for less at once ({error})"
-    return f"{error.strerror or error}{f' {error.filename}' if error.filename else ''}"
+def _reason(error: OSError | MemoryError | ImportError) -> str:
+    if isinstance(error, ImportError) and UNMAPPED not in str(error):
+        raise error
+    if not isinstance(error, OSError):
+        detail = f" ({error})" if str(error) else ""
+        return f"expected enough memory, found too little; ask for less at once{detail}"
+    reason = error.strerror or error
+    if error.errno == errno.ENOSPC and not error.filename:
+        return f"expected room for standard output or temporary files, found {reason}; make room"
+    return f"{reason}{f' {error.filename}' if error.filename else ''}"
 
 
 def _command_path(mistake: click.ClickException) -> str:

@@ -236,11 +236,26 @@ def test_a_folder_takes_what_one_command_writes(tmp_path: Path, mark: str, what:
     assert contents(tmp_path) == before
 
 
+@pytest.mark.parametrize(
+    ("error", "ending"),
+    [
+        (MemoryError("Unable to allocate 10.7 PiB"), " (Unable to allocate 10.7 PiB)"),
+        (MemoryError(), ""),
+        (
+            ImportError("a.so: failed to map segment from shared object"),
+            " (a.so: failed to map segment from shared object)",
+        ),
+    ],
+    ids=["size", "unknown", "library"],
+)
 def test_too_little_memory_is_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: Exception,
+    ending: str,
 ) -> None:
     def needs_much(**_: object) -> None:
-        raise MemoryError("Unable to allocate 10.7 PiB")
+        raise error
 
     monkeypatch.setattr("malus.bench.cli.cli.main", needs_much)
     monkeypatch.setattr("malus.bench.cli.signal.signal", lambda *_: None)
@@ -248,8 +263,8 @@ def test_too_little_memory_is_one_line(
         main()
     assert left.value.code == 2
     said = capsys.readouterr().err
-    assert said.startswith("malus: expected enough memory, found too little; ask for less at once")
-    assert said.count("\n") == 1
+    expected = "malus: expected enough memory, found too little; ask for less at once"
+    assert said == f"{expected}{ending}\n"
 
 
 def test_lists_name_everything(monkeypatch: pytest.MonkeyPatch) -> None:

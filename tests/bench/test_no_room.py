@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -147,3 +148,11 @@ def test_a_run_on_a_full_disk_is_gone_on_with(made: Path, small: Path, tmp_path:
     assert run(SMALL, out).run["families_taken_over"] == done
     run(SMALL, tmp_path / "whole")
     assert_same_results(out, tmp_path / "whole")
+
+
+def test_a_full_standard_output_is_named() -> None:
+    with open("/dev/full", "w", encoding="utf-8") as output:
+        command = [sys.executable, "-m", "malus", "list", "materials"]
+        done = subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert "room for standard output or temporary files, found No space" in one_line(done.stderr)
