@@ -255,7 +255,8 @@ def _weights(
         free /= determinant
     else:
         free = np.full_like(right, -1.0)
-    alone = [right[0] / max(dd, 1e-300), right[1] / max(ss, 1e-300)]
+    positive = np.maximum(right, 0)  # a picture with noise below zero may have others
+    alone = [positive[0] / max(dd, 1e-300), positive[1] / max(ss, 1e-300)]
     gains = [alone[0] * right[0], alone[1] * right[1]]
     single = np.where(gains[0] >= gains[1], [alone[0], 0 * alone[1]], [0 * alone[0], alone[1]])
     weights = np.where(np.all(free >= 0, axis=0), free, single)

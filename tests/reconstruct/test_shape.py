@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 from reference.fresnel import reflectances as reference_reflectances
+from scipy.optimize import nnls
 
 from malus.reconstruct.observation import Inapplicable
 from malus.reconstruct.single_image import shape
 from malus.reconstruct.single_image.convergence import Convergence
 from malus.reconstruct.single_image.light_direction import estimate_direction
 from malus.reconstruct.single_image.outline import outline_of
-from malus.reconstruct.single_image.parameters import fit_parameters
+from malus.reconstruct.single_image.parameters import _weights, fit_parameters
 from malus.reconstruct.single_image.shading import (
     BodyKind,
     diffuse_shading,
@@ -173,6 +174,20 @@ def test_weights_are_never_negative() -> None:
     fit = fit_parameters(dimple, normals, light, "unpolarised", irradiance=1.0)
     assert fit.albedo.min() >= 0
     assert fit.level.min() >= 0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_weights_are_those_of_non_negative_least_squares(seed: int) -> None:
+    """Against Lawson and Hanson's algorithm, of either sign and of both."""
+    random = np.random.default_rng(seed)
+    diffuse, specular = random.uniform(0, 1, (2, 30))
+    true = random.normal(size=(2, 4))
+    pixels = np.stack([diffuse, specular], axis=-1) @ true + 0.1 * random.normal(size=(30, 4))
+    weights, error = _weights(pixels, diffuse, specular)
+    exact = [nnls(np.stack([diffuse, specular], axis=-1), band) for band in pixels.T]
+    np.testing.assert_allclose(weights.T, [found for found, _ in exact], atol=1e-12)
+    left = np.array([norm for _, norm in exact])
+    assert error == pytest.approx(np.sqrt(np.sum(left**2) / pixels.size), rel=1e-12)
 
 
 def test_without_an_irradiance_eta_is_assumed_and_says_so() -> None:
