@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from statistics import NormalDist
 from typing import Any
 
 import pandas as pd
@@ -11,7 +12,7 @@ import pytest
 from runs import SUITE
 
 from malus.bench.gates.baseline import DEFAULT_RULES, PooledMetric, measure
-from malus.bench.gates.gate import gate, updated
+from malus.bench.gates.gate import HIDDEN_NOISE, gate, updated
 from malus.bench.running.results import Results
 
 VALUES = {"gain": 0.9, "rotation": 0.01, "facing_skill": 0.8, "signal": 0.1, "nmse": 1e-4}
@@ -85,3 +86,22 @@ def test_noise_that_scenes_share_does_not_fall_with_their_number() -> None:
         for value in pooled:
             # A sum of two equal halves.
             assert value.noise == pytest.approx(NOISE, rel=1e-12)
+
+
+def test_limits_follow_from_the_probabilities_that_are_promised() -> None:
+    """Of another seed: noise alone turns one whole run in 1000 red, and of changes of `visible`
+    98 in 100 are seen."""
+    baseline = updated(results(4), None, DEFAULT_RULES)
+    comparisons = gate(results(4, seed=2), baseline)
+    assert len(comparisons) == 3
+    alarms = 0.0
+    for comparison in comparisons:
+        assert not comparison.paired
+        # Both runs have the noise; halves of the samples do not show all of it.
+        assert comparison.error == pytest.approx(HIDDEN_NOISE * 2**0.5 * NOISE, rel=1e-12)
+        (rule,) = (rule for rule in DEFAULT_RULES if rule.metric == comparison.key[0])
+        beyond = (comparison.limit - rule.tolerance) / comparison.error
+        alarms += 2 * (1 - NormalDist().cdf(beyond))
+        seen = NormalDist().cdf((comparison.visible - comparison.limit) / comparison.error)
+        assert seen == pytest.approx(0.98, abs=0.005)
+    assert alarms == pytest.approx(1e-3, rel=1e-9)

@@ -84,6 +84,14 @@ def test_a_bar_that_ends_below_zero_runs_off_the_logarithmic_axis(table: pd.Data
     np.testing.assert_array_equal(np.array(whole)[endless], values["mean"][endless])
 
 
+def test_methods_at_one_x_stand_side_by_side(table: pd.DataFrame) -> None:
+    """Bars of equal errors would hide each other."""
+    for ax in figure5(table, "unpolarised").axes:
+        lines = ax.get_lines()[:2]
+        first, second = (np.asarray(line.get_xdata(), float) for line in lines)
+        assert (second > first).all()
+
+
 def test_errors_below_the_axis_are_named(table: pd.DataFrame) -> None:
     tiny = table["method"] == "half_vector"
     table.loc[tiny & (table["metric"] == "nmse"), "value"] = 3e-17
@@ -172,6 +180,23 @@ def test_figure_9_draws_the_pooled_numbers_of_every_light() -> None:
         for method, line in zip(("unpolarised", "eq8"), ax.get_lines(), strict=False):
             wanted = rows.loc[rows["method"] == method, "mean"]
             np.testing.assert_array_equal(line.get_ydata(), wanted)
+
+
+def test_pixels_of_several_scenes_are_pooled_as_one_crowd() -> None:
+    """Three scenes of as many pixels, drawn in full: their deviation is that of all pixels."""
+    table = sample.coloured().query("light == 'uniform' and surface == 'carbon'").copy()
+    random = np.random.default_rng(2)
+    scenes = list(table["scene"].unique())
+    pixels = {scene: random.normal(k, 1 + k, 1000) for k, scene in enumerate(scenes)}
+    angles = table["angle_deg"].notna() & (table["method"] == "eq8")
+    for metric, of in (("delta_e76", np.mean), ("delta_e76_std", np.std)):
+        chosen = angles & (table["metric"] == metric)
+        table.loc[chosen, "value"] = [of(pixels[scene]) for scene in table.loc[chosen, "scene"]]
+    found = figure9_numbers(table).query("method == 'eq8'")
+    every = np.concatenate(list(pixels.values()))
+    assert len(scenes) == 3
+    np.testing.assert_allclose(found["mean"], every.mean(), rtol=1e-12)
+    np.testing.assert_allclose(found["std"], every.std(), rtol=1e-12)
 
 
 def test_one_material_and_roughness_make_no_figure_5(table: pd.DataFrame) -> None:

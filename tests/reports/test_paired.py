@@ -88,6 +88,13 @@ def test_methods_that_left_scenes_out_are_not_best() -> None:
     assert "| eq8 | **1.000e-3** | 4 |" in table.text("markdown")
 
 
+def test_who_left_scenes_out_is_compared_with_the_best_of_the_others() -> None:
+    """On the scenes of both; among those that have all it would be ranked by easier ones."""
+    a, b = [1e-3, 2e-3, 1e-3, 2e-3], [3e-3, 5e-3, 4e-3, 5e-3]
+    table = table_of({"nmse": {"b": b, "few": [1e-9, 1e-9, 2e-9, math.nan], "a": a}})
+    assert [line[1:3] for line in ranked_pairs(table).lines] == [["a", "b"], ["few", "a"]]
+
+
 def test_an_infinite_ratio_is_infinite_in_every_format() -> None:
     table = paper_table(table_of({"psnr": {"eq8": [math.inf, 30.0]}}), ["psnr"])
     assert "| **∞** |" in table.text("markdown")
