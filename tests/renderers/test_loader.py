@@ -84,6 +84,18 @@ def test_crops_are_windows_of_the_whole(forms: dict[str, Path], form: str) -> No
     assert not all(np.array_equal(a, b) for a, b in zip(others, again, strict=True))
 
 
+def test_crops_begin_anywhere_where_they_fit(forms: dict[str, Path]) -> None:
+    """At either end too: of a crop one pixel smaller than the picture there are four."""
+    whole = malus.open_dataset(forms["folders"], maps=("stokes",))[0]["stokes"]
+    crops = malus.open_dataset(forms["folders"], maps=("stokes",), crop=SIDE - 1)
+    found = set()
+    for epoch in range(40):  # each of four comes 40 times but once in 10^5 epochs of this length
+        crops.set_epoch(epoch)
+        found.add(crops[0]["stokes"].tobytes())
+    expected = [whole[a : SIDE - 1 + a, b : SIDE - 1 + b] for a in (0, 1) for b in (0, 1)]
+    assert found == {window.tobytes() for window in expected}
+
+
 def test_all_forms_cut_the_same_crops(forms: dict[str, Path]) -> None:
     """A crop follows from seed, epoch and index, whatever stores the dataset."""
     pictures = [malus.open_dataset(forms[form], crop=6, seed=1)[2]["image"] for form in FORMS]

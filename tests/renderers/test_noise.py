@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from malus.renderers.families.family import render_family
-from malus.renderers.variant import choose
+from malus.renderers.mitsuba.stokes_integrator import BATCHES
+from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere
 
 
@@ -27,3 +28,27 @@ def test_noise_that_both_lobes_share_is_in_the_standard_error() -> None:
     assert mask.sum() == 16
     # Variances of 16 pixels over 64 seeds: their mean is known to 4.5 %. Five of those.
     assert abs(ratio - 1) < 0.22
+
+
+def test_renders_of_one_lobe_and_of_the_other_have_seeds_of_their_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where lobes are rendered apart, without LLVM, their covariance is told as zero."""
+    scene = Scene(
+        shape=Sphere(),
+        surface=Dielectric(eta=1.5, alpha=0.6, albedo=0.5, body="unpolarised"),
+        light=Distant(incidence_deg=30),
+        camera=Camera(resolution=6),
+    )
+    scalar = Variant("scalar_spectral_polarized", "asked for")
+    mi, seeds = mitsuba(scalar), list[int]()
+    plain = mi.render
+
+    def render(*parts: object, spp: int, seed: int) -> object:
+        seeds.extend([seed] * (spp == 2))  # a batch of one lobe; others have other samples
+        return plain(*parts, spp=spp, seed=seed)
+
+    monkeypatch.setattr(mi, "render", render)
+    render_family([scene], Sampling(samples=16, seed=1), scalar)
+    assert len(seeds) == 2 * BATCHES
+    assert len(set(seeds)) == len(seeds)

@@ -269,6 +269,9 @@ def test_halves_average_to_the_truth() -> None:
     a, b = truth.halves()
     assert (a.stokes + b.stokes) / 2 == pytest.approx(truth.stokes, abs=1e-6)
     assert np.abs(a.stokes - b.stokes).max() > 1e-4
+    for half in (a, b):  # twice the variance, and no second draw of it
+        np.testing.assert_allclose(half.standard_error, 2**0.5 * truth.standard_error, rtol=1e-6)
+        assert not half.specular_noise.any()
 
 
 @pytest.mark.parametrize("surface", sorted(surfaces()))

@@ -95,6 +95,28 @@ def test_a_band_is_found_by_the_value_of_its_wavelength(tmp_path: Path, waveleng
     np.testing.assert_array_equal(stokes[0, 0, 0], POLARISED)
 
 
+@pytest.mark.parametrize(("wavelength", "found"), [("549,95nm", True), ("550,06nm", False)])
+def test_a_band_is_no_farther_than_half_of_one_decimal(
+    tmp_path: Path, wavelength: str, found: bool
+) -> None:
+    """As far as a program is off that prints one; further away is another band."""
+    path = written(tmp_path / "a.exr", triple(wavelength))
+    if found:
+        read_spectral(path, SHAPE, [550.0])
+    else:
+        with pytest.raises(InputError, match="no such channel"):
+            read_spectral(path, SHAPE, [550.0])
+
+
+@pytest.mark.parametrize(("handedness", "sign"), [("right", 1), ("left", -1)])
+def test_handedness_is_of_s2_and_s3(tmp_path: Path, handedness: str, sign: int) -> None:
+    """Both count about the ray's direction; s1 has no sense of rotation."""
+    names = [f"S{component}.550nm" for component in range(4)]
+    path = written(tmp_path / "a.exr", names, polarisationHandedness=handedness)
+    stokes = read_spectral(path, SHAPE, [550.0], components=4)[0, 0, 0]
+    np.testing.assert_array_equal(stokes, np.float32([1.0, 0.2, -0.1 * sign, 0.7 * sign]))
+
+
 @pytest.mark.parametrize("compression", ["NO", "RLE", "ZIPS", "ZIP", "PIZ", "HTJ2K32", "PXR24"])
 def test_every_lossless_compression_is_read(tmp_path: Path, compression: str) -> None:
     if not hasattr(OpenEXR, f"{compression}_COMPRESSION"):

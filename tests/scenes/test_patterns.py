@@ -28,6 +28,7 @@ from malus.scenes import (
     ImageTexture,
     InputError,
     MeshFile,
+    Noise,
     Patterned,
     Sampling,
     Scene,
@@ -56,6 +57,14 @@ def scene(surface: object, shape: object = None, light: object = None, side: int
         camera=Camera(resolution=side),
         wavelengths_nm=(450, 650),
     )
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_waves_of_a_noise_are_six_times_as_long_along_its_grain(axis: str) -> None:
+    plain, grained = Noise(seed=3).waves(), Noise(seed=3, grain=axis).waves()
+    factors = np.where(np.array(list("xyz")) == axis, 1 / 6, 1.0)
+    np.testing.assert_allclose(grained[:, :3], plain[:, :3] * factors, rtol=1e-14)
+    np.testing.assert_array_equal(grained[:, 3:], plain[:, 3:])
 
 
 def truth_of(one: Scene, sampling: Sampling = FEW) -> Truth:

@@ -111,6 +111,13 @@ def test_pixels_saturate_and_exposure_finds_the_brightest() -> None:
     assert expose(0 * light, Sensor()).raw.max() == 0  # no light, no exposure to find
 
 
+@pytest.mark.parametrize("dark_level", [0.0, 240.0])
+def test_a_full_well_reaches_the_largest_number(dark_level: float) -> None:
+    """Where no gain is given: 12 bits end at 4095, the dark level among them."""
+    sensor = Sensor(full_well=8000.0, dark_level=dark_level)
+    assert dark_level + 8000.0 * sensor.digital_gain == pytest.approx(4095, rel=1e-12)
+
+
 def test_a_well_holds_no_more_than_it_is_deep() -> None:
     """Where numbers reach farther than the well, the well ends them."""
     sensor = Sensor(
