@@ -19,7 +19,8 @@ from malus.bench.scoring.capture_score import colour_differences, score_capture
 from malus.reconstruct.photos import capture
 from malus.reconstruct.photos.angle_convention import check_convention
 from malus.reconstruct.photos.capture import Capture, conventional, read_capture
-from malus.reconstruct.photos.capture_fit import fit_capture, noise_by_angles
+from malus.reconstruct.photos.capture_angles import in_degrees
+from malus.reconstruct.photos.capture_fit import capture_summary, fit_capture, noise_by_angles
 from malus.reconstruct.photos.capture_levels import level_hints
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.scenes import InputError, polarisation
@@ -103,6 +104,58 @@ def test_a_likely_dark_level_is_told_where_none_is_given(darkest: float, told: b
     clipped, piled = np.zeros((40, 100), bool), np.full(1, np.inf)
     hints = [level_hints(light, clipped, piled, given) for given in (False, True)]
     assert [any("dark" in hint for hint in each) for each in hints] == [told, False]
+
+
+def test_angles_are_given_in_the_order_of_numbered_names(tmp_path: Path) -> None:
+    """Picture 2 stands before picture 10, as a person counts."""
+    for number in (1, 2, 3, 10, 11):
+        codes = np.full((4, 4), 10 * number, np.uint8)
+        PIL.Image.fromarray(codes).save(tmp_path / f"shot{number}.png")
+    capture = read_capture(tmp_path, linear=True, angles=(0, 30, 60, 90, 120))
+    assert capture.names == tuple(f"shot{number}.png" for number in (1, 2, 3, 10, 11))
+    np.testing.assert_allclose(
+        255 * capture.pictures[:, 0, 0, 0], [10, 20, 30, 100, 110], rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("angles", [(0, 45, 90), (0.0, 13.0, 5.0)])
+def test_degrees_are_not_taken_for_radians(angles: tuple[float, ...]) -> None:
+    """No polariser is turned by more than two whole turns."""
+    with pytest.raises(InputError, match="expected radians"):
+        in_degrees(angles, "radians", "names")
+
+
+@pytest.mark.parametrize(("degree", "told"), [(0.95, False), (1.1, True)])
+def test_more_than_completely_polarised_light_is_told(degree: float, told: bool) -> None:
+    angles = (0.0, 45.0, 90.0, 135.0)
+    stokes = np.broadcast_to(np.float32([1.0, degree, 0.0]), (8, 8, 1, 3))
+    pictures = np.stack([polarisation.polarised(stokes, angle) for angle in angles])
+    capture = Capture(pictures, angles, np.zeros((8, 8), bool), tuple("abcd"), "linear")
+    warnings = fit_capture(capture).warnings
+    assert any("more than completely polarised" in text for text in warnings) == told
+
+
+@pytest.mark.parametrize("zero", ["vertical", "horizontal"])
+@pytest.mark.parametrize("sense", ["anticlockwise", "clockwise"])
+def test_an_angle_names_the_axis_that_it_is_read_as(zero: str, sense: str) -> None:
+    """30° from either mark in either sense, as a vector: x to the right, y up."""
+    turn = np.radians(30.0 if sense == "anticlockwise" else -30.0)
+    start = np.array([0.0, 1.0]) if zero == "vertical" else np.array([1.0, 0.0])
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    axis = rotation @ start
+    told = np.radians(conventional(30.0, zero, sense))  # from the vertical, anticlockwise
+    assert abs(axis @ [-np.sin(told), np.cos(told)]) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_clipped_pixels_are_no_part_of_the_summary() -> None:
+    angles, clipped = (0.0, 45.0, 90.0, 135.0), np.zeros((4, 4), bool)
+    stokes = np.tile(np.float32([1.0, 0.2, 0.0]), (4, 4, 1, 1))
+    clipped[:3], stokes[:3, ..., 1] = True, 0.9
+    pictures = np.stack([polarisation.polarised(stokes, angle) for angle in angles])
+    capture = Capture(pictures, angles, clipped, tuple("abcd"), "linear")
+    numbers = capture_summary(capture, fit_capture(capture))
+    assert numbers["median_dolp"] == pytest.approx(0.2, abs=1e-6)
+    assert numbers["dolp_99"] == pytest.approx(0.2, abs=1e-6)
 
 
 def test_one_channel_that_is_full_clips_its_pixel(tmp_path: Path) -> None:

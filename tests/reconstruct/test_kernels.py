@@ -36,6 +36,27 @@ def test_a_folder_that_cannot_be_written_costs_the_cache_only(
     assert (s1.item(), s2.item()) == (0.5, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("normal", "valid"),
+    [
+        ((0.0, 0.6, 0.8), True),
+        ((0.0, 0.60024, 0.80032), True),
+        ((0.0, 0.606, 0.808), False),
+        ((0.0, 0.594, 0.792), False),
+        ((0.6, 0.8, -5e-7), True),
+        ((0.6, 0.8, -1e-5), False),
+        ((np.nan, 0.6, 0.8), False),
+    ],
+)
+def test_normals_have_length_one_and_face_the_viewer(
+    normal: tuple[float, float, float], valid: bool
+) -> None:
+    """To 5e-4, and to 1e-6 behind a limb: as much as single precision and averages may do."""
+    light, found = np.ones((1, 1)), np.zeros(1, bool)
+    kernels.mark_valid_pixels(light, light, np.array([normal]), 1e30, found)
+    assert found.item() == valid
+
+
 CALLER = """
 from callee import FACTOR, scaled
 from malus.reconstruct.kernels import compiled

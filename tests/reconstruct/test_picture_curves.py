@@ -132,6 +132,15 @@ def test_a_jpeg_tells_its_gamma_and_keeps_it(tmp_path: Path, named: str) -> None
     assert again.assumption == picture.assumption
 
 
+def test_a_picture_that_says_srgb_is_no_adobe_rgb(tmp_path: Path) -> None:
+    """DCF: R03 tells Adobe RGB only where the colour space is uncalibrated."""
+    exif, path = PIL.Image.Exif(), tmp_path / "a.jpg"
+    exif.get_ifd(0x8769)[0xA001] = 1
+    exif.get_ifd(0x8769)[0xA005] = {1: "R03"}
+    PIL.Image.new("RGB", (16, 16), (128, 64, 200)).save(path, exif=exif)
+    assert "sRGB" in read_picture(path).assumption
+
+
 @pytest.mark.parametrize(("code", "found"), [(16, "PQ"), (18, "HLG"), (9, "number 9")])
 def test_curves_of_high_range_are_refused(tmp_path: Path, code: int, found: str) -> None:
     (tmp_path / "a.png").write_bytes(png_with(b"cICP", bytes([9, code, 0, 1])))
@@ -142,6 +151,14 @@ def test_curves_of_high_range_are_refused(tmp_path: Path, code: int, found: str)
     (tmp_path / "a.avif").write_bytes(data)
     with pytest.raises(InputError, match=found):
         read_picture(tmp_path / "a.avif")
+
+
+@pytest.mark.parametrize(("code", "gamma"), [(4, 2.2), (5, 2.8), (8, 1.0)])
+def test_codes_of_video_name_their_gamma(tmp_path: Path, code: int, gamma: float) -> None:
+    """ITU-T H.273, table 3: BT.470 System M and System B, G, and linear light."""
+    (tmp_path / "a.png").write_bytes(png_with(b"cICP", bytes([1, code, 0, 1])))
+    picture = read_picture(tmp_path / "a.png")
+    np.testing.assert_allclose(picture.linear, (SMOOTH / 255) ** gamma, atol=1e-6)
 
 
 def test_a_linear_avif_is_linear(tmp_path: Path) -> None:
