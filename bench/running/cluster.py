@@ -12,8 +12,8 @@ another worker. A worker whose family takes too long ends itself. A family that 
 from __future__ import annotations
 
 import logging
-import resource
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -246,6 +246,10 @@ def _local(workers: int, stack: ExitStack) -> Any:
 
 def _check_open_files(workers: int) -> None:
     """Refuse more workers than the limit of open files allows: Dask would only print tracebacks."""
+    if sys.platform == "win32":  # which has no such limit
+        return
+    import resource
+
     limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
     needed = FILES + FILES_A_WORKER * workers
     if resource.RLIM_INFINITY != limit < needed:
