@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, get_args
 
 import click
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from malus.scenes.core.model import Model
+    from malus.scenes.materials.materials import Material
+    from malus.scenes.materials.metals import Metal
 
 SHOWN_NM = (450.0, 550.0, 650.0)
 """Wavelengths at which indices and colours are shown."""
@@ -103,28 +105,36 @@ def _metrics() -> Table:
 def _materials() -> Table:
     from malus.bench.public.lists import list_materials
 
-    columns = ("name", "kind", "η at 587.6 nm", "data, nm", "usable, nm", "source")
-    table = _new("materials", *columns)
+    table = _new("materials", "name", "kind", "η at 587.6 nm", "data, nm", "usable, nm")
     for material in list_materials().values():
         ranges = map(_range, (material.valid_range_nm, material.usable_range_nm))
-        table.add_row(material.id, material.kind, f"{material.eta_d:.4f}", *ranges, material.source)
-    return table
+        table.add_row(material.id, material.kind, f"{material.eta_d:.4f}", *ranges)
+    return _with_sources(table, list_materials())
 
 
 def _range(ends: tuple[float, float]) -> str:
     low, high = ends
-    return f"{low:g} to {high:g}"
+    return f"{low:g}–{high:g}"
 
 
 def _metals() -> Table:
     from malus.bench.public.lists import list_metals
 
-    columns = ("name", *map(_nm, SHOWN_NM), "data, nm", "source")
-    table = _new("metals: materials without a body", *columns)
+    table = _new("metals: materials without a body", "name", *map(_nm, SHOWN_NM), "data, nm")
     for metal in list_metals().values():
         indices = [f"{eta.real:.2f} + {eta.imag:.2f}i" for eta in metal.eta(SHOWN_NM)]
         ends = _range((metal.table_nm[0], metal.table_nm[-1]))
-        table.add_row(metal.id, *indices, ends, metal.source)
+        table.add_row(metal.id, *indices, ends)
+    return _with_sources(table, list_metals())
+
+
+def _with_sources(table: Table, substances: Mapping[str, Material | Metal]) -> Table:
+    """A table with the sources below, which are too long for a column, each once."""
+    by_source: dict[str, list[str]] = {}
+    for substance in substances.values():
+        by_source.setdefault(substance.source, []).append(substance.id)
+    table.caption = "\n".join(f"{', '.join(ids)}: {one}" for one, ids in by_source.items())
+    table.caption_justify = "left"
     return table
 
 

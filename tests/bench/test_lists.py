@@ -49,7 +49,7 @@ def test_ranges_are_those_that_have_an_index() -> None:
         **dict(zip(list_metals().values(), printed(_metals(), "data, nm"), strict=True)),
     }
     for substance, told in everything.items():
-        low, high = map(float, told.split(" to "))
+        low, high = map(float, told.split("–"))
         assert substance.eta([low, high]).shape == (2,)
         for beyond in (0.999 * low, 1.001 * high):
             with pytest.raises(InputError, match=r"expected .*wavelengths"):
@@ -57,6 +57,6 @@ def test_ranges_are_those_that_have_an_index() -> None:
     for material, told in zip(
         list_materials().values(), printed(_materials(), "data, nm"), strict=True
     ):
-        low, high = map(float, told.split(" to "))
+        low, high = map(float, told.split("–"))
         outside = material.extrapolated([0.999 * low, low, high, 1.001 * high])
         assert outside.tolist() == [True, False, False, True]
