@@ -12,7 +12,7 @@ import pytest
 from malus.bench.studies import mismatch
 from malus.bench.studies.mismatch import ASSUMPTIONS, Effort, mismatch_table, tilted
 from malus.bench.studies.registry import run_study
-from malus.renderers.rendering import render
+from malus.renderers import Truth, render
 from malus.renderers.variant import choose
 from malus.reports.figures.prices import figure_prices
 from malus.reports.tables.headline import price_tiles
@@ -36,8 +36,9 @@ def test_tilted_normals_stay_unit_and_turn_by_the_angle() -> None:
     assert (tilted(np.repeat(grazing, 50, axis=0), 5.0)[:, 2] > 0).all()
 
 
-def test_right_inputs_cost_nothing() -> None:
-    truth = render(
+@pytest.fixture
+def truth() -> Truth:
+    return render(
         Scene(
             shape=Sphere(),
             surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised", albedo=0.2),
@@ -46,22 +47,16 @@ def test_right_inputs_cost_nothing() -> None:
         ),
         renderer="torrance-sparrow",
     )
+
+
+def test_right_inputs_cost_nothing(truth: Truth) -> None:
     rows = list(mismatch._of_inputs(truth, "eta", lambda observation: observation))
     assert [method for _, method, *_ in rows] == list(mismatch.METHODS)
     assert all(holds == broken for *_, holds, broken in rows)
 
 
-def test_an_input_has_no_price_for_methods_that_do_not_use_it() -> None:
+def test_an_input_has_no_price_for_methods_that_do_not_use_it(truth: Truth) -> None:
     """`eq8` is printed without a light; every one whose price is told changes its estimate."""
-    truth = render(
-        Scene(
-            shape=Sphere(),
-            surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised", albedo=0.2),
-            light=Distant(incidence_deg=60),
-            camera=Camera(resolution=16),
-        ),
-        renderer="torrance-sparrow",
-    )
     turned = partial(mismatch._turned_light, by_deg=10.0)
     ((_, name, holds, broken),) = mismatch._of_inputs(truth, "light", turned)
     assert name == "lights+body"

@@ -7,6 +7,7 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import PIL.Image
 import PIL.ImageCms
@@ -61,7 +62,6 @@ def test_a_picture_goes_out_as_it_came_in(tmp_path: Path) -> None:
 
 
 def test_sixteen_bit_colour_png_keeps_bits_and_metadata(tmp_path: Path) -> None:
-    imagecodecs = pytest.importorskip("imagecodecs")
     plain, rich = tmp_path / "a.png", tmp_path / "b.png"
     plain.write_bytes(imagecodecs.png_encode(CODES_16))
     picture = read_picture(plain)
