@@ -9,6 +9,7 @@ jax = pytest.importorskip("jax", reason="no jax; pip install jax optax onnx onnx
 
 from malus.bench.learning.augment import (  # noqa: E402
     HIGHLIGHT,
+    Batch,
     augmented,
     before_others,
     ratios,
@@ -16,6 +17,7 @@ from malus.bench.learning.augment import (  # noqa: E402
 )
 from malus.bench.learning.camera import Camera, in_blocks, photographed, random_camera  # noqa: E402
 from malus.bench.learning.colours import blurred, mixed, random_blur, random_mixture  # noqa: E402
+from malus.bench.learning.objective import loss  # noqa: E402
 from malus.bench.learning.warp import Motion, moved, random_motion, with_picture  # noqa: E402
 from malus.scenes import polarisation  # noqa: E402
 
@@ -24,8 +26,15 @@ ROUNDING = 1e-5
 """Single precision, with a few operations."""
 
 
-def motion(mirror: float = 1.0, turn_deg: float = 0.0, zoom: float = 1.0) -> Motion:
-    return Motion(*map(np.float32, (mirror, np.radians(turn_deg), zoom)), np.zeros(2, np.float32))
+def motion(
+    mirror: float = 1.0,
+    turn_deg: float = 0.0,
+    zoom: float = 1.0,
+    shift: tuple[float, float] = (0.0, 0.0),
+) -> Motion:
+    return Motion(
+        *map(np.float32, (mirror, np.radians(turn_deg), zoom)), np.array(shift, np.float32)
+    )
 
 
 def places(side: int = SIDE) -> tuple[np.ndarray, np.ndarray]:
@@ -68,6 +77,14 @@ def test_what_lies_to_the_right_goes_up_when_turned_left() -> None:
     row, column = np.unravel_index(seen[..., 0, 0].argmax(), (SIDE, SIDE))
     assert (row, column) == (7, SIDE // 2)
     np.testing.assert_allclose(seen[row, column, 0], [1.0, -0.5, -0.25], atol=1e-3)  # interpolated
+
+
+def test_a_shift_is_to_the_right_and_up() -> None:
+    light = np.zeros((SIDE, SIDE, 3, 3), np.float32)
+    light[40, 20] = 1.0
+    seen, _ = moved(light, np.ones((SIDE, SIDE), bool), motion(shift=(3.0, 5.0)), SIDE)
+    row, column = np.unravel_index(np.argmax(seen[..., 0, 0]), (SIDE, SIDE))
+    assert (row, column) == (40 - 5, 20 + 3)
 
 
 def test_turned_light_agrees_with_the_conventions() -> None:
@@ -156,10 +173,12 @@ def test_eight_bits_cost_half_a_code() -> None:
     np.testing.assert_allclose(codes, codes.round(), atol=1e-2)
 
 
-def test_noise_has_the_deviation_that_is_asked_for() -> None:
-    picture = np.full((96, 96, 3), 1.0, np.float32)
+@pytest.mark.parametrize("level", [1.0, 0.25])
+def test_noise_has_the_deviation_that_is_asked_for(level: float) -> None:
+    """The variance of electrons is as the light: a quarter of it has half the deviation."""
+    picture = np.full((96, 96, 3), level, np.float32)
     seen, _ = photographed(jax.random.key(0), picture, camera(shot=0.02, read=0.01))
-    expected = np.hypot(0.02, 0.01)
+    expected = np.hypot(0.02 * np.sqrt(level), 0.01)
     assert float(seen.std()) == pytest.approx(expected, rel=0.03)  # 4 / √(2 · 27648)
 
 
@@ -224,6 +243,36 @@ def test_pixels_weigh_by_their_light_up_to_a_highlight() -> None:
         ratios_of_halves.append(np.exp(second - first))
     # Blurred and clipped ones among them differ; bins are some percent wide.
     assert np.median(ratios_of_halves) == pytest.approx(3, rel=0.1)
+
+
+def batch_of(target: float, weight: float) -> Batch:
+    """One picture of 8² pixels that is polarised along +x."""
+    ratios_there = np.zeros((1, 8, 8, 3, 2), np.float32)
+    ratios_there[..., 0] = target
+    return Batch(np.ones((1, 8, 8, 3)), ratios_there, np.full((1, 8, 8, 3), weight, np.float32))
+
+
+def test_a_picture_that_is_hardly_polarised_pulls_no_more_than_others() -> None:
+    """Beyond twice the size of what is there, its error counts as it is, and no larger."""
+    dark = batch_of(target=0.01, weight=0.01)  # too dark for the likelihood of deviations
+    estimate = np.full((1, 8, 8, 3, 2), 0.2, np.float32)
+    wrong, much_worse = (float(loss(k * estimate, np.ones((1, 8, 8, 3)), dark)) for k in (1, 5))
+    assert wrong == pytest.approx(much_worse, rel=ROUNDING)
+    half_right = np.where(np.arange(2) == 0, 0.5 * 0.01, 0.0) * np.ones_like(estimate)
+    assert float(loss(half_right, np.ones((1, 8, 8, 3)), dark)) < 0.1 * wrong
+
+
+def test_the_best_deviation_to_state_is_that_of_a_component() -> None:
+    """Errors of 0.3 in s1/s0 and 0.4 in s2/s0 have an rms of √(0.25/2); there the loss is least."""
+    bright = batch_of(target=0.5, weight=1.0)
+    estimate = bright.target + np.array([0.3, 0.4], np.float32)
+    best = np.sqrt((0.3**2 + 0.4**2) / 2)
+
+    def stated(scale: float) -> float:
+        return loss(estimate, scale * best * np.ones((1, 8, 8, 3)), bright)
+
+    assert float(jax.grad(stated)(1.0)) == pytest.approx(0.0, abs=ROUNDING)
+    assert min(float(stated(0.9)), float(stated(1.1))) > float(stated(1.0))
 
 
 def test_cameras_are_different() -> None:

@@ -255,6 +255,9 @@ def test_a_plan_tells_what_is_left_out() -> None:
     more = dataset_bytes(full, plan(full)) - dataset_bytes(bare, plan(bare))
     # Depth, albedo of all bands, three Stokes components and the raw frame of all bands.
     assert more == pixels * 4 * (1 + bands + 4 * bands)
+    camera = SUITE.camera.model_copy(update={"resolution": 3 * SUITE.camera.resolution})
+    larger = SUITE.model_copy(update={"camera": camera})
+    assert dataset_bytes(larger, plan(larger)) == 9 * dataset_bytes(bare, plan(bare))
 
 
 def test_the_command_lists_maps_and_sensors() -> None:

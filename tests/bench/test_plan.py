@@ -17,6 +17,7 @@ from malus.bench.public import suites
 from malus.bench.running.plan import plan, savings
 from malus.bench.running.runner import run
 from malus.renderers import Truth
+from malus.renderers.families.adaptive import first_samples
 from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba import wavefront
 from malus.renderers.variant import choose
@@ -130,6 +131,19 @@ def test_samples_of_random_scenes_count_as_they_come(
     )
     found = suites.predicted_seconds(plan(few), choose(), random=True)
     assert found == pytest.approx(24 * (2.0 + 0.1 * 64))
+
+
+@pytest.mark.parametrize(("too_large", "times"), [(1.5, 2.25), (100.0, 16.0), (0.01, 1.0)])
+def test_noise_falls_as_the_root_of_the_samples(
+    monkeypatch: pytest.MonkeyPatch, too_large: float, times: float
+) -> None:
+    """An error 1.5 times the target takes 2.25 times the samples; limits hold on both sides."""
+    sampling = Sampling(samples=16 * 64, target=0.01)
+    family = dataclasses.replace(plan(SUITE)[0], sampling=sampling)
+    few = Sampling(samples=first_samples(sampling))
+    monkeypatch.setattr(suites, "relative_error", lambda *_: 0.01 * too_large)
+    expected = min(times * few.samples, sampling.samples)
+    assert suites._expected_samples(family, None, few) == pytest.approx(expected)  # type: ignore[arg-type]
 
 
 def test_a_run_records_what_it_left_out(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from malus.bench.commands.plan import plan_command
 from malus.bench.running.thin_highlights import ENOUGH, highlight_samples, thin_highlights
-from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere, Uniform
+from malus.scenes import Camera, Conductor, Dielectric, Distant, Scene, Sphere, Uniform
 from malus.scenes.lights.lights import Light
 
 
@@ -45,6 +45,18 @@ def test_samples_on_the_highlight_are_those_that_fall_there(camera: Camera) -> N
     # front is nearer is left out.
     expected = pytest.approx(falling / nearer**2, rel=0.01)
     assert highlight_samples(ball(alpha, camera), samples) == expected
+
+
+def test_the_highlight_of_brushed_metal_is_an_ellipse() -> None:
+    """Its area is that of a disc whose radius is the geometric mean of the two."""
+    brushed, round_one = (
+        ball(0.1, Camera(resolution=64)).model_copy(
+            update={"surface": Conductor(material="gold", alpha=alpha)}
+        )
+        for alpha in ((0.4, 0.1), 0.2)
+    )
+    expected = pytest.approx(highlight_samples(round_one, 16), rel=1e-12)
+    assert highlight_samples(brushed, 16) == expected
 
 
 def test_the_limits_tell_samples_as_they_are_counted() -> None:

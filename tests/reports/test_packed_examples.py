@@ -26,7 +26,13 @@ def test_error_maps_keep_to_the_budget_and_skip_what_no_eye_sees() -> None:
     assert gallery([replace(example(8, 1), wavelengths_nm=(1550.0,))]) is None
 
 
-@pytest.mark.parametrize("values", [[0.0, 1.0], [-3.0, 0.0, 5.0], [7.0, 7.0], [0.0, 0.0], [-2.0]])
+@pytest.mark.parametrize(
+    "values",
+    [
+        [0.0, 1.0], [-3.0, 0.0, 5.0], [7.0, 7.0], [0.0, 0.0], [-2.0],
+        np.random.default_rng(8).normal(size=100).tolist(),
+    ],
+)  # fmt: skip
 def test_storing_rounds_by_half_a_step_at_most_and_keeps_zero(values: list[float]) -> None:
     q, first, step = quantised(np.array(values))
     back = step * (first + q.astype(float))
