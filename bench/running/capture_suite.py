@@ -21,6 +21,8 @@ MAX_BYTES = 1 << 20
 METHODS = ("paper", "blind", "net")
 """What is run where no method is named."""
 
+_LONGEST_NAME = 100
+
 
 class CaptureEntry(Model):
     """One capture of a suite: where its pictures are, how they are read, and what is seen on them.
@@ -42,7 +44,7 @@ class CaptureEntry(Model):
     """
 
     folder: str = Field(min_length=1)
-    name: str = Field(default="", max_length=100)
+    name: str = Field(default="", max_length=_LONGEST_NAME)
     group: str = Field(default="captures", min_length=1, max_length=100)
     mask: str | None = Field(default=None, min_length=1)
     labels: str | None = Field(default=None, min_length=1)
@@ -156,17 +158,18 @@ class CaptureSuite(Model):
             A value that is not valid, or folders of one name.
         """
         counts = Counter(Path(folder).resolve().name for folder in folders)
+        shared = {folder for folder in folders if counts[Path(folder).resolve().name] > 1}
         entries = tuple(
-            {"folder": str(folder), **told}
-            | (
-                {"name": str(Path(folder))[-100:]}
-                if counts[Path(folder).resolve().name] > 1
-                else {}
-            )
+            {"folder": str(folder), "name": _end_of(folder) if folder in shared else "", **told}
             for folder in folders
         )
         content = {"capture": entries, "methods": tuple(methods) or METHODS}
         return cls.parse(content, "captures")
+
+
+def _end_of(folder: Path | str) -> str:
+    """As much of a folder's path as a name may be long."""
+    return str(Path(folder))[-_LONGEST_NAME:]
 
 
 def load_captures(path: Path | str) -> CaptureSuite:

@@ -159,6 +159,28 @@ def test_too_few_open_files_for_the_workers_are_one_line() -> None:
             cluster._local(2, stack)
 
 
+@pytest.mark.parametrize(
+    ("raised", "told"),
+    [
+        (ModuleNotFoundError("No module named 'distributed'"), "found none; pip install"),
+        (ImportError("lib.so: failed to map segment"), "failed to map segment"),
+    ],
+    ids=["missing", "broken"],
+)
+def test_a_package_that_is_there_and_broken_is_not_told_as_missing(
+    monkeypatch: pytest.MonkeyPatch, raised: ImportError, told: str
+) -> None:
+    class Fails:
+        def find_spec(self, name: str, *_: object) -> None:
+            if name == "distributed":
+                raise raised
+
+    monkeypatch.delitem(sys.modules, "distributed", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Fails(), *sys.meta_path])
+    with pytest.raises((ImportError, InputError), match=told):
+        cluster._distributed()
+
+
 def test_workers_that_do_not_start_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed", reason="Dask is not installed")
 
