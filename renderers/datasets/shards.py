@@ -24,9 +24,11 @@ import numpy as np
 from malus.renderers.datasets.samples import Cut
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError, reading
-from malus.scenes.core.files import replace_text, write_whole
+from malus.scenes.core.files import digest, replace_text, write_whole
 
 SHARDS = "shards.json"
+SUMS = "SHA256SUMS"
+"""SHA-256 of every file, as `sha256sum --check` reads them."""
 SHARD_BYTES = 256 << 20
 """Bytes after which a new shard begins: large enough to stream, small enough to shuffle."""
 
@@ -47,7 +49,7 @@ class ShardScene:
 def write_shards(
     folder: Path, scenes: Iterable[ShardScene], about: Mapping[str, Any], limit: int = SHARD_BYTES
 ) -> None:
-    """Write scenes as shards of about `limit` bytes, and `shards.json` at the end.
+    """Write scenes as shards of about `limit` bytes, then `shards.json` and `SHA256SUMS`.
 
     What an older export left in the folder is removed first: no mixture of both is ever read.
 
@@ -56,9 +58,8 @@ def write_shards(
     InputError
         If they cannot be written.
     """
-    (folder / SHARDS).unlink(missing_ok=True)
-    for old in folder.glob("malus-*.tar*"):
-        old.unlink()
+    for old in (folder / SHARDS, folder / SUMS, *folder.glob("malus-*.tar*")):
+        old.unlink(missing_ok=True)
     shards: list[dict[str, Any]] = []
     waiting: list[ShardScene] = []
     size, shape, maps = 0, None, None
@@ -74,6 +75,8 @@ def write_shards(
         shards.append(_write_shard(folder, len(shards), waiting))
     record = {"format": _FORMAT, "shape": shape, "maps": maps, "shards": shards}
     replace_text(folder / SHARDS, json.dumps(record | dict(about), indent=1) + "\n")
+    files = sorted([SHARDS, *(path.name for path in folder.glob("malus-*.tar*"))])
+    replace_text(folder / SUMS, "".join(f"{digest(folder / name)[1]}  {name}\n" for name in files))
 
 
 def _write_shard(folder: Path, number: int, scenes: Sequence[ShardScene]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import json
 import multiprocessing
 import pickle
 import shutil
+import subprocess
 import tarfile
 from pathlib import Path
 from typing import Any
@@ -255,6 +256,22 @@ def test_shards_are_split_by_size(dataset: Dataset, tmp_path: Path) -> None:
         with tarfile.open(path) as tar:
             assert {name.split(".")[0] for name in tar.getnames()} <= set(dataset.scenes)
     assert json.loads((tmp_path / "a" / "shards.json").read_text())["shape"] == [SIDE, SIDE]
+
+
+def test_a_changed_byte_of_a_shard_is_found(forms: dict[str, Path], tmp_path: Path) -> None:
+    """The usual tool checks every file that samples are read from, by the list beside them."""
+    folder = shutil.copytree(forms["webdataset"], tmp_path / "copy")
+    check = ["sha256sum", "--check", "--quiet", "--strict", "SHA256SUMS"]
+    assert subprocess.run(check, cwd=folder, capture_output=True).returncode == 0
+    for path in [*folder.glob("malus-*"), folder / "shards.json"]:
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        path.write_bytes(content)
+        told = subprocess.run(check, cwd=folder, capture_output=True, text=True)
+        assert told.returncode == 1
+        assert f"{path.name}: FAILED" in told.stdout
+        content[len(content) // 2] ^= 1
+        path.write_bytes(content)
 
 
 def test_scenes_that_differ_make_no_hdf5(tmp_path: Path) -> None:
