@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from malus.reconstruct.photos.picture import check_size
+from malus.reconstruct.photos.read_exr import read_exr_vectors
 from malus.reconstruct.photos.read_picture import SUFFIXES, read_picture
 from malus.scenes.core.arrays import AnyArray, BoolArray, Float32Array, IntArray
 from malus.scenes.core.errors import InputError, reading
@@ -111,8 +112,10 @@ def _check_objects(path: Path, objects: int) -> None:
 def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
     """Normals (height, width, 3) from a .npy or EXR of vectors, or a picture of ½ (n + 1).
 
-    A TIFF of floats, some of them below 0, holds vectors as an EXR does. Vectors are made unit;
-    those shorter than ½, or that face away, become zero: no normal.
+    An EXR has them in R, G, B or, as renderers write them, in X, Y, Z of a layer; both in the
+    picture's frame: x right, y up, z towards the camera. A TIFF of floats, some of them below 0,
+    holds vectors as an EXR does. Vectors are made unit; those shorter than ½, or that face away,
+    become zero: no normal.
 
     Raises
     ------
@@ -137,6 +140,8 @@ def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
 
 
 def _vectors(path: Path) -> AnyArray:
+    if path.suffix.lower() == ".exr" and (vectors := read_exr_vectors(path)) is not None:
+        return vectors
     picture = read_picture(path, linear=True)
     is_vectors = picture.kind == "EXR" or float(picture.linear.min()) < 0  # ½ (n + 1) never is
     return picture.linear if is_vectors else 2 * picture.linear - 1

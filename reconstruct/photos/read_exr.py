@@ -63,6 +63,36 @@ def read_exr(path: Path, linear: bool, part: str | None = None) -> Picture:
     return Picture(light, "EXR", None, alpha, metadata, alpha is not None, notes, others)
 
 
+def read_exr_vectors(path: Path) -> AnyArray | None:
+    """Vectors (height, width, 3) in channels X, Y, Z of an OpenEXR file; None where it has none.
+
+    Of several layers with these channels, as renderers write them, the one is read that has
+    "normal" in its name.
+
+    Raises
+    ------
+    InputError
+        Several parts, deep data, or layers of which none or several are called normals.
+    """
+    _, channels, _ = _decoded(path, None)
+    names = {name.rpartition(".")[0] for name in channels if name.rpartition(".")[2] == "X"}
+    layers = [(f"{name}." if name else "") for name in sorted(names)]
+    layers = [layer for layer in layers if {f"{layer}Y", f"{layer}Z"} <= channels.keys()]
+    if len(layers) > 1:
+        called = [layer for layer in layers if "normal" in layer.lower()]
+        if len(called) != 1:
+            listed = ", ".join(layer.removesuffix(".") or "X, Y, Z" for layer in layers)
+            expected = "one layer of X, Y, Z that is called normal"
+            raise InputError(
+                str(path), expected, listed, "write the normals to a file of their own"
+            )
+        layers = called
+    if not layers:
+        return None
+    with reading(str(path), "channels X, Y, Z of one size", "write them in one size"):
+        return np.stack([channels[f"{layers[0]}{axis}"] for axis in "XYZ"], axis=-1)
+
+
 def _decoded(path: Path, part: str | None) -> tuple[dict[str, Any], dict[str, AnyArray], list[str]]:
     """Header and channels of the part that is meant, and the names of all parts."""
     import OpenEXR

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import PIL.Image
 import pytest
 import tifffile
+from runs import formula_dataset
 
 from malus.reconstruct.photos.masks_and_normals import read_labels, read_mask, read_normals
 from malus.reconstruct.photos.read_picture import read_picture
@@ -61,3 +63,42 @@ def test_normals_in_a_tiff_of_floats(tmp_path: Path, is_halved: bool) -> None:
     tifffile.imwrite(tmp_path / "normals.tif", stored, photometric="rgb")
     # Rounding of single precision, twice.
     np.testing.assert_allclose(read_normals(tmp_path / "normals.tif", (6, 8)), vectors, atol=3e-7)
+
+
+def write_layers(path: Path, layers: dict[str, np.ndarray]) -> None:
+    """An OpenEXR file with channels X, Y, Z of every layer, beside colours."""
+    planes = {"R": np.zeros((6, 8), np.float32)}
+    for layer, vectors in layers.items():
+        planes |= {
+            f"{layer}.{a}": np.ascontiguousarray(vectors[..., k]) for k, a in enumerate("XYZ")
+        }
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, planes) as file:
+        file.write(str(path))
+
+
+def test_normals_in_layers_of_an_exr(tmp_path: Path) -> None:
+    """As renderers write them: X, Y, Z of a layer among others."""
+    vectors, path = unit_vectors(), tmp_path / "passes.exr"
+    for name in ("sh_normal", "ViewLayer.Normal"):
+        write_layers(path, {name: vectors, "Position": -7 * vectors})
+        np.testing.assert_allclose(read_normals(path, (6, 8)), vectors, atol=1e-6)  # of one float
+    write_layers(path, {"normals": vectors, "shading_normals": vectors})
+    with pytest.raises(InputError, match=r"one layer of X, Y, Z .* normals, shading_normals"):
+        read_normals(path, (6, 8))
+    sampling = {"X": 1, "Y": 2, "Z": 2}  # every other pixel of two of them
+    plane = np.zeros((6, 8), np.float32)
+    planes = {f"N.{axis}": OpenEXR.Channel(plane, n, n) for axis, n in sampling.items()}
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, planes) as file:
+        file.write(str(path))
+    with pytest.raises(InputError, match="channels X, Y, Z of one size"):
+        read_normals(path, (6, 8))
+
+
+def test_normals_of_a_scene_of_malus(tmp_path: Path) -> None:
+    """The file of a data set is taken as it is; off the object there is no normal."""
+    dataset = formula_dataset(tmp_path)
+    truth = next(iter(dataset.truths()))
+    path = dataset.path / truth.scene.id / "geometry.exr"
+    read = read_normals(path, truth.mask.shape)
+    np.testing.assert_allclose(read[truth.mask], truth.normals[truth.mask], atol=1e-6)
+    assert not read[~truth.mask].any()
