@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import pandas as pd
 
-from malus.scenes.materials.materials import surfaces
+from malus.scenes.materials.materials import materials, surfaces
 
 KNOWLEDGE = "everything"
 """What a method is told in the paper's synthetic experiment."""
@@ -128,6 +129,27 @@ def unverified_surfaces(table: pd.DataFrame) -> list[str]:
     catalogue = surfaces()
     names = distinct(table["surface"])
     return [name for name in names if name in catalogue and catalogue[name].status != "verified"]
+
+
+def extrapolated_materials(
+    table: pd.DataFrame, bands_nm: Sequence[float]
+) -> dict[str, list[float]]:
+    """Materials of the table with the bands at which their index lies beyond its data.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"material": ["pmma", "water", "eta 1.5"]})
+    >>> extrapolated_materials(table, [400.0, 550.0])
+    {'pmma': [400.0]}
+    """
+    catalogue = materials()
+    found = {}
+    for name in distinct(table["material"]):
+        if name in catalogue and (beyond := catalogue[name].extrapolated(bands_nm)).any():
+            found[name] = [
+                band for band, is_beyond in zip(bands_nm, beyond, strict=True) if is_beyond
+            ]
+    return found
 
 
 def rows_of_body(table: pd.DataFrame, body: str) -> pd.DataFrame:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pandas as pd
@@ -13,6 +13,7 @@ from malus.reports.tables.rows import (
     PAPER_RANGE,
     TRIVIAL,
     distinct,
+    extrapolated_materials,
     not_finite,
     overall_rows,
     unverified_surfaces,
@@ -188,6 +189,7 @@ def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
     )
     yield interpolation(run)
     yield from doubts(table)
+    yield from extrapolation(table, bands)
     versions = listed([f"{name} {version}" for name, version in run["versions"].items()])
     yield f"Finished {run['finished']}; {versions}."
     taken = run.get("families_taken_over", 0)
@@ -207,4 +209,18 @@ def doubts(table: pd.DataFrame) -> Iterator[str]:
             f" {'stand-in' if len(names) == 1 else 'stand-ins'} ({listed(names)}): nobody has"
             " compared them with the printed source, and they are rendering parameters rather"
             " than measurements."
+        )
+
+
+def extrapolation(table: pd.DataFrame, bands_nm: Sequence[float]) -> Iterator[str]:
+    """A sentence on refractive indices at bands beyond the data of their material, if any."""
+    found = extrapolated_materials(table, bands_nm)
+    if found:
+        by_bands: dict[str, list[str]] = {}
+        for name, bands in found.items():
+            by_bands.setdefault(listed([f"{band:g}" for band in bands]), []).append(name)
+        places = "; ".join(f"at {bands} nm {listed(names)}" for bands, names in by_bands.items())
+        yield (
+            f"The refractive index of {counted(len(found), 'material')} is extrapolated, by the"
+            f" formula of its data, at bands beyond these: {places}."
         )

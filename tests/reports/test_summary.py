@@ -24,7 +24,7 @@ from malus.reports.tables.figure_numbers import angle_numbers, numbers
 from malus.reports.tables.headline import best_method, headline_tiles
 from malus.reports.tables.paper_table import paper_table
 from malus.reports.tables.rows import coverages
-from malus.reports.tables.sentences import interpolation
+from malus.reports.tables.sentences import extrapolation, interpolation
 from malus.reports.tables.skills import (
     by_light_and_body,
     median_skills,
@@ -292,3 +292,15 @@ def test_summary_says_what_a_reader_must_know(table: pd.DataFrame) -> None:
         "| render | 1.50 |",
     ):
         assert words in text
+
+
+def test_bands_beyond_the_data_of_a_material_are_told(table: pd.DataFrame) -> None:
+    """Data begin at 436.8 nm for NAS-21 and at 450 nm for NOA 61; an index has none."""
+    names = pd.DataFrame({"material": ["nas_21", "noa_61", "water", "eta 1.5"]})
+    (told,) = extrapolation(names, [400.0, 443.0, 600.0])
+    assert "of 2 materials" in told
+    assert told.endswith("at 400 nm nas_21; at 400 and 443 nm noa_61.")
+    assert not list(extrapolation(names, [500.0]))
+    run = sample.run()
+    run["suite"]["wavelengths_nm"] = [400.0, 500.0]
+    assert "at 400 nm noa_61" in summary(table.assign(material="noa_61"), run)
