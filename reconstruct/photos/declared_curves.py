@@ -45,7 +45,7 @@ def declared_colours(path: Path, image: Any) -> tuple[float | None, dict[bytes, 
     Raises
     ------
     InputError
-        For curves of high dynamic range.
+        For curves of high dynamic range, and for codes of video's range in a PNG.
     """
     gamma = _declared_gamma(path, image)
     return gamma, _colour_chunks(path, image, gamma)
@@ -67,7 +67,11 @@ def _declared_gamma(path: Path, image: Any) -> float | None:
 
 def _colour_chunks(path: Path, image: Any, gamma: float | None) -> dict[bytes, bytes]:
     if image.format == "PNG":
-        return dict(_chunks_of(path))
+        chunks = dict(_chunks_of(path))
+        if chunks.get(b"cICP", b"")[3:] == b"\0":
+            found, hint = "those of video, 16 to 235 of 8 bits", "save it with its full range"
+            raise InputError(str(path), "codes that use all of their range", found, hint)
+        return chunks
     written = {} if gamma is None else {b"gAMA": struct.pack(">I", round(100_000 / gamma))}
     with path.open("rb") as file:
         head = file.read(1 << 16)

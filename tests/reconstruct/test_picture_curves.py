@@ -231,3 +231,10 @@ def test_libpng_says_nothing_of_an_interlaced_picture(
     picture = read_picture(tmp_path / "a.png")
     np.testing.assert_array_equal(picture.transfer.encoded(picture.linear), codes)
     assert capfd.readouterr().err == ""
+
+
+def test_codes_of_video_range_in_a_png_are_refused(tmp_path: Path) -> None:
+    """Black is 16 there: read as it is, nothing would be dark, and DoLP too low."""
+    (tmp_path / "a.png").write_bytes(png_with(b"cICP", bytes([1, 13, 0, 0])))
+    with pytest.raises(InputError, match="all of their range, found those of video"):
+        read_picture(tmp_path / "a.png")
