@@ -18,6 +18,7 @@ try:
     from malus.bench.commands.filter import filter_command
     from malus.bench.commands.gate import gate_command
     from malus.bench.commands.list import list_command
+    from malus.bench.commands.options import Group
     from malus.bench.commands.plan import plan_command
     from malus.bench.commands.render import render_command
     from malus.bench.commands.report import report_command
@@ -43,7 +44,10 @@ KEEPING = ("run", "render", "train")
 """Commands that keep what is done when they are stopped."""
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=Group,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(package_name="malus")
 def cli() -> None:
     """Synthetic ground truth for methods that tell polarisation from one unpolarised image.
@@ -56,20 +60,20 @@ def cli() -> None:
 
 for _command in (
     run_command,
-    report_command,
-    list_command,
-    plan_command,
-    doctor_command,
     render_command,
-    export_command,
-    score_command,
-    train_command,
-    gate_command,
-    compare_command,
-    bench_command,
+    plan_command,
     status_command,
+    report_command,
+    score_command,
+    compare_command,
+    gate_command,
+    export_command,
+    train_command,
     filter_command,
     capture_command,
+    bench_command,
+    list_command,
+    doctor_command,
 ):
     cli.add_command(_command)
 

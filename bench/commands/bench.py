@@ -8,12 +8,12 @@ from typing import Any
 
 import click
 
-from malus.bench.commands.options import FOLDER, LOCAL_FILE, Command
+from malus.bench.commands.options import FOLDER, LOCAL_FILE, Command, Group
 from malus.bench.studies.registry import STUDIES, run_study
 from malus.bench.studies.study import Findings, Study, StudyOption
 
 
-@click.group("bench")
+@click.group("bench", cls=Group)
 def bench_command() -> None:
     """Run a study: a benchmark beside doing the same without malus, or a table of fixed cases.
 

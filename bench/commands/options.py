@@ -62,6 +62,23 @@ class Command(click.Command):
             raise InputError(*in_options(mistake.args, self.params)) from mistake
 
 
+class Group(click.Group):
+    """A group of commands whose help has them in the order of a job, each with what it does."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order in which they were added."""
+        del ctx
+        return list(self.commands)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the whole first sentence of each, in several lines where needed."""
+        commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, found.get_short_help_str(999)) for name, found in commands.items() if found]
+            )
+
+
 @contextmanager
 def names_in(suite: str, given: Mapping[str, Sequence[str]]) -> Iterator[None]:
     """Say where a wrong name of a method or a metric stands: in a suite, unless it was `given`.

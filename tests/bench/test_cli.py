@@ -301,6 +301,20 @@ def test_every_command_has_an_example_in_its_help() -> None:
         assert f"malus {name}" in (command.help or ""), name
 
 
+@pytest.mark.parametrize("group", [(), ("bench",)])
+def test_the_list_of_commands_tells_what_each_does(group: tuple[str, ...]) -> None:
+    """The whole sentence; what begins the job comes first."""
+    from malus.bench.cli import cli
+
+    told = run_malus(*group, "--help").stdout
+    listed = " ".join(told.split("Commands:")[1].split())
+    commands = cli.commands["bench"].commands if group else cli.commands
+    for name, command in commands.items():
+        assert f"{name} {command.get_short_help_str(999)}" in listed
+    assert "..." not in listed
+    assert group or listed.startswith("run ")
+
+
 def test_version() -> None:
     done = run_malus("--version")
     assert done.returncode == 0
