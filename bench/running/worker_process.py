@@ -28,7 +28,7 @@ from multiprocessing.reduction import DupFd
 from types import ModuleType
 from typing import IO, Any, TypeVar
 
-from malus.bench.running.inside_worker import END, ERROR, READY, serve, without_results
+from malus.bench.running.inside_worker import END, ERROR, ITEM, READY, serve, without_results
 
 ATTEMPTS = 2
 """Worker processes that one task may cost before it is recorded as failed."""
@@ -123,19 +123,18 @@ class WorkerProcess:
             while self._begun:
                 self._begun -= self._connection.recv()[0] in (END, ERROR)
             started = time.monotonic()
-            while True:
-                kind, item = self._connection.recv()
-                if kind == ERROR:
-                    raise item
-                if kind == END:
-                    return
+            kind, item = self._connection.recv()
+            while kind == ITEM:
                 yield item
+                kind, item = self._connection.recv()
         except (EOFError, BrokenPipeError, ConnectionResetError):
             raise Died(self._reason(time.monotonic() - started)) from None
         except GeneratorExit:
             # The rest of the stream would be taken for the beginning of the next.
             self._stop()
             raise
+        if kind == ERROR:  # here: one like those of a lost connection is no death
+            raise item
 
     def begin(self, function: Callable[..., object], *arguments: Any) -> None:
         """Start the process where there is none, and let it do what nobody waits for: imports.

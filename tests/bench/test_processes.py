@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 import multiprocessing
 import os
+import signal
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -230,3 +232,34 @@ def test_a_process_whose_parent_is_gone_before_it_is_ready_says_nothing() -> Non
     kept, given = multiprocessing.Pipe()
     kept.close()
     serve(given, None, (None, None))
+
+
+def fails_with(error: Exception) -> Iterator[None]:
+    yield None
+    raise error
+
+
+@pytest.mark.parametrize("error", [EOFError("cut"), BrokenPipeError("gone"), ValueError("wrong")])
+def test_what_a_task_raises_is_no_death_of_its_process(error: Exception) -> None:
+    """One that reads like a lost connection was waited for without end."""
+    with WorkerProcess(60) as worker:
+        (before,) = worker.stream(pid_of)
+        with _watched(30), pytest.raises(type(error), match=str(error)):
+            list(worker.stream(fails_with, error))
+        assert list(worker.stream(pid_of)) == [before]
+
+
+@contextmanager
+def _watched(seconds: int) -> Iterator[None]:
+    """Raise where the block waits for longer."""
+
+    def late(*_: object) -> None:
+        raise TimeoutError(f"nothing came in {seconds} s")
+
+    earlier = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, earlier)
