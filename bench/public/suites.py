@@ -28,7 +28,7 @@ from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.variant import Variant
 from malus.scenes.core.remote import as_path
 from malus.scenes.scene import Sampling
-from malus.scenes.suite import Suite, load_suite
+from malus.scenes.suite import Suite
 
 BYTES_A_VALUE = 4
 IMAGES_A_TRUTH = 5
@@ -104,27 +104,27 @@ def plan(suite: Suite | str | Path, backend: str | Variant = "auto") -> Plan:
     (16, 8, True)
     """
     variant = chosen_variant(backend)
-    loaded = suite if isinstance(suite, Suite) else load_suite(suite)
-    for reference in loaded.methods:
+    chosen = chosen_suite(suite, variant)
+    for reference in chosen.methods:
         get_method(reference)
-    if loaded.metrics:
+    if chosen.metrics:
         from malus.bench.scoring.extra_metrics import get_metrics
 
-        get_metrics(loaded.metrics)
-    families = families_of(loaded)
-    seconds = predicted_seconds(families, variant, loaded.renderer, loaded.random is not None)
-    record = plan_record(loaded, families, seconds)
+        get_metrics(chosen.metrics)
+    families = families_of(chosen)
+    seconds = predicted_seconds(families, variant, chosen.renderer, chosen.random is not None)
+    record = plan_record(chosen, families, seconds)
     return Plan(
-        suite=loaded,
+        suite=chosen,
         variant=variant,
         families=tuple(families),
-        savings=tuple(savings(loaded, families)),
+        savings=tuple(savings(chosen, families)),
         scenes=sum(len(family.scenes) for family in families),
         renders=record["renders"],
         renders_without_plan=record["without_plan"],
         seconds=seconds,
         seconds_without_plan=record["seconds_without"],
-        bytes=dataset_bytes(loaded, families),
+        bytes=dataset_bytes(chosen, families),
     )
 
 
@@ -175,7 +175,9 @@ def _seconds_of_random(family: FamilyPlan, variant: Variant) -> float:
 
 
 def _few_samples(family: FamilyPlan) -> Sampling:
-    return Sampling(samples=max(2, family.sampling.samples // 16 // 2 * 2), seed=1)
+    """As the family is sampled, with a sixteenth of the samples."""
+    few = {"samples": max(2, family.sampling.samples // 16 // 2 * 2), "target": None}
+    return family.sampling.model_copy(update=few)
 
 
 def _timed(family: FamilyPlan, sampling: Sampling, variant: Variant) -> tuple[float, Renders]:

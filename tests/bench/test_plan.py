@@ -108,6 +108,31 @@ def test_the_formulas_cost_is_that_of_the_formulas(monkeypatch: pytest.MonkeyPat
     assert 0 < first < 10  # four scenes of 12² pixels take milliseconds
 
 
+@pytest.mark.parametrize("backend", ["scalar", "auto"])
+def test_what_is_planned_is_what_is_run(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without LLVM a run takes the suite's smaller sizes: the plan told the cost of the others."""
+    ran: list[Suite] = []
+    monkeypatch.setattr(suites, "predicted_seconds", lambda *_: 1.0)
+    monkeypatch.setattr(suites.runner, "run", lambda suite, *_: ran.append(suite))
+    suites.run("fig5", backend=backend, report=False)
+    assert [suites.plan("fig5", backend).suite] == ran
+
+
+@pytest.mark.parametrize("random", [False, True])
+def test_a_miniature_is_rendered_as_deep_as_the_suite(
+    random: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Light that bounces often costs more than light that does not."""
+    deep = plan(SUITE.model_copy(update={"sampling": Sampling(samples=64, max_depth=9, seed=3)}))
+    used: list[Sampling] = []
+    monkeypatch.setattr(
+        suites, "render_family", lambda _, sampling, *__, **___: used.append(sampling)
+    )
+    suites.predicted_seconds(deep, choose(), random=random)
+    assert {(few.max_depth, few.seed) for few in used} == {(9, 3)}
+    assert min(few.samples for few in used) < 64
+
+
 def test_samples_of_random_scenes_count_as_they_come(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
