@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from malus.reconstruct.observation import INPUTS, Components, Observation
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.named_file import digest_of
+from malus.scenes.core.registry import several
 from malus.scenes.core.validation import near
 
 ENTRY_POINTS = "malus.methods"
@@ -80,8 +81,7 @@ class Method:
             hint = "give a function of an Observation that returns Components"
             raise InputError(f"method {self.name}", "a function", repr(self.reconstruct), hint)
         for field in ("needs", "optional"):
-            names = getattr(self, field)
-            own = frozenset((names,) if isinstance(names, str) else names)
+            own = frozenset(several(getattr(self, field)))
             object.__setattr__(self, field, own)
             if unknown := sorted(map(str, own - INPUTS)):
                 expected, found = f"some of {', '.join(sorted(INPUTS))}", ", ".join(unknown)

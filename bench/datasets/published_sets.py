@@ -45,7 +45,7 @@ from malus.reports.tables.rows import CAPTURED
 from malus.scenes.colour import GREY, RGB
 from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.registry import lookup
+from malus.scenes.core.registry import lookup, several
 from malus.scenes.core.remote import as_path
 
 READABLE = ("pol", "rgb2pol")
@@ -143,6 +143,7 @@ def score_published(
         check_is_here(as_path(each))
     chosen = _layout(layout, component_range)
     names = _names(folder, chosen, layout)
+    methods, metrics = several(methods), several(metrics)
     by_name((get_method(each).name, each) for each in methods)
     asked = with_the_guess([get_method(each) for each in methods])
     if predictions is not None and name in {method.name for method in asked}:

@@ -49,6 +49,7 @@ from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import FloatArray
 from malus.scenes.core.errors import InputError, printable
+from malus.scenes.core.registry import several
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.versions import versions
 from malus.scenes.sensor_frame import SensorFrame
@@ -119,8 +120,8 @@ def score_dataset(
     ['eq8']
     """
     whole, opened = _opened(dataset, split)
-    methods = [methods] if isinstance(methods, str | Method) else list(methods)
-    metrics = [metrics] if isinstance(metrics, str) else list(dict.fromkeys(metrics))
+    methods = (methods,) if isinstance(methods, Method) else several(methods)
+    metrics = tuple(dict.fromkeys(several(metrics)))
     names = [method if isinstance(method, str) else method.name for method in methods]
     _check_request(opened, names, predictions is not None, name)
     by_name(
@@ -131,7 +132,7 @@ def score_dataset(
     own = {m.name: guarded(m) for m in methods if isinstance(m, Method)}
     asked = [each for each in dict.fromkeys(with_guess(names, metrics)) if each != SENSOR]
     chosen = [own.get(each) or get_method(each) for each in asked]
-    measured = get_metrics(tuple(metrics))
+    measured = get_metrics(metrics)
     if out is not None:  # which is made only when the predictions are found to be whole
         check_holds(as_path(out), "scores")
     if predictions is not None and not isinstance(predictions, Predictions):

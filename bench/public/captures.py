@@ -10,6 +10,7 @@ from malus.bench.running.capture_suite import CaptureSuite, load_captures
 from malus.bench.running.progress import Progress, silent
 from malus.bench.running.results import Results
 from malus.reports.write import write_report
+from malus.scenes.core.registry import several
 from malus.scenes.core.remote import as_path
 
 
@@ -29,7 +30,7 @@ def run_captures(
 
     Parameters
     ----------
-    captures : CaptureSuite, or the path of its TOML file, or paths of folders of pictures
+    captures : CaptureSuite, or the path of its TOML file, or folders of pictures, or one
         Folders are read as `read_capture` does by default, and their whole picture is the object.
     out : path of a folder, by default results/NAME
     methods : sequence of str
@@ -67,7 +68,7 @@ def run_captures(
     """
     suite = _suite(captures)
     if methods:
-        suite = suite.model_copy(update={"methods": tuple(methods)})
+        suite = suite.model_copy(update={"methods": several(methods)})
     folder = as_path(out) if out is not None else Path("results") / suite.name
     results = running.run_suite(suite, folder, progress)
     if report:
@@ -78,6 +79,6 @@ def run_captures(
 def _suite(captures: CaptureSuite | Path | str | Sequence[Path | str]) -> CaptureSuite:
     if isinstance(captures, CaptureSuite):
         return captures
-    if isinstance(captures, Path | str):
+    if isinstance(captures, Path | str) and not Path(captures).is_dir():
         return load_captures(captures)
-    return CaptureSuite.of_folders(captures)
+    return CaptureSuite.of_folders(several(captures))

@@ -11,13 +11,14 @@ from malus.bench.running.worker_process import WorkerProcess
 from malus.reports.source import is_study, read_study
 from malus.reports.write import write_report, write_study
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.registry import several
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.result_files import RUN
 
 
 def report(
     folder: Path | str,
-    beside: Sequence[Path | str] = (),
+    beside: Sequence[Path | str] | Path = (),
     png: bool = False,
     worker: WorkerProcess | None = None,
 ) -> list[Path]:
@@ -26,7 +27,7 @@ def report(
     Parameters
     ----------
     folder : path or URL of a folder that `run` or `run_study` wrote
-    beside : paths of folders of studies that a run's page shall show too
+    beside : paths of folders of studies, or of one, that a run's page shall show too
     png : bool
         Write every figure as PNG too.
     worker : WorkerProcess, optional
@@ -55,7 +56,7 @@ def report(
     where = as_path(folder)
     if is_study(where):
         return write_study(where, png)
-    studies = tuple(as_path(study) for study in beside)
+    studies = tuple(as_path(study) for study in several(beside))
     for study in studies:
         read_study(study)  # what is none is told before a figure is drawn
     elsewhere = None if worker is None else worker.stream

@@ -11,6 +11,7 @@ from malus.reports.tables.compared_runs import RunComparison
 from malus.reports.tables.paper_table import PaperTable, paper_table
 from malus.reports.write import write_comparison
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.registry import several
 from malus.scenes.core.remote import as_path
 
 
@@ -45,7 +46,7 @@ def table(results: Results | Path | str, metrics: Sequence[str] = ()) -> PaperTa
     ('unpolarised', 'eq8')
     """
     loaded = results if isinstance(results, Results) else read_results(results)
-    return paper_table(loaded.table, metrics)
+    return paper_table(loaded.table, several(metrics))
 
 
 def compare(folders: Sequence[Path | str], out: Path | str | None = None) -> RunComparison:

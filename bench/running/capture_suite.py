@@ -15,7 +15,7 @@ from malus.reconstruct.photos.masks_and_normals import read_labels, read_mask
 from malus.scenes.core.arrays import BoolArray
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
-from malus.scenes.core.registry import FolderName
+from malus.scenes.core.registry import FolderName, several
 
 MAX_BYTES = 1 << 20
 METHODS = ("paper", "blind", "net")
@@ -163,7 +163,7 @@ class CaptureSuite(Model):
             {"folder": str(folder), "name": _end_of(folder) if folder in shared else "", **told}
             for folder in folders
         )
-        content = {"capture": entries, "methods": tuple(methods) or METHODS}
+        content = {"capture": entries, "methods": several(methods) or METHODS}
         return cls.parse(content, "captures")
 
 

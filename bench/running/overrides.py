@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from malus.renderers.variant import Variant, choose
+from malus.scenes.core.registry import several
 from malus.scenes.suite import Suite, load_suite
 
 
@@ -62,14 +63,10 @@ def chosen_suite(
     >>> suite.name, suite.sampling.seed
     ('quick', 7)
     """
-    # One name is a sequence of names too, to Python one of letters.
-    methods, metrics = (
-        (names,) if isinstance(names, str) else names for names in (methods, metrics)
-    )
     values = {"samples": samples, "resolution": resolution, "seed": seed}
     loaded = suite if isinstance(suite, Suite) else load_suite(suite)
-    all_metrics = tuple(dict.fromkeys((*loaded.metrics, *metrics)))
-    all_methods = tuple(methods or loaded.methods)
+    all_metrics = tuple(dict.fromkeys((*loaded.metrics, *several(metrics))))
+    all_methods = several(methods) or loaded.methods
     if all_metrics:  # what scores takes its time to import
         from malus.bench.scoring.extra_metrics import with_guess
 

@@ -10,6 +10,7 @@ import numpy as np
 from malus.reconstruct import Observation
 from malus.renderers.truth import Truth
 from malus.scenes.core.errors import check_kind
+from malus.scenes.core.registry import several
 
 
 def _unless_nan(value: Any) -> Any:
@@ -65,7 +66,7 @@ def observe(truth: Truth, needs: Iterable[str]) -> Observation:
     0.3
     """
     check_kind("truth", truth, Truth, "`malus.render` makes one")
-    named = frozenset((needs,) if isinstance(needs, str) else needs)
+    named = frozenset(several(needs))
     told = Observation(image=truth.image, mask=truth.mask, **inputs(truth, named))
     return told.with_own_arrays()
 

@@ -23,8 +23,7 @@ def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findi
     Parameters
     ----------
     name : str
-        As `list_studies` has it: stress, precision, ratio, reconstruct, render, cores,
-        scaling, single-image, paper, mismatch or separation.
+        As `list_studies` has it.
     out : path or URL of a folder, optional
         Where tables and page, or the figures as JSON, are written. By default results/NAME for a
         study with a page, nowhere for another.
@@ -234,9 +233,7 @@ def _check_used(stage: str, values: Mapping[str, Any]) -> None:
 
     for option in STUDIES["single-image"].options:
         name = option.name
-        default = tuple(option.default) if isinstance(option.default, tuple) else option.default
-        value = tuple(values.get(name, ())) if isinstance(default, tuple) else values.get(name)
-        if name in _UNUSED[stage] and value != default:
+        if name in _UNUSED[stage] and values[name] != option.default:
             expected, hint = f"nothing with the stage {stage}", f"leave `{name}` out"
             raise InputError(name, expected, str(values[name]), hint)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -123,23 +124,49 @@ class Study:
         )
 
 
+_KINDS: dict[type, tuple[type, str]] = {
+    bool: (bool, "True or False"),
+    int: (Integral, "a whole number"),
+    float: (Real, "a number"),
+}
+"""What a value has to be, in Python and in words, by the type of the default."""
+
+
 def option_values(study: Study, options: dict[str, Any]) -> dict[str, Any]:
-    """The options with their defaults, within their bounds."""
+    """The options with their defaults, of their kinds and within their bounds.
+
+    Raises
+    ------
+    InputError
+        An unknown option, or a value of another kind or out of its range.
+    """
     from malus.scenes.core.errors import InputError
-    from malus.scenes.core.registry import lookup
+    from malus.scenes.core.registry import lookup, several
 
     by_name = {option.name: option for option in study.options}
     for name in options:
         lookup(name, by_name, f"study {study.name}", "the name of an option")
     values = {name: options.get(name, option.default) for name, option in by_name.items()}
-    for name, value in values.items():
-        option = by_name[name]
+    for name, option in by_name.items():
+        if isinstance(option.default, tuple):
+            values[name] = several(values[name])
+        value = values[name]
+        _check_kind(option, value)
         if option.choices and value not in option.choices:
             raise InputError(name, f"one of {', '.join(option.choices)}", str(value), "choose one")
         least, most = option.least, option.most
         if (least is not None and not value >= least) or (most is not None and not value <= most):
             raise InputError(name, _range(least, most), f"{value:g}", "choose another size")
     return values
+
+
+def _check_kind(option: StudyOption, value: Any) -> None:
+    """Raise InputError for a value of another kind than the option's default."""
+    from malus.scenes.core.errors import InputError
+
+    kind, expected = _KINDS.get(type(option.default), (object, ""))
+    if not isinstance(value, kind):
+        raise InputError(option.name, expected, repr(value), "correct it")
 
 
 def _range(least: float | None, most: float | None) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 
 from malus.scenes.core.arrays import AnyArray, IntArray
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.registry import lookup
+from malus.scenes.core.registry import lookup, several
 from malus.scenes.random_suite.splits import SplitName
 
 DEFAULT_MAPS = ("image", "stokes", "mask", "normals")
@@ -210,9 +210,7 @@ def _names(maps: Sequence[str] | str | None, known: Sequence[str]) -> tuple[str,
     """Names of arrays, of one, or of all that there are."""
     if maps is None:
         return DEFAULT_MAPS
-    if isinstance(maps, str):
-        return tuple(known) if maps == "all" else (maps,)
-    return tuple(maps)
+    return tuple(known) if isinstance(maps, str) and maps == "all" else several(maps)
 
 
 def _check_whole(name: str, value: object, least: int, most: float, expected: str) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib import resources
+from pathlib import PurePath
 from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator
@@ -28,6 +29,19 @@ FolderName = Annotated[str, AfterValidator(_no_path)]
 def table(name: str) -> dict[str, Any]:
     """Read the TOML file of that name in `malus/scenes/data`."""
     return tomllib.loads(resources.files("malus.scenes").joinpath("data", name).read_text("utf-8"))
+
+
+def several(given: Iterable[Item] | PurePath) -> tuple[Item, ...]:
+    """Names or paths as a tuple; a text or a path that is given alone is a tuple of one.
+
+    To Python a text is a sequence of letters.
+
+    Examples
+    --------
+    >>> several("gold"), several(["gold", "iron"])
+    (('gold',), ('gold', 'iron'))
+    """
+    return (given,) if isinstance(given, str | PurePath) else tuple(given)  # type: ignore[return-value]
 
 
 def lookup(name: str, items: Mapping[str, Item], where: str, expected: str = "") -> Item:

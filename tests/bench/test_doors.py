@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import PIL.Image
 import pytest
 from runs import NOBODY, SUITE, formula_dataset, one_line, run_malus
 
@@ -18,6 +19,7 @@ from malus.bench import read_results, run
 from malus.bench.running.overrides import chosen_suite
 from malus.bench.running.parts import Failure
 from malus.bench.running.status import Status
+from malus.bench.studies.study import option_values
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.scenes import Camera, Dielectric, Distant, InputError, Scene, Sphere
 from malus.scenes.core.errors import first_line
@@ -145,6 +147,45 @@ def test_one_name_is_a_list_of_one(tmp_path: Path) -> None:
     dataset = formula_dataset(tmp_path / "dataset")
     table = malus.score_dataset(dataset, "eq8").table
     assert table.method.unique().tolist() == ["eq8"]
+    results = malus.run(SUITE, tmp_path / "run", backend=NOBODY, report=False)
+    assert malus.table(results, "skill").text("csv") == malus.table(results, ["skill"]).text("csv")
+    values = {"every": 24, "levels": "blind", "shapes": "blob3", "stage": "chain"}
+    asked = option_values(malus.list_studies()["single-image"], values)
+    assert (asked["levels"], asked["shapes"]) == (("blind",), ("blob3",))
+
+
+def test_one_folder_is_a_list_of_one(tmp_path: Path) -> None:
+    """So are a capture, its method, a study beside a run, and a published set's method."""
+    for angle, code in ((0, 120), (45, 90), (90, 60), (135, 90)):
+        grey = PIL.Image.fromarray(np.full((8, 8), code, np.uint8))
+        (tmp_path / "card").mkdir(exist_ok=True)
+        grey.save(tmp_path / "card" / f"pol_{angle:03d}.png")
+    one = malus.run_captures(tmp_path / "card", tmp_path / "a", methods="unpolarised", report=False)
+    assert one.table.method.unique().tolist() == ["unpolarised"]
+    malus.run(SUITE, tmp_path / "run", backend=NOBODY, report=False)
+    with pytest.raises(InputError, match=f"{tmp_path}/run/run.json"):
+        malus.report(tmp_path / "run", beside=str(tmp_path / "run"))
+    malus.export(formula_dataset(tmp_path / "dataset"), "pol", tmp_path / "set")
+    scored = malus.score_published(tmp_path / "set", "pol", methods="unpolarised")
+    assert scored.table.method.unique().tolist() == ["unpolarised"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("points", "many", "points: expected a whole number, found 'many'"),
+        ("points", 2.5, "points: expected a whole number, found 2.5"),
+        ("points", None, "points: expected a whole number, found None"),
+        ("megapixels", "1", "megapixels: expected a number, found '1'"),
+        ("coloured", "no", "coloured: expected True or False, found 'no'"),
+    ],
+)
+def test_options_of_a_study_are_of_their_kind(name: str, value: object, words: str) -> None:
+    """Text was compared with a number; a number with a fraction failed in the middle."""
+    of = {"points": "ratio", "megapixels": "reconstruct", "coloured": "single-image"}[name]
+    study = malus.list_studies()[of]
+    with pytest.raises(InputError, match=words):
+        option_values(study, {name: value} | ({"stage": "chain"} if of == "single-image" else {}))
 
 
 MESH = """
