@@ -85,6 +85,9 @@ class PublishedTruth:
         }  # fmt: skip
 
 
+_PROFILE = "the name of a profile, as of a test set"
+
+
 def score_published(
     truth: Path | str,
     layout: str,
@@ -148,8 +151,7 @@ def score_published(
     asked = with_the_guess([get_method(each) for each in methods])
     if predictions is not None and name in {method.name for method in asked}:
         raise InputError("name", "another name than a method's", name, "choose another name")
-    expected = "the name of a profile, as of a test set"
-    profiles = [lookup(each, PROFILES, "metric", expected) for each in dict.fromkeys(metrics)]
+    profiles = [lookup(each, PROFILES, "metric", _PROFILE) for each in dict.fromkeys(metrics)]
     started = time.perf_counter()
     records: list[Record] = []
     for done, called in enumerate(names):

@@ -208,7 +208,7 @@ def reconstruct(
     >>> estimate.stokes[0, 0, 0].tolist(), estimate.note
     ([1.0, 0.0, 0.0], '')
     """
-    if method.needs and method is not TRIVIAL:
+    if method.needs:
         listed = ", ".join(sorted(method.needs))
         raise Inapplicable(f"needs {listed}, which a photograph does not tell")
     stokes = np.zeros((*image.shape, 3), dtype=np.float32)

@@ -13,9 +13,10 @@ from malus.reconstruct.observation import as_mask
 from malus.reconstruct.photos.by_network import check_side
 from malus.reconstruct.photos.masks_and_normals import read_labels, read_mask, read_normals
 from malus.reconstruct.single_image.illuminant import ILLUMINANTS
-from malus.reconstruct.single_image.separation import SEPARATIONS
+from malus.reconstruct.single_image.separation import check_separation
 from malus.scenes.core.arrays import BoolArray, Float32Array, IntArray
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.registry import lookup
 from malus.scenes.materials.materials import material
 
 
@@ -95,13 +96,10 @@ class Knowledge:
         if self.method is not None:
             get_method(self.method)
         check_side(self.net_size, self.method, self.is_nothing)
-        for parameter, name, names in (
-            ("illuminant", self.illuminant, tuple(ILLUMINANTS)),
-            ("separation", self.separation, tuple(SEPARATIONS)),
-        ):
-            if name is not None and name not in names:
-                expected = f"one of {', '.join(names)}"
-                raise InputError(parameter, expected, name, "choose one of them")
+        if self.illuminant is not None:
+            lookup(self.illuminant, ILLUMINANTS, "illuminant", "the name of an estimator")
+        if self.separation is not None:
+            check_separation(self.separation, "separation")
 
     @property
     def is_nothing(self) -> bool:
@@ -178,8 +176,15 @@ def read_knowledge(
     >>> read_knowledge((48, 64), light=(1.0, 1.0, 2.0), material_name="pmma").eta is not None
     True
     """
-    typical = PRESETS.get(preset or "")
-    _check(preset, normals, light, alpha)
+    typical = None if preset is None else lookup(preset, PRESETS, "preset")
+    if typical is not None and typical.mirror and (normals is None or light is not None):
+        raise InputError(
+            "preset",
+            f"`normals` and no `light` for {preset}, as a mirror shows what is around it",
+            "no `normals`" if normals is None else "`light`",
+            "a mirror's shading tells neither shape nor light",
+        )
+    _check_values(light, None, alpha)
     eta = material(material_name).eta_d if material_name else typical.eta if typical else None
     return Knowledge(
         read_normals(normals, shape) if normals else None,
@@ -194,26 +199,6 @@ def read_knowledge(
         method,
         net_size,
     )
-
-
-def _check(
-    preset: str | None,
-    normals: Path | str | None,
-    light: tuple[float, float, float] | None,
-    alpha: float | None,
-) -> None:
-    """Refuse values that are none, and a mirror whose surroundings are not what it shows."""
-    typical = PRESETS.get(preset or "")
-    if preset is not None and typical is None:
-        raise InputError("preset", f"one of {', '.join(PRESETS)}", preset, "choose one of them")
-    if typical is not None and typical.mirror and (normals is None or light is not None):
-        raise InputError(
-            "preset",
-            f"`normals` and no `light` for {preset}, as a mirror shows what is around it",
-            "no `normals`" if normals is None else "`light`",
-            "a mirror's shading tells neither shape nor light",
-        )
-    _check_values(light, None, alpha)
 
 
 def _check_values(

@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from malus.reconstruct import lobe_models as lobes
-from malus.reconstruct.image import from_lobes
 from malus.reconstruct.observation import Components, Image, Inapplicable, Observation
 from malus.reconstruct.single_image.chain_stages import (
     light_of,
     mean_or_none,
     parameters_of,
+    polarised_on_mask,
     require_distant,
     specular_by_model,
     with_gaps,
@@ -197,7 +197,8 @@ def run_chain(
         light=Distant.towards(direction, math.pi if irradiance is None else irradiance),
     )
     filled = with_gaps(filled, finite)
-    components = _polarised(filled, parameters.body, finite)
+    diffuse_model = lobes.diffuse if parameters.body == "polarised" else None
+    components = polarised_on_mask(filled, lobes.half_vector, diffuse_model, finite)
     if convergence is not None:
         components = _with_convergence(components, convergence, observation.mask)
     return ChainResult(filled, parameters.body, components, convergence, statements)
@@ -212,20 +213,6 @@ def _by_colour(observation: Observation, separation: str) -> tuple[Image | None,
     except Inapplicable as reason:
         return None, (f"separated by the fitted model, not by colour: {reason}",)
     return parts.specular, ("separated by colour, under white light",)
-
-
-def _polarised(filled: Observation, body: BodyKind, finite: BoolArray) -> Components:
-    """Components of both lobes on the mask; off it the image is unpolarised."""
-    diffuse_model = lobes.diffuse if body == "polarised" else None
-    polarised = from_lobes(filled, lobes.half_vector, diffuse_model)
-    assert polarised.valid is not None
-    inside = filled.mask[..., None]
-    return Components(
-        filled.image,
-        np.where(inside, polarised.s1, 0),
-        np.where(inside, polarised.s2, 0),
-        polarised.valid & finite,
-    )
 
 
 def _with_convergence(

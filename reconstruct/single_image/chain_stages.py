@@ -11,7 +11,9 @@ from typing import Any, get_args
 import numpy as np
 from scipy import ndimage
 
-from malus.reconstruct.observation import Image, Inapplicable, Observation
+from malus.reconstruct.image import from_lobes
+from malus.reconstruct.lobe_models import LobeModel
+from malus.reconstruct.observation import Components, Image, Inapplicable, Observation
 from malus.reconstruct.single_image.light_direction import estimate_direction
 from malus.reconstruct.single_image.outline import outline_of
 from malus.reconstruct.single_image.parameters import SurfaceParameters, fit_parameters
@@ -70,6 +72,23 @@ def with_gaps(filled: Observation, finite: BoolArray) -> Observation:
         name: np.where(finite[..., None], filled.require(name), 0) for name in _LIGHTS
     }
     return replace(filled, **lights)
+
+
+def polarised_on_mask(
+    filled: Observation,
+    specular_model: LobeModel,
+    diffuse_model: LobeModel | None,
+    finite: BoolArray,
+) -> Components:
+    """Components of both lobes on the mask; off it the image is unpolarised.
+
+    What was not `finite` (height, width) is not valid.
+    """
+    polarised = from_lobes(filled, specular_model, diffuse_model)
+    assert polarised.valid is not None
+    inside = filled.mask[..., None]
+    s1, s2 = (np.where(inside, values, 0) for values in (polarised.s1, polarised.s2))
+    return Components(filled.image, s1, s2, polarised.valid & finite)
 
 
 def require_distant(observation: Observation) -> None:

@@ -15,7 +15,7 @@ from skimage.util import view_as_blocks
 from malus.reconstruct.observation import Image, Inapplicable, checked_picture
 from malus.reconstruct.single_image.value_range import all_finite
 from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.registry import lookup
 from malus.scenes.materials.materials import FRAUNHOFER_C_NM, FRAUNHOFER_D_NM, FRAUNHOFER_F_NM
 
 _PATCH = 8
@@ -101,11 +101,9 @@ def estimate_illuminant(
     >>> estimate_illuminant(picture, method="gray-world").colour.tolist()
     [1.5, 0.5]
     """
-    if method not in ILLUMINANTS:
-        names = ", ".join(ILLUMINANTS)
-        raise InputError("method", f"one of {names}", method, "choose one of them")
+    estimator = lookup(method, ILLUMINANTS, "method", "the name of an estimator")
     picture, inside = checked_picture(image, np.ones(np.shape(image)[:2]) if mask is None else mask)
-    return ILLUMINANTS[method](picture, None if mask is None else inside)
+    return estimator(picture, None if mask is None else inside)
 
 
 def neutral(image: Image, mask: BoolArray | None = None) -> Illuminant:

@@ -32,7 +32,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from malus.reconstruct.image import from_lobes
 from malus.reconstruct.lobe_models import microfacets
 from malus.reconstruct.observation import Components, Image, Inapplicable, Observation
 from malus.reconstruct.single_image.blind import ChainResult
@@ -40,6 +39,7 @@ from malus.reconstruct.single_image.chain_stages import (
     light_of,
     mean_or_none,
     parameters_of,
+    polarised_on_mask,
     specular_by_model,
     with_gaps,
     without_gaps,
@@ -49,7 +49,7 @@ from malus.reconstruct.single_image.illuminant import gray_world
 from malus.reconstruct.single_image.parameters import SurfaceParameters
 from malus.reconstruct.single_image.separation import SEPARATIONS, check_separation, separate
 from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
-from malus.scenes.core.arrays import BoolArray, Float64Array, NumberArray
+from malus.scenes.core.arrays import Float64Array, NumberArray
 from malus.scenes.core.errors import check_kind
 from malus.scenes.lights.lights import Distant, Light
 
@@ -132,7 +132,9 @@ def run_paper(
     )
     filled = with_gaps(filled, finite)
     found = (_share(filled), *geometry.statements)
-    components = _polarised(filled, geometry.convergence, finite)
+    components = polarised_on_mask(filled, microfacets("eq8"), None, finite)  # Equations 8 to 12
+    if geometry.convergence is not None:
+        components = replace(components, converged=geometry.convergence.converged)
     statements = (*about_colour, *about_lobes, *found)
     return ChainResult(filled, "unpolarised", components, geometry.convergence, statements)
 
@@ -246,22 +248,6 @@ def _share(filled: Observation) -> str:
         float(np.nansum(light[inside])) for light in (filled.require("specular"), filled.image)
     )
     return f"specular light is {specular / total if total > 0 else 0.0:.1%} of the object's"
-
-
-def _polarised(
-    filled: Observation, convergence: Convergence | None, finite: BoolArray
-) -> Components:
-    """Equations 8 to 12 and ψ on the mask; off it the image is unpolarised."""
-    polarised = from_lobes(filled, microfacets("eq8"), None)
-    assert polarised.valid is not None
-    inside = filled.mask[..., None]
-    return Components(
-        filled.image,
-        np.where(inside, polarised.s1, 0),
-        np.where(inside, polarised.s2, 0),
-        polarised.valid & finite,
-        None if convergence is None else convergence.converged,
-    )
 
 
 PAPER_SEPARATIONS = {"paper": TAN, "paper-mallick": MALLICK}

@@ -27,7 +27,7 @@ from malus.reconstruct.single_image.separation_space import SourceSpace, source_
 from malus.reconstruct.single_image.separation_suv import suv_diffuse
 from malus.reconstruct.single_image.value_range import all_finite, finite_pixels, unit_scale
 from malus.scenes.core.arrays import BoolArray
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.registry import lookup
 
 GREY = 0.06
 """Saturation |u|/s that noise and dispersion may cause: specular light of carbon disulfide has
@@ -82,9 +82,7 @@ SEPARATIONS = {
 
 def check_separation(name: str, parameter: str) -> None:
     """Raise InputError, which names the parameter, where there is no separation of that name."""
-    if name not in SEPARATIONS:
-        names = ", ".join(SEPARATIONS)
-        raise InputError(parameter, f"one of {names}", name, "choose one of them")
+    lookup(name, SEPARATIONS, parameter, "the name of a separation")
 
 
 def separations() -> dict[str, SeparationMethod]:

@@ -168,9 +168,9 @@ def test_one_pixel_works() -> None:
 
 def test_wrong_arguments_name_themselves() -> None:
     image, mask = np.ones((4, 4, 3)) * BODY, np.ones((4, 4), bool)
-    with pytest.raises(InputError, match=r"^method: expected one of chromaticity, suv, ratio"):
+    with pytest.raises(InputError, match=r"^method: expected .*: chromaticity, suv, ratio"):
         separate(image, mask, method="magic")
-    with pytest.raises(InputError, match=r"^separation: expected one of chromaticity, suv, ratio"):
+    with pytest.raises(InputError, match=r"^separation: expected .*: chromaticity, suv, ratio"):
         run_chain(Observation(image, mask), separation="magic")
     with pytest.raises(ValueError, match="illuminant: expected 3 positive values"):
         separate(image, mask, [1.0, 0.0, 1.0])
