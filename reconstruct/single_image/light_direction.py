@@ -6,7 +6,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 from malus.reconstruct.observation import Inapplicable
-from malus.reconstruct.single_image.parameters import TYPICAL_ETA, fit_parameters
+from malus.reconstruct.single_image.parameters import (
+    TYPICAL_ETA,
+    check_finite,
+    fit_parameters,
+)
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError
 
@@ -41,7 +45,7 @@ def estimate_direction(
     Raises
     ------
     InputError
-        For arrays that do not belong together.
+        For arrays that do not belong together, and pixels that are not finite.
     Inapplicable
         If the object is dark, or no direction explains its shading and `refuse` is true.
 
@@ -63,6 +67,7 @@ def estimate_direction(
         found = f"{pixels.shape} and {normals.shape}"
         hint = "of several bands take the mean: pixels.mean(axis=-1)"
         raise InputError("pixels, normals", "shapes (n,) and (n, 3)", found, hint)
+    check_finite(pixels)
     if not pixels.size or not pixels.max() > 0:
         raise Inapplicable("the object is dark: no shading to read a light from")
     scaled = pixels[:, None] / pixels.max()

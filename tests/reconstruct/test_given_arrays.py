@@ -129,6 +129,8 @@ def test_a_shape_is_recovered_from_what_others_take_too() -> None:
         ({"normals": 2.0}, "normals: expected unit vectors, found lengths from 2 to 2"),
         ({"body": "lambert"}, "body: expected one of unpolarised, polarised, found lambert"),
         ({"pixels": np.ones(5)}, r"shapes \(n, bands\) and \(n, 3\), found \(5,\)"),
+        ({"pixels": np.ones((0, 1)), "normals": np.ones((0, 3))}, "pixels: expected at least one"),
+        ({"pixels": np.full((5, 1), np.nan)}, "pixels: expected finite values, found 5 others"),
         ({"direction": [0, 0]}, "direction: expected a vector"),
         ({"irradiance": -1.0}, "irradiance: expected a finite number above 0, found -1.0"),
         ({"irradiance": np.inf}, "irradiance: expected a finite number above 0, found inf"),
@@ -155,6 +157,15 @@ def test_what_is_given_of_a_surface_is_possible(given: dict[str, Any]) -> None:
     (name,) = given
     with pytest.raises(InputError, match=f"{name}: expected"):
         GivenParameters(**given)
+
+
+def test_a_direction_is_not_told_from_what_is_no_number() -> None:
+    """It was said to be dark."""
+    pixels, normals, _ = made_up_ball()
+    grey = pixels.mean(axis=1)
+    grey[0] = np.nan
+    with pytest.raises(InputError, match="pixels: expected finite values, found 1 others"):
+        estimate_direction(grey, normals)
 
 
 def test_lists_and_arrays_have_the_same_surface_and_light() -> None:
