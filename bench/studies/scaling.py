@@ -96,7 +96,7 @@ def messages(families: int = 200) -> Messages:
         scattered = client.scatter(result, broadcast=True)
         client.gather([client.submit(_answer, task, scattered, k) for k in range(4)])
         started = time.perf_counter()
-        client.gather([client.submit(_answer, task, scattered, -k) for k in range(1, families)])
+        client.gather([client.submit(_answer, task, scattered, -k - 1) for k in range(families)])
         seconds = (time.perf_counter() - started) / families
     return Messages(len(pickle.dumps(task)), len(pickle.dumps(result)), seconds)
 
