@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from malus.renderers.families.interpolated import Family, interpolate
-from malus.renderers.families.nodes import NodesByAlbedo, nodes_by_albedo
+from malus.renderers.families.interpolated import Family
+from malus.renderers.families.nodes import nodes_by_albedo
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.coverage import check_facing
 from malus.renderers.mitsuba.kernel_warnings import refused_warnings
@@ -24,7 +24,7 @@ from malus.renderers.mitsuba.lobe_samples import HALVES, Lobes, spread_of, unit
 from malus.renderers.mitsuba.path_traced import Room, RoomImages, check_variant, render_room
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, mitsuba
-from malus.scenes.core.arrays import AnyArray, Float32Array
+from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.materials.measured import Measured
 from malus.scenes.scene import Sampling, Scene, may_be_circular
@@ -87,9 +87,7 @@ def render_bounced(
     lobes = _lobes(room.images([[setting] for setting in nodes.rendered]), sampling.samples)
     check_facing(lobes.normals, lobes.pixels, key.camera, key.shape)
     seconds = time.perf_counter() - started
-    error = _interpolation_error(nodes, lobes)
-    kept = _at(lobes, nodes.kept)
-    return Family(key, nodes, kept, variant.name, seconds, error)
+    return Family.of(key, nodes, lobes, variant.name, seconds)
 
 
 def _lobes(images: RoomImages, samples: int) -> Lobes:
@@ -122,38 +120,3 @@ def _lobes(images: RoomImages, samples: int) -> Lobes:
         s3=None if s3 is None else halves(s3),
         s3_variance=None if s3_variance is None else chosen(s3_variance),
     )
-
-
-def _at(lobes: Lobes, settings: Sequence[int]) -> Lobes:
-    """The lobes in some of their settings."""
-
-    def kept(values: AnyArray | None) -> AnyArray | None:
-        return None if values is None else values[list(settings)]
-
-    def kept_halves(values: AnyArray) -> AnyArray:
-        return np.ascontiguousarray(values[:, list(settings)])
-
-    return replace(
-        lobes,
-        specular=kept_halves(lobes.specular),
-        diffuse=kept_halves(lobes.diffuse),
-        specular_variance=kept(lobes.specular_variance),
-        diffuse_variance=kept(lobes.diffuse_variance),
-        covariance=kept(lobes.covariance),
-        s3=None if lobes.s3 is None else kept_halves(lobes.s3),
-        s3_variance=kept(lobes.s3_variance),
-    )
-
-
-def _interpolation_error(nodes: NodesByAlbedo, lobes: Lobes) -> dict[str, float]:
-    """Largest error of an interpolated image at a held-out index, over the peak."""
-    rms, worst = [0.0], [0.0]
-    for own, weights, held_out in nodes.checks():
-        for halves in (lobes.specular, lobes.diffuse):
-            images = halves.mean(axis=0)
-            true = images[held_out]
-            difference = interpolate(weights.astype(np.float32), images[own])[:, 0] - true
-            peak = max(float(true[:, 0].max(initial=0.0)), float(np.finfo(np.float32).tiny))
-            rms.append(float(np.sqrt(np.mean(np.square(difference, dtype=np.float64)))) / peak)
-            worst.append(float(np.abs(difference).max(initial=0.0)) / peak)
-    return {"rms": max(rms), "worst": max(worst)}

@@ -7,12 +7,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-import numpy as np
-
 from malus.renderers.families.adaptive import RepeatedRenders, render_until
 from malus.renderers.families.bounced import OneByOne, needs_paths, render_bounced
-from malus.renderers.families.interpolated import Family, interpolate
-from malus.renderers.families.nodes import Nodes, family_nodes
+from malus.renderers.families.interpolated import Family
+from malus.renderers.families.nodes import family_nodes
 from malus.renderers.families.patterned import PatternedFamily, with_part
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba import stokes_integrator, wavefront
@@ -30,7 +28,6 @@ from malus.renderers.mitsuba.patterns import (
 from malus.renderers.mitsuba.shading import Shading
 from malus.renderers.mitsuba.translate import check_tangents
 from malus.renderers.variant import Variant, choose, mitsuba
-from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.lights.lights import Light
 from malus.scenes.lights.polarised import is_polarised
@@ -166,11 +163,7 @@ def _begin_plain(
         lobes = wait()
         check_facing(lobes.normals, lobes.pixels, key.camera, key.shape)
         seconds = began + time.perf_counter() - started
-        if points.held_out is None:
-            return Family(key, points, lobes, variant.name, seconds, {"rms": 0.0, "worst": 0.0})
-        error = _interpolation_error(lobes, points)
-        kept = _without_held_out(lobes, len(points.values))
-        return Family(key, points, kept, variant.name, seconds, error)
+        return Family.of(key, points, lobes, variant.name, seconds)
 
     return finished
 
@@ -224,34 +217,3 @@ def _begin(
 
     stage = wavefront.stage(variant, key.shape, key.camera, key.light)
     return stage.begin(key.light, shading, sampling)
-
-
-def _interpolation_error(lobes: Lobes, nodes: Nodes) -> dict[str, float]:
-    """Error of the interpolated image at the held-out index, over the peak: 'rms' and 'worst'."""
-    weights = nodes.weights(np.array([nodes.held_out])).astype(np.float32)
-    rms, worst = [0.0], [0.0]
-    for halves in (lobes.specular, lobes.diffuse):
-        images = halves.mean(axis=0)
-        if len(images) != len(nodes.rendered) or images.size == 0:
-            continue
-        difference = interpolate(weights, images[:-1])[:, 0] - images[-1]
-        peak = max(float(images[-1, :, 0].max()), float(np.finfo(np.float32).tiny))
-        rms.append(float(np.sqrt(np.mean(np.square(difference, dtype=np.float64)))) / peak)
-        worst.append(float(np.abs(difference).max()) / peak)
-    return {"rms": max(rms), "worst": max(worst)}
-
-
-def _without_held_out(lobes: Lobes, nodes: int) -> Lobes:
-    """The lobes at the first `nodes` indices."""
-
-    def kept(values: Float32Array | None) -> Float32Array | None:
-        return None if values is None else values[: min(nodes, len(values))]
-
-    return replace(
-        lobes,
-        specular=lobes.specular[:, :nodes],
-        diffuse=lobes.diffuse[:, : min(nodes, lobes.diffuse.shape[1])],
-        specular_variance=kept(lobes.specular_variance),
-        diffuse_variance=kept(lobes.diffuse_variance),
-        covariance=kept(lobes.covariance),
-    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,19 @@ class Family:
     variant: str
     seconds: float
     interpolation_error: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        key: FamilyKey,
+        nodes: Nodes | NodesByAlbedo,
+        lobes: Lobes,
+        variant: str,
+        seconds: float,
+    ) -> Self:
+        """From renders at all indices of `nodes`; those held out tell the error, and are left."""
+        error = interpolation_error(nodes, lobes)
+        return cls(key, nodes, lobes.at(nodes.kept), variant, seconds, error)
 
     @functools.cached_property
     def normals(self) -> Float32Array:
@@ -180,6 +193,22 @@ class Family:
         else:
             image[self.lobes.pixels] = values
         return image.reshape(side, side, *values.shape[1:])
+
+
+def interpolation_error(nodes: Nodes | NodesByAlbedo, lobes: Lobes) -> dict[str, float]:
+    """Error of interpolated images at held-out indices, over the peak: 'rms' and 'worst'."""
+    rms, worst = [0.0], [0.0]
+    for own, weights, held_out in nodes.checks():
+        for halves in (lobes.specular, lobes.diffuse):
+            if halves.shape[1] <= held_out or halves.size == 0:  # the same at every index
+                continue
+            images = halves.mean(axis=0)
+            true = images[held_out]
+            difference = interpolate(weights.astype(np.float32), images[own])[:, 0] - true
+            peak = max(float(true[:, 0].max()), float(np.finfo(np.float32).tiny))
+            rms.append(float(np.sqrt(np.mean(np.square(difference, dtype=np.float64)))) / peak)
+            worst.append(float(np.abs(difference).max()) / peak)
+    return {"rms": max(rms), "worst": max(worst)}
 
 
 _PRODUCTS = 1 << 17

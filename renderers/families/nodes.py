@@ -105,6 +105,16 @@ class Nodes:
         held_out = () if self.held_out is None else (self.held_out,)
         return (*self.values.tolist(), *held_out)
 
+    @property
+    def kept(self) -> slice:
+        """Numbers of the renders that are nodes, not held out."""
+        return slice(0, len(self.values))
+
+    def checks(self) -> Iterator[tuple[slice, Float64Array, int]]:
+        """The nodes, weights (1, K) to the held-out index, and that render's number, if any."""
+        if self.held_out is not None:
+            yield self.kept, self.weights(np.array([self.held_out])), self.kept.stop
+
     def weights(self, eta: NumberArray) -> Float64Array:
         """Weights (len(eta), K) that interpolate from the nodes' images to those at `eta`.
 

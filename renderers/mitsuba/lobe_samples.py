@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from malus.scenes.core.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from malus.scenes.core.arrays import AnyArray, BoolArray, Float32Array, FloatArray, IntArray
 
 HALVES = 2
 """Independent halves of the samples; the difference of their means shows the Monte Carlo noise."""
@@ -65,6 +66,22 @@ class Lobes:
     s3: Float32Array | None = None
     s3_variance: Float32Array | None = None
     copy_seconds: float = 0.0
+
+    def at(self, nodes: slice | list[int]) -> Lobes:
+        """The lobes at some of their nodes; of a lobe with one node for all, at that."""
+        halves = ("specular", "diffuse", "s3")
+        variances = ("specular_variance", "diffuse_variance", "covariance", "s3_variance")
+        chosen = {name: _chosen(getattr(self, name), nodes, axis=1) for name in halves}
+        chosen |= {name: _chosen(getattr(self, name), nodes, axis=0) for name in variances}
+        return replace(self, **chosen)
+
+
+def _chosen(values: AnyArray | None, nodes: slice | list[int], axis: int) -> Any:
+    if values is None:
+        return None
+    if isinstance(nodes, slice):
+        return values[:, nodes] if axis == 1 else values[nodes]
+    return np.take(values, nodes, axis)
 
 
 @dataclass(frozen=True)
