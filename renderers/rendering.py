@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.truth import Truth
+from malus.renderers.variant import Variant, chosen_variant
 from malus.scenes.core.errors import InputError, check_kind
 from malus.scenes.scene import Sampling, Scene
 
 
-def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mitsuba") -> Truth:
+def render(
+    scene: Scene,
+    sampling: Sampling | None = None,
+    renderer: str = "mitsuba",
+    backend: str | Variant = "auto",
+) -> Truth:
     """Render the truth of one scene.
 
     Parameters
@@ -19,6 +25,8 @@ def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mits
         Samples a pixel and seed; the Torrance-Sparrow renderer ignores it.
     renderer : 'mitsuba' or 'torrance-sparrow'
         The second is for spheres under distant lights, without Mitsuba.
+    backend : 'auto', 'cuda', 'llvm' or 'scalar'
+        What Mitsuba renders with; by default the fastest that works.
 
     Returns
     -------
@@ -28,7 +36,7 @@ def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mits
     Raises
     ------
     InputError
-        No scene or sampling, an unknown renderer, or a scene that it cannot render.
+        No scene or sampling, an unknown renderer or backend, or a scene that it cannot render.
 
     Examples
     --------
@@ -48,4 +56,4 @@ def render(scene: Scene, sampling: Sampling | None = None, renderer: str = "mits
         raise InputError("renderer", "mitsuba or torrance-sparrow", renderer, "choose one of them")
     from malus.renderers.families.family import render_family
 
-    return render_family([scene], sampling).truth(scene)
+    return render_family([scene], sampling, chosen_variant(backend)).truth(scene)

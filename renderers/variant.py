@@ -225,6 +225,22 @@ def choose(backend: str = "auto") -> Variant:
     return variant
 
 
+def chosen_variant(backend: str | Variant) -> Variant:
+    """The Mitsuba variant of a backend's name; a Variant as it is.
+
+    Raises
+    ------
+    InputError
+        Unknown backend, or one that does not work here.
+
+    Examples
+    --------
+    >>> chosen_variant("scalar").name
+    'scalar_spectral_polarized'
+    """
+    return backend if isinstance(backend, Variant) else choose(backend)
+
+
 def unchecked(backend: str = "auto") -> Variant:
     """The variant of a backend as in `choose`, but not tested: for a check that tests it.
 

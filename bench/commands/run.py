@@ -126,8 +126,8 @@ def _run_with(
     options: dict[str, Any],
 ) -> int:
     """Run a suite, in a worker process where one is given."""
-    from malus.bench.running.overrides import chosen_suite, chosen_variant
-    from malus.renderers.variant import mitsuba
+    from malus.bench.running.overrides import chosen_suite
+    from malus.renderers.variant import chosen_variant, mitsuba
 
     options["metrics"] = asked_metrics(options["metrics"], options.pop("profiles"))
     changes = {key: options.pop(key) for key in CHANGES}

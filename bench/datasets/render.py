@@ -19,7 +19,7 @@ from malus.bench.running.cluster import cluster_client, spread_parts
 from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.inside_worker import at_most, import_all
 from malus.bench.running.output_folder import prepare_folder
-from malus.bench.running.overrides import chosen_suite, chosen_variant
+from malus.bench.running.overrides import chosen_suite
 from malus.bench.running.parts import Failure
 from malus.bench.running.plan import FamilyPlan, by_stage
 from malus.bench.running.progress import Progress, silent
@@ -37,7 +37,7 @@ from malus.renderers.datasets.dataset_files import names_files
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.listed_scenes import being_written, listed_of
 from malus.renderers.truth import Truth
-from malus.renderers.variant import Variant, mitsuba, use_threads
+from malus.renderers.variant import Variant, chosen_variant, mitsuba, use_threads
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.versions import versions

@@ -14,7 +14,7 @@ from malus.bench.running import runner
 from malus.bench.running.cluster import engine
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.inside_worker import import_all
-from malus.bench.running.overrides import chosen_suite, chosen_variant
+from malus.bench.running.overrides import chosen_suite
 from malus.bench.running.plan import FamilyPlan, OmittedWork, plan_record, savings
 from malus.bench.running.plan import plan as families_of
 from malus.bench.running.progress import Progress, silent
@@ -25,7 +25,7 @@ from malus.reconstruct import get_method
 from malus.renderers.families.adaptive import Renders, first_samples, relative_error
 from malus.renderers.families.family import render_family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
-from malus.renderers.variant import Variant
+from malus.renderers.variant import Variant, chosen_variant
 from malus.scenes.core.remote import as_path
 from malus.scenes.scene import Sampling
 from malus.scenes.suite import Suite

@@ -1,4 +1,4 @@
-"""From a user's choices, of sizes, seed, methods and backend, to a Suite and a Variant."""
+"""From a user's choices of sizes, seed, methods and metrics to a Suite."""
 
 from __future__ import annotations
 
@@ -6,25 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from malus.renderers.variant import Variant, choose
+from malus.renderers.variant import Variant
 from malus.scenes.core.registry import several
 from malus.scenes.suite import Suite, load_suite
-
-
-def chosen_variant(backend: str | Variant) -> Variant:
-    """The Mitsuba variant of a backend's name; a Variant as it is.
-
-    Raises
-    ------
-    InputError
-        Unknown backend, or one that does not work here.
-
-    Examples
-    --------
-    >>> chosen_variant("scalar").name
-    'scalar_spectral_polarized'
-    """
-    return backend if isinstance(backend, Variant) else choose(backend)
 
 
 def chosen_suite(

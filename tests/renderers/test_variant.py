@@ -6,10 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from malus.renderers import variant
-from malus.scenes import InputError
+from malus.renderers import render, variant
+from malus.renderers.families.family import render_family
+from malus.scenes import Camera, Dielectric, InputError, Sampling, Scene, Sphere, Uniform
 
 
 @pytest.fixture
@@ -78,6 +80,23 @@ def test_a_cache_that_is_damaged_is_no_cache(no_libraries: Path) -> None:
 def test_unknown_backend() -> None:
     with pytest.raises(InputError, match="cuda, llvm or scalar"):
         variant.choose("metal")
+
+
+def test_one_scene_is_rendered_by_the_backend_that_is_asked_for() -> None:
+    """Only the environment could choose one, and only before the first render."""
+    scene = Scene(
+        shape=Sphere(),
+        surface=Dielectric(eta=1.5, alpha=0.3),
+        light=Uniform(),
+        camera=Camera(resolution=6),
+    )
+    sampling = Sampling(samples=4)
+    asked = render(scene, sampling, backend="scalar")
+    same = render_family([scene], sampling, variant.choose("scalar")).truth(scene)
+    assert asked.stokes.any()
+    np.testing.assert_array_equal(asked.stokes, same.stokes)
+    with pytest.raises(InputError, match="backend: expected auto, cuda, llvm or scalar"):
+        render(scene, sampling, backend="metal")
 
 
 def test_variants_follow_one_another_in_one_process() -> None:
