@@ -88,7 +88,7 @@ def renders_of(
     if renderer == "torrance-sparrow":
         return Renders(RENDERING[0], render_torrance_sparrow, family.scenes[0])
     with result.stage(RENDERING[0]):
-        rendered = _begun(family, variant, errors)()
+        rendered = _finished(family, variant, errors)
     return _made_of(rendered, family, errors)
 
 
@@ -122,7 +122,7 @@ def rendered_apart(
 ) -> RenderedApart | None:
     """Render a family for another process, or return None where truths need the renderer again."""
     with result.stage(RENDERING[0]):
-        rendered = _begun(family, variant, False)()
+        rendered = _finished(family, variant, False)
         if not is_complete(rendered):
             return None
         content = pickle.dumps(rendered, pickle.HIGHEST_PROTOCOL)
@@ -137,6 +137,15 @@ def begin_ahead(family: FamilyPlan, renderer: str, variant: Variant, errors: boo
     if renderer == "mitsuba":
         with suppress(Exception):
             _begun(family, variant, errors)
+
+
+def _finished(family: FamilyPlan, variant: Variant, errors: bool) -> RenderedFamily:
+    """Renders of a family, begun before or now; those that failed are begun anew next time."""
+    try:
+        return _begun(family, variant, errors)()
+    except BaseException:
+        _begun.cache_clear()
+        raise
 
 
 @lru_cache(maxsize=1)

@@ -102,6 +102,33 @@ def test_a_fault_ahead_is_told_by_the_family_that_it_concerns(
     table(third, ahead=True)
 
 
+def test_what_failed_at_its_end_is_begun_anew(
+    families: list[FamilyPlan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its end was asked for twice, which may be whole the second time, with what was warned of."""
+    begun: list[str] = []
+
+    def broken_once(scenes: Any, *rest: Any, **options: Any) -> Callable[[], Any]:
+        begun.append(scenes[0].id)
+        finish = begin_family(scenes, *rest, **options)
+
+        def end() -> Any:
+            if len(begun) == 1:
+                raise RuntimeError("not to be trusted")
+            return finish()
+
+        return end
+
+    task = replace(tasks(families)[0], following=None)
+    expected = table(task, ahead=False)
+    truths._begun.cache_clear()
+    monkeypatch.setattr(truths, "begin_family", broken_once)
+    (failure,) = work(task, choose()).failures
+    assert "not to be trusted" in failure.reason
+    pd.testing.assert_frame_equal(table(task, ahead=False), expected, check_exact=True)
+    assert len(begun) == 2
+
+
 def test_shapes_that_do_not_all_stay_loaded_come_one_after_the_other(
     families: list[FamilyPlan],
 ) -> None:
