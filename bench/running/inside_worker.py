@@ -81,7 +81,16 @@ def serve(
                     connection.send((ITEM, item))
             connection.send((END, None))
         except Exception as error:
-            connection.send((ERROR, error))
+            connection.send((ERROR, _carried(error)))
+
+
+def _carried(error: Exception) -> Exception:
+    """The exception; one with its name and words where another process cannot make it again."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # its class decides what that raises
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
 
 
 def _unpickled(message: bytes, main: tuple[str | None, str | None]) -> Any:

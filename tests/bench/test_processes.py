@@ -249,6 +249,24 @@ def test_what_a_task_raises_is_no_death_of_its_process(error: Exception) -> None
         assert list(worker.stream(pid_of)) == [before]
 
 
+class Odd(Exception):
+    """One that Python pickles, and cannot make again: it gives one of two words to its class."""
+
+    def __init__(self, first: str, second: str) -> None:
+        super().__init__(f"{first} and {second}")
+
+
+def fails_oddly() -> Iterator[None]:
+    yield None
+    raise Odd("one", "another")
+
+
+def test_an_exception_that_cannot_be_made_again_keeps_its_words() -> None:
+    """Those of stores elsewhere are such: a TypeError about their class was told instead."""
+    with WorkerProcess(60) as worker, pytest.raises(RuntimeError, match="Odd: one and another"):
+        list(worker.stream(fails_oddly))
+
+
 @contextmanager
 def _watched(seconds: int) -> Iterator[None]:
     """Raise where the block waits for longer."""
