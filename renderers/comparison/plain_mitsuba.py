@@ -97,6 +97,8 @@ class StokesByHand:
         """Polariser images (height, width) of one band at every angle from one Stokes render."""
         self.parameters["shape.bsdf.eta.value"] = float(scene.eta[band])
         self.parameters["shape.bsdf.alpha.value"] = scene.surface.isotropic_alpha
+        albedo = scene.surface.albedos(scene.wavelengths_nm)[band]
+        self.parameters["shape.bsdf.diffuse_reflectance.value"] = float(albedo)
         self.parameters.update()
         raw = self.mi.render(self.scene, spp=sampling.samples, seed=sampling.seed)
         stokes = np.asarray(raw)[..., [-12, -9, -6]]
