@@ -6,15 +6,29 @@ import tomllib
 
 import pytest
 
-from malus.bench.commands.list import _UNSHOWN, _materials, _metals, _shown
+from malus.bench.commands.list import (
+    _UNSHOWN,
+    SHOWN_NM,
+    _maps,
+    _materials,
+    _metals,
+    _shown,
+    _suites,
+    _surfaces,
+    _swatches,
+)
 from malus.bench.public.lists import (
     list_lights,
     list_materials,
     list_metals,
     list_patterns,
     list_shapes,
+    list_suites,
+    list_surfaces,
+    list_swatches,
 )
 from malus.scenes import InputError
+from malus.scenes.materials.albedo import reflectance
 
 KINDS = [*list_shapes().values(), *list_lights().values(), *list_patterns().values()]
 
@@ -60,3 +74,43 @@ def test_ranges_are_those_that_have_an_index() -> None:
         low, high = map(float, told.split("–"))
         outside = material.extrapolated([0.999 * low, low, high, 1.001 * high])
         assert outside.tolist() == [True, False, False, True]
+
+
+def test_listed_numbers_are_those_that_scenes_take() -> None:
+    """To the digits that are shown, and each in the column of its name."""
+    at_d = printed(_materials(), "η at 587.6 nm")
+    assert at_d == [f"{float(one.eta(587.6)):.4f}" for one in list_materials().values()]
+    for nm in SHOWN_NM:
+        indices = [
+            complex(text.replace(" ", "").replace("i", "j"))
+            for text in printed(_metals(), f"{nm:g} nm")
+        ]
+        expected = [complex(metal.eta(nm)) for metal in list_metals().values()]
+        for told, index in zip(indices, expected, strict=True):
+            assert abs(told - index) < 0.0071  # half of the last digit shown, of both parts
+        greys = list(map(float, printed(_swatches(), f"{nm:g} nm")))
+        values = [reflectance(name, (nm,)).item() for name in list_swatches()]
+        assert greys == pytest.approx(values, abs=0.0005)
+    for alpha, sigma, albedo, one in zip(
+        printed(_surfaces(), "alpha"),
+        printed(_surfaces(), "σ = 1/alpha²"),
+        printed(_surfaces(), "albedo"),
+        list_surfaces().values(),
+        strict=True,
+    ):
+        assert (float(alpha), float(albedo)) == (one.alpha, one.albedo)
+        assert float(sigma) == pytest.approx(one.alpha**-2, rel=5e-4)  # four digits
+
+
+def test_listed_suites_have_as_many_scenes_as_are_rendered() -> None:
+    counts = dict(zip(printed(_suites(), "name"), printed(_suites(), "scenes"), strict=True))
+    for name in ("quick", "fig5", "orbit"):
+        assert int(counts[name]) == sum(1 for _ in list_suites()[name].scenes())
+
+
+def test_what_is_always_in_a_dataset_is_no_map_of_a_suite() -> None:
+    always = dict(zip(printed(_maps(), "name"), printed(_maps(), "always"), strict=True))
+    assert {name for name, told in always.items() if told} == {
+        "stokes", "specular", "diffuse", "standard_error", "normals", "mask",
+    }  # fmt: skip
+    assert not always["depth"]
