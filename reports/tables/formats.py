@@ -90,6 +90,8 @@ def duration(seconds: float) -> str:
     --------
     >>> duration(0.5), duration(90.4), duration(600.0), duration(86400.0)
     ('0.50 s', '90 s', '10 min', '24.0 h')
+    >>> duration(9.99), duration(119.0), duration(7199.0)
+    ('9.99 s', '119 s', '120 min')
     """
     if seconds < 10.0:
         return f"{seconds:.2f} s"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import imagecodecs
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from pictures import dome_stokes, write_capture
@@ -58,3 +60,32 @@ def test_maps_do_not_go_among_the_pictures(tmp_path: Path) -> None:
     result = CliRunner().invoke(capture_command, options)
     assert "out: expected another folder than the pictures'" in str(result.exception)
     assert {path.name for path in folder.iterdir()} == set(right(0, 60, 120))
+
+
+def test_methods_of_the_command_replace_those_of_the_file(tmp_path: Path) -> None:
+    dome_folder(tmp_path / "dome", right(0, 45, 90, 135))
+    file = tmp_path / "captures.TOML"  # some systems write endings in capitals
+    file.write_text('name = "mine"\nmethods = ["blind"]\n[[capture]]\nfolder = "dome"\n')
+    result = captured(file, "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert {row["method"] for row in told["methods"]} == {"unpolarised"}
+    assert told["run"]["suite"]["methods"] == ["unpolarised"]
+
+
+def test_the_zero_mark_of_a_polariser_counts(tmp_path: Path) -> None:
+    """Angles that are named 20° too small, with the offset told, are the angles that were."""
+    marks = right(0, 45, 90, 135)
+    plain = dome_folder(tmp_path / "plain", marks)
+    turned = dome_folder(tmp_path / "turned", {k: v + 20.0 for k, v in marks.items()})
+    angles = []
+    for folder, options in ((plain, []), (turned, ["--offset", "20"])):
+        out = tmp_path / f"{folder.name}-fit"
+        arguments = [str(folder), "--linear", "--fit-only", "--out", str(out), *options]
+        assert CliRunner().invoke(capture_command, arguments).exit_code == 0
+        angles.append(imagecodecs.imread(out / "aolp.png") * (180 / 65535))
+        polarised = imagecodecs.imread(out / "dolp.png") > 0.02 * 65535
+    assert polarised.mean() > 0.2
+    off = np.abs((angles[0] - angles[1] + 90) % 180 - 90)
+    # The same light: float32 pictures, and codes of 0.003°, of at least 2 % polarised light.
+    assert off[polarised].max() < 0.02
