@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import trimesh
 from made_up import icosphere
 
 from malus.renderers.families.family import render_family
+from malus.renderers.mitsuba.coverage import check_facing
 from malus.renderers.variant import choose
 from malus.scenes import (
     Camera,
@@ -90,3 +92,16 @@ def test_an_open_mesh_that_is_inside_out_is_refused(
         else:
             truth = render_family([scene], Sampling(samples=4), choose(backend)).truth(scene)
             assert (truth.image[truth.mask] > 0).all()
+
+
+@pytest.mark.parametrize(("backs", "refused"), [(0, False), (89, False), (91, True)])
+def test_a_mesh_is_refused_where_nearly_all_that_is_seen_are_backs(
+    backs: int, refused: bool
+) -> None:
+    """Up to nine pixels of ten may be: an open bowl shows its inside."""
+    normals = np.tile(np.float32([0.0, 0.6, 0.8]), (100, 1))
+    normals[:backs] *= -1
+    shape = MeshFile(path="bowl.obj")
+    told = pytest.raises(InputError, match="flip the faces") if refused else nullcontext()
+    with told:
+        check_facing(normals, np.arange(100), Camera(resolution=10), shape)

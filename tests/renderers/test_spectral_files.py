@@ -12,12 +12,14 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+import scipy.constants
 from made_up import made_up_truth
 from runs import check_predictions
 
 from malus.renderers.datasets.dataset import open_dataset
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.spectral_exr import read_spectral, write_exr, write_spectral
+from malus.renderers.datasets.stokes_channels import component_and_wavelength
 from malus.scenes import InputError
 
 CASES = Path(__file__).parents[1] / "cases" / "spectral_exr"
@@ -191,3 +193,18 @@ def test_predictions_of_either_handedness_score_alike(tmp_path: Path, handedness
     predictions, problems = check_predictions(dataset, file.parent, lambda *_: None)
     assert not problems
     np.testing.assert_array_equal(predictions.stokes(dataset.scene(truth.scene.id)), truth.stokes)
+
+
+@pytest.mark.parametrize(("short", "factor"), [
+    ("Y", "yotta"), ("Z", "zetta"), ("E", "exa"), ("P", "peta"), ("T", "tera"), ("G", "giga"),
+    ("M", "mega"), ("k", "kilo"), ("h", "hecto"), ("da", "deka"), ("d", "deci"), ("c", "centi"),
+    ("m", "milli"), ("u", "micro"), ("n", "nano"), ("p", "pico"),
+])  # fmt: skip
+def test_prefixes_of_units_are_those_of_the_si(short: str, factor: str) -> None:
+    size = getattr(scipy.constants, factor)
+    for unit, value in (("m", 550e-9 / size), ("Hz", scipy.constants.c / 550e-9 / size)):
+        # Seventeen digits say a double exactly; nine decimals of a nanometre are kept.
+        told = component_and_wavelength(f"S2.{value:.17e}{short}{unit}")
+        assert told is not None
+        assert told[0] == 2
+        assert told[1] == pytest.approx(550.0, rel=1e-11)

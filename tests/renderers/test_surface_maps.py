@@ -242,3 +242,17 @@ def test_ray_by_ray_is_refused() -> None:
     assert render_maps(scene(Camera(resolution=8)), (), nobody) == {}
     with pytest.raises(InputError, match="expected LLVM or CUDA for maps"):
         render_maps(scene(Camera(resolution=8)), ("depth",), nobody)
+
+
+@needs_arrays
+def test_of_objects_with_equally_many_rays_a_pixel_is_of_the_first() -> None:
+    """The edge of two walls runs through the middle of the middle column: 8 rays on each side."""
+    walls = tuple(
+        Placed(shape=Plane(), surface=PAINT, position=(x, 0.0, 2.0), tilt_deg=90.0)
+        for x in (1.0, -1.0)  # they hide the sphere
+    )
+    away = scene(Camera(resolution=3, half_width=0.9)).model_copy(
+        update={"surroundings": Surroundings(name="walls", objects=walls)}
+    )
+    owner = render_maps(away, ("object_id",), choose())["object_id"]
+    assert owner.tolist() == [[3, 2, 2]] * 3

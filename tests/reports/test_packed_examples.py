@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from viewed_scenes import disc, stokes_image
 
-from malus.reports.viewer.error_maps import gallery
+from malus.reports.viewer.error_maps import error_maps, gallery
 from malus.reports.viewer.examples import Example, read_example
 from malus.reports.viewer.pack import NOT_FINITE, Packer, Shown, fitted, quantised
 from malus.scenes.colour import preview
@@ -118,3 +118,13 @@ def test_a_bad_example_is_named_in_one_line(tmp_path: Path, spoil: str) -> None:
     writers[spoil]()
     with pytest.raises(InputError, match=r"bad\.npz: expected truth and methods"):
         read_example(path)
+
+
+def test_light_beside_the_object_changes_no_error_map() -> None:
+    """White is the brightest pixel of the object, as of the metric."""
+    plain = example(8, 3)
+    lamp = plain.truth.copy()
+    lamp[~plain.mask] = (100.0, 0.0, 0.0)
+    assert (~plain.mask).any()
+    for dark, lit in zip(error_maps(plain), error_maps(replace(plain, truth=lamp)), strict=True):
+        np.testing.assert_array_equal(dark.difference, lit.difference)

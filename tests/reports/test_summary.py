@@ -21,6 +21,7 @@ from malus.reports.tables.captures import fits
 from malus.reports.tables.colour_errors import table1, table1_text
 from malus.reports.tables.compared_runs import means_table
 from malus.reports.tables.figure_numbers import angle_numbers, numbers
+from malus.reports.tables.formats import scientific
 from malus.reports.tables.headline import best_method, headline_tiles
 from malus.reports.tables.paper_table import paper_table
 from malus.reports.tables.rows import coverages
@@ -304,3 +305,28 @@ def test_bands_beyond_the_data_of_a_material_are_told(table: pd.DataFrame) -> No
     run = sample.run()
     run["suite"]["wavelengths_nm"] = [400.0, 500.0]
     assert "at 400 nm noa_61" in summary(table.assign(material="noa_61"), run)
+
+
+def test_the_headline_counts_scenes_worse_than_no_model(table: pd.DataFrame) -> None:
+    rows = table[table["body"] == "unpolarised"].copy()
+    scenes = rows["scene"].unique()
+    worse = rows["scene"].isin(scenes[:2]) & (rows["metric"] == "skill")
+    rows.loc[worse & (rows["method"] == "eq8"), "value"] = -0.5
+    told = f"2 of {len(scenes)} scenes with negative skill of eq8"
+    assert told in headline_of(rows)
+
+
+def test_errors_of_a_group_stand_beside_the_guess_on_the_same_captures() -> None:
+    """What a method left out may be hard, or easy: there the guess does not count either."""
+    captured = sample.captured()
+    indoor = captured["light"] == "indoor"
+    left_out = captured[indoor]["scene"].unique()[0]
+    hard = captured["scene"] == left_out
+    guess = (captured["method"] == "unpolarised") & (captured["metric"] == "nmse")
+    captured.loc[hard & guess, "value"] = 1e3
+    kept = captured[~(hard & (captured["method"] == "eq8"))]
+    (line,) = [one for one in captured_by_group(kept).lines if one[:2] == ["indoor", "eq8"]]
+    whole = captured["angle_deg"].isna() & captured["band_nm"].isna()
+    shared = captured[indoor & guess & ~hard & whole]
+    assert line[2] == "2 of 3"
+    assert line[3].endswith(f"({scientific(shared['value'].mean())})")
