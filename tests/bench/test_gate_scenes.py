@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from statistics import NormalDist
 from typing import Any
 
@@ -13,6 +14,7 @@ from runs import SUITE
 
 from malus.bench.gates.baseline import DEFAULT_RULES, PooledMetric, measure
 from malus.bench.gates.gate import HIDDEN_NOISE, gate, updated
+from malus.bench.gates.gate_report import markdown
 from malus.bench.running.results import Results
 
 VALUES = {"gain": 0.9, "rotation": 0.01, "facing_skill": 0.8, "signal": 0.1, "nmse": 1e-4}
@@ -105,3 +107,29 @@ def test_limits_follow_from_the_probabilities_that_are_promised() -> None:
         seen = NormalDist().cdf((comparison.visible - comparison.limit) / comparison.error)
         assert seen == pytest.approx(0.98, abs=0.005)
     assert alarms == pytest.approx(1e-3, rel=1e-9)
+
+
+def test_what_no_rule_gates_is_nothing_new() -> None:
+    """A value that appeared is told where a rule would hold for it, and only there."""
+    reviewed = updated(without_metric(results(2), "rotation"), None, DEFAULT_RULES)
+    of_gains = reviewed.model_copy(update={"rules": DEFAULT_RULES[:1]})
+    for baseline, expected in ((reviewed, ["rotation"]), (of_gains, [])):
+        compared = gate(results(2), baseline)
+        assert [one.key[0] for one in compared if one.outcome == "new"] == expected
+
+
+def without_metric(run: Results, metric: str) -> Results:
+    return dataclasses.replace(run, table=run.table[run.table["metric"] != metric])
+
+
+def test_a_name_ends_no_cell_of_the_summary() -> None:
+    table = results(2).table
+    renamed = Results(table.assign(light="a|b"), results(2).run)
+    baseline = updated(renamed, None, DEFAULT_RULES)
+    worse = table.assign(light="a|b", value=table["value"].where(table["metric"] != "gain", 0.1))
+    text = markdown(gate(Results(worse, renamed.run), baseline))
+    rows = [line for line in text.splitlines() if line.startswith("| worse")]
+    assert rows
+    for row in rows:
+        assert "a\\|b" in row
+        assert len(re.split(r"(?<!\\)\|", row)) == 8 + 2  # eight cells, and what is outside

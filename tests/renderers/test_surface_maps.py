@@ -256,3 +256,10 @@ def test_of_objects_with_equally_many_rays_a_pixel_is_of_the_first() -> None:
     )
     owner = render_maps(away, ("object_id",), choose())["object_id"]
     assert owner.tolist() == [[3, 2, 2]] * 3
+
+
+def test_rays_nearest_to_the_centre_of_a_pixel_come_first() -> None:
+    """Texture coordinates are those of the first that hits the object."""
+    away = np.hypot(*(surface_maps._OFFSETS - 0.5).T)
+    assert len(np.unique(surface_maps._OFFSETS, axis=0)) == 16
+    assert (np.diff(away) >= -1e-7).all()  # of float32

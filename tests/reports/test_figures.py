@@ -24,6 +24,7 @@ from malus.reports.figures.style import png, svg
 from malus.reports.tables import sample
 from malus.reports.tables.colour_errors import figure9_numbers
 from malus.reports.tables.figure_numbers import both_panels, ladder_numbers, numbers
+from malus.reports.tables.sentences import LADDER
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -297,7 +298,9 @@ def test_the_ladder_is_on_the_page_of_a_run_that_has_one(tmp_path: Path) -> None
     totals = dict(zip(last["body"], last["nmse"], strict=True))
     # Written with all digits, of float64 sums in another order.
     assert totals == pytest.approx({"unpolarised": 6e-3, "polarised": 18e-3}, rel=1e-12)
-    assert "normals estimated" in (tmp_path / "report.html").read_text("utf-8")
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert "normals estimated" in page
+    assert LADDER in page  # in a section of its own, which says what the parts are
     (drawing,) = ladders(results.table)
     assert [line[:2] for line in drawing.cells.lines] == [
         ["unpolarised", "eq8"], ["polarised", "eq8"],

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import base64
+import io
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 from viewed_scenes import disc, stokes_image
 
-from malus.reports.viewer.error_maps import error_maps, gallery
+from malus.reports.viewer.error_maps import _pictures, error_maps, gallery
 from malus.reports.viewer.examples import Example, read_example
 from malus.reports.viewer.pack import NOT_FINITE, Packer, Shown, fitted, quantised
 from malus.scenes.colour import preview
@@ -128,3 +130,20 @@ def test_light_beside_the_object_changes_no_error_map() -> None:
     assert (~plain.mask).any()
     for dark, lit in zip(error_maps(plain), error_maps(replace(plain, truth=lamp)), strict=True):
         np.testing.assert_array_equal(dark.difference, lit.difference)
+
+
+def test_photographs_of_captures_have_the_names_of_what_they_show() -> None:
+    """Half of the light is polarised, from upper right to lower left: ϑ of 45° stops it."""
+    stokes = np.float32([1.0, 0.0, 0.5]) * np.ones((4, 4, 3, 1), np.float32)
+    shown = {
+        cell["image"]: PIL.Image.open(
+            io.BytesIO(base64.b64decode(cell["src"].partition(",")[2]))
+        ).getpixel((0, 0))[0]
+        for cell in _pictures("captured", stokes)
+    }
+    codes = {
+        name: 255 * (1.055 * light ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
+        for name, light in {"I_max": 0.75, "I_min": 0.25, "I(0°)": 0.5, "I(45°)": 0.25}.items()
+    }
+    for name, code in codes.items():
+        assert shown[name] == pytest.approx(code, abs=2)  # of an even JPEG

@@ -23,9 +23,15 @@ from malus.reports.tables.compared_runs import means_table
 from malus.reports.tables.figure_numbers import angle_numbers, numbers
 from malus.reports.tables.formats import scientific
 from malus.reports.tables.headline import best_method, headline_tiles
-from malus.reports.tables.paper_table import paper_table
+from malus.reports.tables.metric_definitions import definition_of
+from malus.reports.tables.other_images import HIDDEN_NOISE, TOLERANCES, noise_width
+from malus.reports.tables.paper_table import Cell, PaperTable, paper_table
 from malus.reports.tables.rows import coverages
-from malus.reports.tables.sentences import extrapolation, interpolation
+from malus.reports.tables.sentences import (
+    extrapolation,
+    interpolation,
+    no_scene_without_skill,
+)
 from malus.reports.tables.skills import (
     by_light_and_body,
     median_skills,
@@ -330,3 +336,30 @@ def test_errors_of_a_group_stand_beside_the_guess_on_the_same_captures() -> None
     shared = captured[indoor & guess & ~hard & whole]
     assert line[2] == "2 of 3"
     assert line[3].endswith(f"({scientific(shared['value'].mean())})")
+
+
+def test_noise_of_two_runs_adds_in_quadrature() -> None:
+    """Standard errors 3 and 4 make 5; the tolerance is added as it stands."""
+    width = noise_width("gain", 0.03, 0.04, 2.0)
+    assert width == pytest.approx(TOLERANCES["gain"] + 2.0 * HIDDEN_NOISE * 0.05, rel=1e-12)
+
+
+def test_an_estimate_that_is_not_finite_has_no_skill_and_that_is_said(table: pd.DataFrame) -> None:
+    assert no_scene_without_skill(table).startswith("Every scene has a skill")
+    assert "not finite has no skill" in no_scene_without_skill(broken(table))
+
+
+def test_the_worst_place_stands_first(table: pd.DataFrame) -> None:
+    worse = with_skill(with_skill(table, -0.2, method="eq8", surface="carbon"), -7.0,
+                       method="eq8", surface="carbon", light="distant 60°")  # fmt: skip
+    worst = negative_skills(worse, "eq8")["worst"].tolist()
+    assert len(worst) > 1
+    assert worst == sorted(worst)
+    assert worst[0] == -7.0
+
+
+def test_a_method_that_left_scenes_out_is_not_in_bold_at_an_equal_mean() -> None:
+    metric = definition_of("nmse")
+    cells = {("all", "nmse"): Cell(1e-3, 1e-5, 9), ("some", "nmse"): Cell(1e-3, 1e-5, 8)}
+    made = PaperTable(("all", "some"), (metric,), cells)
+    assert [made.is_best(name, metric) for name in made.methods] == [True, False]

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pydantic import TypeAdapter
 
-from malus.scenes import Environment, load_suite
+from malus.scenes import Distant, Environment, load_suite
 from malus.scenes.core.named_file import NamedFile
 from malus.scenes.lights.lights import Light
 
@@ -70,3 +70,10 @@ def test_the_gate_finds_its_values_under_the_labels_of_its_suite() -> None:
 def test_drawn_lights_have_labels_of_their_own() -> None:
     lights = {scene.light for scene in load_suite("random").scenes()}
     assert len({light.label for light in lights}) == len(lights) > 1
+
+
+def test_light_from_straight_behind_is_a_billionth_beside_it() -> None:
+    """An incidence of 180° has no azimuth, and scenes refuse it."""
+    behind = Distant.towards((0.0, 0.0, -2.0))
+    assert 180 - 2e-9 < behind.incidence_deg < 180
+    assert behind.direction[2] == pytest.approx(-1.0, abs=1e-15)

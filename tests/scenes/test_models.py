@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from types import FrameType
 
+import numpy as np
 import pytest
 
 from malus.scenes import (
@@ -20,7 +21,7 @@ from malus.scenes import (
 from malus.scenes.camera import Camera
 from malus.scenes.core.model import Model, content_id
 from malus.scenes.materials.surface import Conductor, Patterned
-from malus.scenes.shapes.patterns import Checker
+from malus.scenes.shapes.patterns import Checker, Noise, Stripes
 from malus.scenes.shapes.shapes import Plane
 from malus.scenes.surroundings import Placed
 
@@ -117,3 +118,26 @@ def _stopped_in_call(model: Model, number: int) -> bool:
         sys.setprofile(None)
     assert left >= 0, "a stop was lost"
     return False
+
+
+def test_a_pattern_stands_in_tables_with_the_means_of_its_surfaces() -> None:
+    parts = (
+        Dielectric(eta=1.4, alpha=0.1, albedo=0.2),
+        Dielectric(eta=1.5, alpha=0.1, albedo=0.2, body="unpolarised"),
+        Dielectric(eta=1.9, alpha=0.7, albedo=0.8, distribution="ggx"),
+    )
+    whole = Patterned(pattern=Stripes(), surfaces=parts)
+    assert whole.alpha == whole.isotropic_alpha == pytest.approx(0.3, rel=1e-12)
+    assert whole.indices((550.0,)) == pytest.approx([1.6], rel=1e-12)
+    assert whole.albedos((550.0,)) == pytest.approx([0.4], rel=1e-12)
+    assert whole.distribution is None  # methods are told none where the surfaces differ
+    assert whole.body == "mixed"
+    alike = Patterned(pattern=Stripes(), surfaces=(parts[0], parts[0]))
+    assert (alike.distribution, alike.body) == ("beckmann", "polarised")
+
+
+@pytest.mark.parametrize("size", [0.2, 1.0])
+def test_waves_of_a_noise_are_between_its_size_and_a_third_of_it(size: float) -> None:
+    lengths = 2 * np.pi / np.linalg.norm(Noise(seed=4, size=size).waves()[:, :3], axis=1)
+    assert lengths.max() == pytest.approx(size, rel=1e-12)
+    assert size / 3 < lengths.min() < size / 2

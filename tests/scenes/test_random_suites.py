@@ -13,6 +13,7 @@ from scipy import stats
 
 from malus.bench.running.plan import plan
 from malus.scenes import (
+    Camera,
     InputError,
     Suite,
 )
@@ -130,6 +131,19 @@ def test_clutter_touches_nothing_and_leaves_the_camera_clear() -> None:
     assert numbers == {3, 4, 5, 6}
     crowded = Clutter(count=60, scale=(1.0, 1.0), within=2.5)
     assert len(place(crowded, [], made.camera, Numbers(1, 0))) < 10, "no room for more"
+    # No ball of radius 1 is as near as this to one of radius 6.
+    large = {"shape": {"kind": "sphere"}, "position": [0, 0, -4], "scale": 6}
+    assert not place(crowded, [large], Camera(), Numbers(1, 0))
+
+
+def test_clutter_is_spread_evenly_over_the_floor() -> None:
+    """Of a disc of radius R the mean of r² is R²/2, with a deviation of R²/√12 a position."""
+    tiny = Clutter(count=1, scale=(0.01, 0.01), within=40.0)
+    placed = [place(tiny, [], Camera(), Numbers(1, scene))[0] for scene in range(400)]
+    share = [math.hypot(*one["position"][::2]) ** 2 / 40.0**2 for one in placed]
+    # Five deviations of a mean of 400.
+    assert np.mean(share) == pytest.approx(0.5, abs=5 / math.sqrt(12 * 400))
+    assert {one["position"][1] for one in placed} == {-0.99}
 
 
 @pytest.mark.parametrize(
