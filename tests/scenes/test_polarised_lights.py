@@ -320,3 +320,14 @@ def test_a_light_in_the_image_is_seen_from_the_camera() -> None:
     assert light.polarised.angle_deg == pytest.approx(angle)
     still = scene.model_copy(update={"light": Uniform()})
     assert still.light_in_image == Uniform()
+
+
+@pytest.mark.parametrize("degree", [0.25, 1.0])
+def test_light_behind_a_poor_polariser_is_polarised_to_its_degree(degree: float) -> None:
+    """From every direction of a wide lamp, whatever the angle at which light crosses the sheet."""
+    lamp = Area(incidence_deg=50, polarised=Polariser(angle_deg=30, degree=degree))
+    how = oscillation(lamp)
+    assert how is not None
+    toward = np.array(lamp.direction) + np.random.default_rng(2).normal(size=(20, 3)) / 5
+    ratios = how.ratios(toward / np.linalg.norm(toward, axis=1, keepdims=True))
+    np.testing.assert_allclose(np.hypot(*ratios.T), degree, rtol=1e-12)
