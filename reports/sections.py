@@ -22,7 +22,7 @@ from malus.reports.tables.formats import counted, duration, listed
 from malus.reports.tables.headline import headline_body, headline_tiles, price_tiles
 from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.readings import by_dataset, verdicts
-from malus.reports.tables.rows import PAPER_METHOD
+from malus.reports.tables.rows import PAPER_METHOD, body_text
 from malus.reports.tables.skills import mapped, skill_maps
 from malus.reports.templates.render import render
 from malus.reports.viewer.error_maps import gallery
@@ -35,7 +35,7 @@ def headline(source: Source) -> Section:
     suite = source.run["suite"]["name"]
     content = render(
         "headline.html",
-        body=body,
+        body=body_text(body),
         tiles=list(headline_tiles(source.table, source.colours, suite)),
         explanation=sentences.SKILL,
         doubts=[*sentences.failures(source.run), *sentences.doubts(source.table)],

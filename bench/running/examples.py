@@ -15,6 +15,7 @@ from malus.bench.running.plan import FamilyPlan
 from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method
 from malus.renderers.truth import Truth
+from malus.reports.tables.rows import body_text
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import open_regular, write_whole
 from malus.scenes.core.result_files import EXAMPLES
@@ -109,7 +110,7 @@ def _meta(scene: Scene) -> dict[str, Any]:
         scene.label,
         surface.material_label,
         surface.label,
-        f"{surface.body} body",
+        body_text(surface.body),
         scene.light.label,
     )
     return {

@@ -16,6 +16,7 @@ from malus.reports.tables.figure_numbers import angle_numbers, both_panels, ladd
 from malus.reports.tables.rows import (
     CAPTURED,
     PAPER_BODY,
+    body_text,
     by_kind_of_light,
     distinct,
     overall_rows,
@@ -212,7 +213,7 @@ def _suffix(body: str) -> str:
 
 
 def _title_end(body: str) -> str:
-    return "" if body in (PAPER_BODY, CAPTURED) else f", {body} body"
+    return "" if body in (PAPER_BODY, CAPTURED) else f", {body_text(body)}"
 
 
 def _note(body: str) -> str:
@@ -220,4 +221,4 @@ def _note(body: str) -> str:
         return "The paper's assumption: the body is unpolarised."
     if body == CAPTURED:
         return "Real captures: their truth is the sinusoid that fits the pictures."
-    return f"Body {body}."
+    return f"{body_text(body).capitalize()}."

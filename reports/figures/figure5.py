@@ -27,6 +27,7 @@ from malus.reports.tables.rows import (
     PAPER_METHOD,
     TRIVIAL,
     Coverage,
+    body_text,
     coverages,
     distinct,
     is_of_captures,
@@ -239,9 +240,9 @@ def _caption(rows: pd.DataFrame, over: str) -> str:
         captures = counted(rows["scene"].nunique(), "capture")
         of_what = f"{captures}: {names}; group {groups}."
         return drawable(f"Mean ± standard deviation over {over}{of_what}")
-    bodies = ", ".join(distinct(rows["body"]))
+    bodies = ", ".join(map(body_text, distinct(rows["body"])))
     return drawable(
         f"Mean ± standard deviation over {over}the scenes of each point,"
         f" {rows['scene'].nunique()} in all:"
-        f" {_few(rows['shape'])}; light {_few(rows['light'])}; body {bodies}."
+        f" {_few(rows['shape'])}; light {_few(rows['light'])}; {bodies}."
     )

@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter
 
 from malus.reports.figures.style import INK, PALETTE, SOFT, drawable, style
 from malus.reports.tables.formats import scientific
-from malus.reports.tables.rows import distinct, rows_of_body
+from malus.reports.tables.rows import body_text, distinct, rows_of_body
 
 
 def figure_ladder(numbers: pd.DataFrame) -> Figure:
@@ -42,7 +42,7 @@ def _panel(ax: Axes, rows: pd.DataFrame, colours: dict[str, str]) -> None:
     methods = distinct(rows["method"])
     for y, method in enumerate(methods):
         _bar(ax, y, rows[rows["method"] == method], colours)
-    ax.set_title(f"{rows['body'].iloc[0]} body", loc="left")
+    ax.set_title(body_text(rows["body"].iloc[0]), loc="left")
     ax.set_yticks(range(len(methods)), [drawable(name) for name in _labels(rows)])
     ax.invert_yaxis()
     ax.axvline(0.0, color=INK, lw=0.7)

@@ -12,6 +12,7 @@ from malus.reports.tables.formats import NO_NUMBER, skill_text
 from malus.reports.tables.rows import (
     MOST_LIGHTS,
     TRIVIAL,
+    body_text,
     by_kind_of_light,
     distinct,
     not_finite,
@@ -167,7 +168,7 @@ class SkillMap:
     @property
     def caption(self) -> str:
         """Method and body."""
-        return f"{self.method}, {self.body} body"
+        return f"{self.method}, {body_text(self.body)}"
 
 
 def mapped(table: pd.DataFrame) -> tuple[pd.DataFrame, str]:
