@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.tables.formats import NO_NUMBER, counted, listed, scientific, skill_text
+from malus.reports.tables.formats import NO_NUMBER, counted, error_text, listed, scientific, skill_text
 from malus.reports.tables.rows import (
     TRIVIAL,
     complete_mean,
@@ -37,7 +37,7 @@ def by_group(table: pd.DataFrame) -> TextTable:
             scenes = overall_rows(rows, "nmse")["scene"]
             guess = table[(table["method"] == TRIVIAL) & table["scene"].isin(scenes)]
             if len(nmse):
-                means = [scientific(complete_mean(_values(part, "nmse"))) for part in (rows, guess)]
+                means = [error_text(complete_mean(_values(part, "nmse"))) for part in (rows, guess)]
                 lines.append([
                     str(group), method, f"{len(nmse)} of {count}", f"{means[0]} ({means[1]})",
                     *_skills(method, rows),
@@ -86,7 +86,8 @@ def by_capture(table: pd.DataFrame) -> TextTable:
             rows = captured[captured["method"] == method]
             nmse = overall_rows(rows, "nmse")
             if len(nmse):
-                errors = [scientific(float(nmse[key].iloc[0])) for key in ("value", "noise")]
+                error, noise = (float(nmse[key].iloc[0]) for key in ("value", "noise"))
+                errors = error_text(error), scientific(noise)
                 lines.append([str(name), str(group), method, *errors, *_agreement(method, rows)])
     return TextTable(heads, lines)
 

@@ -337,27 +337,29 @@ def changes_table(changes: Sequence[Change]) -> TextTable:
 
 
 def means_table(names: Sequence[str], runs: Sequence[ResultsLike]) -> TextTable:
-    """NMSE and median skill of every method in every run, over all its scenes.
+    """NMSE and median skill of every method over all scenes of each run: a line a method and run.
 
     How many have a skill is told where the noise leaves some without one.
     """
-    lines = []
     methods = dict.fromkeys(m for run in runs for m in distinct(run.table["method"]))
-    for method in methods:
-        cells = []
-        for run in runs:
-            rows = run.table[run.table["method"] == method]
-            nmse, skill = (overall_rows(rows, name)["value"] for name in ("nmse", "skill"))
-            finite, told = not nmse.isna().any(), int(skill.notna().sum())
-            partly = method != TRIVIAL and told < len(nmse)
-            cells += [
-                number_with_error(complete_mean(nmse), math.nan),
-                number_with_error(float(skill.median()) if finite else math.nan, math.nan),
-                f"{len(nmse)}, {told} with a skill" if partly else str(len(nmse)),
-            ]
-        lines.append([method, *cells])
-    heads = [f"{what}, {name}" for name in names for what in ("NMSE", "skill", "scenes")]
-    return TextTable(("method", *heads), lines)
+    lines = [
+        [method, name, *_means(run.table[run.table["method"] == method], method)]
+        for method in methods
+        for name, run in zip(names, runs, strict=True)
+    ]
+    return TextTable(("method", "run", "NMSE", "skill", "scenes"), lines)
+
+
+def _means(rows: pd.DataFrame, method: str) -> list[str]:
+    nmse, skill = (overall_rows(rows, name)["value"] for name in ("nmse", "skill"))
+    finite, told = not nmse.isna().any(), int(skill.notna().sum())
+    partly = method != TRIVIAL and told < len(nmse)
+    mean = number_with_error(complete_mean(nmse), math.nan)
+    return [
+        mean if finite else "not finite",
+        number_with_error(float(skill.median()) if finite else math.nan, math.nan),
+        f"{len(nmse)}, {told} with a skill" if partly else str(len(nmse)),
+    ]
 
 
 def differing(names: Sequence[str], runs: Sequence[ResultsLike]) -> TextTable:

@@ -66,6 +66,17 @@ def scientific(value: float) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
+def error_text(value: float) -> str:
+    """An error of a method that was scored: only an estimate that is not finite has no number.
+
+    Examples
+    --------
+    >>> error_text(0.000412), error_text(float("nan"))
+    ('4.1e-4', 'not finite')
+    """
+    return scientific(value) if math.isfinite(value) else "not finite"
+
+
 def skill_text(value: float) -> str:
     """A skill: more digits the closer it is to 1; a dash where there is none to report.
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from malus.reports.tables.formats import NO_NUMBER, markdown, scientific, skill_text
+from malus.reports.tables.formats import NO_NUMBER, error_text, markdown, scientific, skill_text
 from malus.reports.tables.rows import PAPER_NMSE, TRIVIAL, distinct, overall_rows, scored_methods
 from malus.reports.tables.skills import by_light_and_body, negative_skills, unreported_skills
 
@@ -56,14 +57,15 @@ def beside_paper(table: pd.DataFrame) -> TextTable:
             largest = float(scored["value"].max(skipna=False))  # of what is not finite: no number
             ranges = [range_of_means(scored, by) for by in ("material", "surface")]
             below = "yes" if largest < PAPER_NMSE[0] else "no"
-            lines.append([body, method, *ranges, scientific(largest), below])
+            lines.append([body, method, *ranges, error_text(largest), below])
     heads = ("body", "method", "mean by material", "mean by surface", "worst scene")
     return TextTable((*heads, f"every scene below {PAPER_NMSE[0]:g}"), lines)
 
 
 def by_method(numbers: pd.DataFrame) -> TextTable:
     """Mean ± standard deviation behind a figure: a line an x of its axis, a column a method."""
-    cells = numbers["mean"].map(scientific) + " ± " + numbers["std"].map(scientific)
+    means, spreads = numbers["mean"].map(error_text), " ± " + numbers["std"].map(scientific)
+    cells = means + spreads.where(np.isfinite(numbers["mean"]), "")
     keys = [name for name in ("panel", "light", "name", "x") if name in numbers]
     wide = numbers.assign(cell=cells).pivot(index=keys, columns="method", values="cell")
     methods = distinct(numbers["method"])
@@ -101,6 +103,8 @@ def points(numbers: pd.DataFrame) -> TextTable:
 def range_of_means(rows: pd.DataFrame, by: str) -> str:
     """Smallest and largest mean of the groups of a column, as text."""
     means = rows.groupby(by)["value"].agg(lambda values: values.mean(skipna=False))
+    if not np.isfinite(means).all():
+        return error_text(math.nan)
     return f"{scientific(means.min(skipna=False))} … {scientific(means.max(skipna=False))}"
 
 
@@ -120,7 +124,8 @@ def _error_line(row: dict[str, Any]) -> list[str]:
     names = [str(row[name]) for name in ("body", "light", "method")]
     if row["inapplicable"] == row["scenes"]:
         return [*names, "0", "not applicable", *[NO_NUMBER] * 7]
-    numbers = [scientific(row[name]) for name in ("nmse_mean", "nmse_max", "noise")]
+    numbers = [error_text(row[name]) for name in ("nmse_mean", "nmse_max")]
+    numbers.append(scientific(row["noise"]))
     skills = [skill_text(row[name]) for name in _SKILLS]
     if row["method"] == TRIVIAL:  # it is what skill is measured against
         skills = [NO_NUMBER] * len(_SKILLS)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from malus.reports.tables.formats import counted, scientific, skill_text
+from malus.reports.tables.formats import counted, error_text, skill_text
 from malus.reports.tables.rows import overall_rows
 from malus.reports.templates.render import asset, render
 from malus.reports.viewer.pack import Packer, Shown
@@ -64,7 +64,7 @@ def _scores(
     )
     return {
         printable(method): {
-            "nmse": scientific(value),
+            "nmse": error_text(value),
             "skill": skill_text(skill.get(method, np.nan)),
             "unmixed": skill_text(of_unmixed.get(method, np.nan)),
         }

@@ -109,7 +109,7 @@ def test_an_estimate_that_is_not_finite_is_not_a_guess_inside_the_noise(
     assert not any("inside the noise" in label for label in tiles)
     assert best_method(broken(table)) != "eq8"
     captures = captured_by_group(broken(sample.captured()))
-    assert next(line for line in captures.lines if line[1] == "eq8")[3].startswith("–")
+    assert next(line for line in captures.lines if line[1] == "eq8")[3].startswith("not finite")
 
 
 def test_the_degree_of_a_capture_is_said_to_be_of_the_whole_picture() -> None:
@@ -121,9 +121,9 @@ def test_comparisons_tell_how_many_scenes_have_a_skill(table: pd.DataFrame) -> N
     hidden = with_skill(table, math.nan, method="eq8", light="uniform", surface="carbon")
     tables = [table, hidden, broken(table)]
     lines = means_table(("whole", "part", "broken"), [Results(each, run) for each in tables]).lines
-    eq8 = next(line for line in lines if line[0] == "eq8")
-    assert [eq8[3], eq8[6]] == ["12", "12, 9 with a skill"]
-    assert eq8[7:9] == ["–", "–"]
+    whole, part, not_finite = (line for line in lines if line[0] == "eq8")
+    assert [whole[4], part[4]] == ["12", "12, 9 with a skill"]
+    assert not_finite[1:4] == ["broken", "not finite", "–"]
 
 
 def test_an_error_of_interpolation_is_told_where_there_is_one() -> None:
