@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 
@@ -15,6 +16,9 @@ from malus.reports.tables.formats import counted
 from malus.reports.tables.text_tables import left_out
 from malus.scenes.core.errors import printable
 from malus.scenes.core.json_text import json_text
+
+_METHOD_WIDTH = 20
+"""Columns of a terminal for names of methods: longer ones would leave none to the numbers."""
 
 NEXT_RUN = (
     "a next run tries again what failed for a wrong input, and leaves out the rest, which"
@@ -52,12 +56,14 @@ def results_table(results: Results) -> Table:
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     # Where columns are too wide together, those that may wrap are made narrower, and no other.
     table.add_column("light", overflow="fold")
-    for name in ("body", "method"):
-        table.add_column(name, no_wrap=True)
+    table.add_column("body", no_wrap=True)
+    rows = list(headline(results))
+    longest = max((cell_len(printable(row["method"])) for row in rows), default=0)
+    table.add_column("method", width=min(longest, _METHOD_WIDTH), overflow="fold")
     for name in ("NMSE", "skill", "worst", "unmixed"):
         table.add_column(name, justify="right", no_wrap=True)
     without: dict[tuple[str, str], int] = {}
-    for row in headline(results):
+    for row in rows:
         numbers = [_skill(row[f"skill_{name}"]) for name in ("median", "min", "unmixed_median")]
         mean = row["nmse_mean"]
         nmse = "not finite" if mean is None else f"{mean:.1e}"

@@ -118,12 +118,14 @@ def _figure5(rows: pd.DataFrame) -> Iterator[Tile]:
     own, trivial = (errors[errors["method"] == name] for name in (PAPER_METHOD, TRIVIAL))
     if len(own):
         for by in ("material", "surface"):
+            if own[by].nunique() == 1:
+                continue  # its range is one number twice
             numbers = range_of_means(own, by)
             yield numbers, f"mean NMSE of {PAPER_METHOD} by {by}. The paper: {PAPER_RANGE}"
         yield scientific(float(own["noise"].mean())), "Monte Carlo noise in the mean NMSE"
     if len(trivial):
-        what = "the same" if len(own) else "mean NMSE by material"
-        yield range_of_means(trivial, "material"), f"{what} of the trivial guess I(ϑ) = I/2"
+        label = "mean NMSE of the trivial guess I(ϑ) = I/2 by material"
+        yield range_of_means(trivial, "material"), label
 
 
 def _table1(colours: pd.DataFrame, best: str, suite: str, note: str) -> Iterator[Tile]:

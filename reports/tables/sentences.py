@@ -203,10 +203,14 @@ def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
 def doubts(table: pd.DataFrame) -> Iterator[str]:
     """A sentence on the roughness values that nobody has verified, if there are any."""
     names = unverified_surfaces(table)
-    if names:
+    if len(names) == 1:
         yield (
-            f"{counted(len(names), 'roughness value is an', 'roughness values are')} unverified"
-            f" {'stand-in' if len(names) == 1 else 'stand-ins'} ({listed(names)}): nobody has"
+            f"The roughness value of {names[0]} is an unverified stand-in: nobody has compared it"
+            " with the printed source, and it is a rendering parameter rather than a measurement."
+        )
+    elif names:
+        yield (
+            f"{len(names)} roughness values are unverified stand-ins ({listed(names)}): nobody has"
             " compared them with the printed source, and they are rendering parameters rather"
             " than measurements."
         )

@@ -125,12 +125,15 @@ def test_tables_that_end_in_an_error_leave_what_was_there(tmp_path: Path) -> Non
     assert {path.name for path in tmp_path.iterdir()} == {TABLE, HEADLINES}
 
 
-def test_no_number_of_the_printed_table_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On 80 columns the names of lights give way: half a number is none."""
+@pytest.mark.parametrize("method", ["shadowed+body", "my_own_method_" * 9, "方法" * 20])
+def test_no_number_of_the_printed_table_is_cut(
+    monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    """On 80 columns the names of lights and methods give way: half a number is none."""
     row: dict[str, Any] = {
         "light": "area 106.766° polarised 36.7486° to 0.912345",
         "body": "unpolarised",
-        "method": "shadowed+body",
+        "method": method,
         "nmse_mean": 1.2e-11,
         "skill_median": -40.125,
         "skill_min": -1234.5,
@@ -141,7 +144,7 @@ def test_no_number_of_the_printed_table_is_cut(monkeypatch: pytest.MonkeyPatch) 
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(printing.results_table(cast(Results, None)))
     text = console.export_text()
-    for number in ("1.2e-11", "-40.125", "-1234.500", "0.750", "shadowed+body", "unpolarised"):
+    for number in ("1.2e-11", "-40.125", "-1234.500", "0.750", method[:10], "unpolarised"):
         assert number in text
     assert "…" not in text
 

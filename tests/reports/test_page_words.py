@@ -18,6 +18,8 @@ from malus.reports import write_report
 from malus.reports.tables import sample, text_tables
 from malus.reports.tables.compared_runs import means_table
 from malus.reports.tables.figure_numbers import both_panels
+from malus.reports.tables.headline import headline_tiles
+from malus.reports.tables.sentences import doubts
 
 
 def words(table: pd.DataFrame, folder: Path) -> str:
@@ -69,3 +71,29 @@ def test_runs_side_by_side_fit_a_terminal_of_80_columns(table: pd.DataFrame) -> 
     console.print(shown)
     printed = console.file.getvalue()
     assert all(cell in printed for line in means.lines for cell in line)
+
+
+def test_the_guess_has_a_tile_of_its_own_words(table: pd.DataFrame) -> None:
+    """It stood behind the noise as "the same": a reader took it for the noise of the guess."""
+    tiles = {label: number for number, label in headline_tiles(table, pd.DataFrame(), "sample")}
+    rows = table[(table["metric"] == "nmse") & (table["body"] == "unpolarised")]
+    rows = rows[rows["band_nm"].isna() & rows["angle_deg"].isna()]
+    means = rows[rows["method"] == "unpolarised"].groupby("material")["value"].mean()
+    guess = tiles["mean NMSE of the trivial guess I(ϑ) = I/2 by material"]
+    least, most = (float(number) for number in guess.split(" … "))
+    # Two digits are shown.
+    assert (least, most) == pytest.approx((means.min(), means.max()), rel=0.05)
+
+
+def test_one_surface_makes_no_range(table: pd.DataFrame) -> None:
+    one = table[table["surface"] == table["surface"].iloc[0]]
+    labels = [label for _, label in headline_tiles(one, pd.DataFrame(), "sample")]
+    assert any("by material" in label for label in labels)
+    assert not any("by surface" in label for label in labels)
+
+
+def test_one_roughness_value_is_doubted_in_the_singular(table: pd.DataFrame) -> None:
+    one = table[table["surface"] == "carbon"]
+    (doubt,) = doubts(one)
+    assert "them" not in doubt and "they" not in doubt
+    assert doubt.startswith("The roughness value of carbon is an unverified stand-in")
