@@ -8,9 +8,11 @@ import math
 import re
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pandas as pd
 import pytest
+from browser import Browser
 from rich.console import Console
 
 from malus.bench.commands.printing import plain_table
@@ -97,3 +99,45 @@ def test_one_roughness_value_is_doubted_in_the_singular(table: pd.DataFrame) -> 
     (doubt,) = doubts(one)
     assert "them" not in doubt and "they" not in doubt
     assert doubt.startswith("The roughness value of carbon is an unverified stand-in")
+
+
+def test_without_a_script_the_page_says_so_and_stays_legible(
+    report: Path, tmp_path: Path, browser: Browser
+) -> None:
+    """Dead buttons and empty panels tell nobody why; dark colours came without their links' one."""
+    page = tmp_path / "page.html"
+    page.write_text(re.sub(r"<script>.*?</script>", "", report.read_text("utf-8"), flags=re.DOTALL))
+    cdp = browser.driver.execute_cdp_cmd
+    try:
+        cdp("Emulation.setScriptExecutionDisabled", {"value": True})
+        features = [{"name": "prefers-color-scheme", "value": "dark"}]
+        cdp("Emulation.setEmulatedMedia", {"features": features})
+        browser.driver.get(page.as_uri())
+        seen = browser.driver.find_element("id", "look").text
+        assert "needs JavaScript" in seen
+        assert "Exposure" not in seen
+        link = browser.driver.find_element("css selector", "nav a")
+        body = browser.driver.find_element("tag name", "body")
+        pair = (rgb(link, "color"), rgb(body, "background-color"))
+    finally:
+        cdp("Emulation.setScriptExecutionDisabled", {"value": False})
+        cdp("Emulation.setEmulatedMedia", {"features": []})
+    assert contrast(*pair) >= 4.5  # WCAG 2.1, level AA
+
+
+def rgb(element: Any, name: str) -> list[float]:
+    """Red, green and blue of a colour of an element, 0 to 255."""
+    return [float(part) for part in re.findall(r"[0-9.]+", element.value_of_css_property(name))[:3]]
+
+
+def contrast(first: list[float], second: list[float]) -> float:
+    """Contrast of two colours as WCAG 2.1 defines it."""
+    light, dark = sorted(map(luminance, (first, second)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+def luminance(colour: list[float]) -> float:
+    """Relative luminance of a colour of sRGB."""
+    codes = [part / 255 for part in colour]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in codes]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
