@@ -97,11 +97,16 @@ def method_styles(methods: Sequence[str]) -> dict[str, MethodStyle]:
     >>> method_styles(["eq8"])["eq8"].colour
     '#d55e00'
     """
+    named = dict.fromkeys(method.removesuffix(_BODY) for method in methods if method != _TRIVIAL)
     families = list(_FIRST_METHODS)
-    for method in methods:
-        family = method.removesuffix(_BODY)
-        if family not in families and family != _TRIVIAL:
+    for family in named:
+        if family in families:
+            continue
+        absent = [name for name in families if name not in named]
+        if len(families) < len(PALETTE) or not absent:
             families.append(family)
+        else:  # of a method that is not drawn: two of one colour are told apart less well
+            families[families.index(absent[0])] = family
     return {method: _method_style(method, families) for method in methods}
 
 

@@ -20,7 +20,7 @@ from malus.reports.figures.figure5 import figure5, figure5_by_light
 from malus.reports.figures.figure9 import figure9
 from malus.reports.figures.ladder import figure_ladder
 from malus.reports.figures.panels import spread
-from malus.reports.figures.style import png, svg
+from malus.reports.figures.style import PALETTE, method_styles, png, svg
 from malus.reports.tables import sample
 from malus.reports.tables.colour_errors import figure9_numbers
 from malus.reports.tables.figure_numbers import both_panels, ladder_numbers, numbers
@@ -83,6 +83,21 @@ def test_a_bar_that_ends_below_zero_runs_off_the_logarithmic_axis(table: pd.Data
     assert all(b[0][1] < ax.get_ylim()[0] for b in ax.collections[3].get_segments())
     whole = [bar[0][1] for bar in ax.collections[2].get_segments()]
     np.testing.assert_array_equal(np.array(whole)[endless], values["mean"][endless])
+
+
+@pytest.mark.parametrize("count", range(1, len(PALETTE) + 1))
+def test_no_two_methods_share_a_colour_while_one_is_free(count: int) -> None:
+    """Colours stayed kept for methods that were not run, and a seventh took the first again."""
+    methods = ["eq8", "blind", "net", "paper", "my own", "another"][:count]
+    styles = method_styles(["unpolarised", *methods])
+    assert len({styles[method].colour for method in methods}) == count
+    assert styles["eq8"].colour == method_styles(["eq8"])["eq8"].colour
+
+
+def test_with_more_methods_than_colours_none_look_alike() -> None:
+    methods = [f"method {number}" for number in range(3 * len(PALETTE))]
+    styles = method_styles(methods)
+    assert len({(style.colour, style.marker) for style in styles.values()}) == len(methods)
 
 
 def test_methods_at_one_x_stand_side_by_side(table: pd.DataFrame) -> None:
