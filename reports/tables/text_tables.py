@@ -213,7 +213,7 @@ def stress_groups(cases: pd.DataFrame) -> TextTable:
     lines = [
         [
             str(name), str(len(rows)), str(int((~rows["passed"]).sum())),
-            scientific(float(rows["error"].max())), scientific(float(rows["seconds"].max())),
+            scientific(float(rows["error"].max())), f"{rows['seconds'].max():.2g}",
         ]
         for name, rows in cases.groupby("group", sort=False)
     ]  # fmt: skip

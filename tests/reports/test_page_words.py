@@ -141,3 +141,27 @@ def luminance(colour: list[float]) -> float:
     codes = [part / 255 for part in colour]
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in codes]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_error_maps_stand_under_their_heads_whatever_is_written_beside_them(
+    browser: Browser, report: Path
+) -> None:
+    """A name or number that is long pushed the images from their heads, and out of the page."""
+    browser.open(report)
+    apart = browser.js("""
+        const table = document.querySelector(".error-maps table");
+        table.querySelector("tbody th").textContent = "a_method".repeat(20);
+        table.querySelector("tbody span").textContent = "4.33 ± 0.76, 222 pixels not finite";
+        const middle = (e) => { const b = e.getBoundingClientRect(); return b.left + b.width / 2; };
+        const heads = [...table.querySelectorAll("thead th")];
+        const images = [...table.querySelectorAll("tbody tr:first-child img")];
+        return [images[0].getBoundingClientRect().right,
+                Math.max(...images.map((image, k) => Math.abs(middle(image) - middle(heads[k]))))];
+    """)
+    assert apart[0] < 1280 / 2
+    assert apart[1] < 5  # cells have 8 pixels of room on their right, heads 12
+
+
+def test_seconds_of_the_study_stress_are_no_powers_of_ten() -> None:
+    cases = pd.DataFrame({"group": ["rho"], "passed": [True], "error": [0.0], "seconds": [0.4812]})
+    assert text_tables.stress_groups(cases).lines[0][-1] == "0.48"
