@@ -169,11 +169,13 @@ def _maps() -> Table:
     from malus.scenes.maps import ALWAYS
 
     title = "maps: what datasets hold; those not always there are asked for with `maps`"
-    table = _new(title, "name", "always", "unit", "frame", "type", "what it is", "partly covered")
+    # Seven columns would break words into syllables on 80: what belongs together shares one.
+    table = _new(title, "name", "always", "unit; frame; type", "what it is; partly covered")
     for name, one in list_maps().items():
         kind = f"{one.dtype} × {one.shape}" if one.shape else one.dtype
-        always = "yes" if name in ALWAYS else ""
-        table.add_row(name, always, one.unit, one.frame, kind, one.summary, one.partly_covered)
+        measured = "\n".join(filter(None, (one.unit, one.frame, kind)))
+        told = f"{one.summary}\npartly covered: {one.partly_covered}"
+        table.add_row(name, "yes" if name in ALWAYS else "", measured, told)
     return table
 
 
@@ -181,13 +183,13 @@ def _sensors() -> Table:
     from malus.bench.public.lists import list_sensors
 
     title = "sensors of polarisation cameras"
-    table = _new(title, "preset", "what it is", "keys", "to be given", "source")
+    table = _new(title, "preset", "what it is; source", "keys", "to be given")
     for name, values in list_sensors().items():
         about = ("id", "name", "needs", "source")
         shown = {key: value for key, value in values.items() if key not in about}
         keys = ", ".join(f"{key} {_plain(value)}" for key, value in shown.items())
         given = ", ".join(values["needs"])
-        table.add_row(name, values["name"], keys, given, values["source"])
+        table.add_row(name, f"{values['name']}\n{values['source']}", keys, given)
     return table
 
 

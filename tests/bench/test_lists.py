@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import io
 import tomllib
+from collections.abc import Callable
 
 import pytest
+from rich.console import Console
+from rich.table import Table
 
 from malus.bench.commands.list import (
     _UNSHOWN,
     SHOWN_NM,
+    _kinds,
     _maps,
     _materials,
     _metals,
+    _methods,
+    _metrics,
+    _sensors,
     _shown,
     _suites,
     _surfaces,
@@ -114,3 +122,24 @@ def test_what_is_always_in_a_dataset_is_no_map_of_a_suite() -> None:
         "stokes", "specular", "diffuse", "standard_error", "normals", "mask",
     }  # fmt: skip
     assert not always["depth"]
+
+
+TABLES = (
+    _suites, _methods, _metrics, _materials, _metals, _surfaces, _swatches, _maps, _sensors,
+)  # fmt: skip
+KINDS_OF = {"shapes": list_shapes, "lights": list_lights, "patterns": list_patterns}
+
+
+@pytest.mark.parametrize(
+    "make", [*TABLES, *(lambda k=k: _kinds(k, KINDS_OF[k]()) for k in KINDS_OF)]
+)
+def test_no_list_breaks_words_on_80_columns(make: Callable[[], Table]) -> None:
+    """A name in two halves cannot be copied, and a column of syllables cannot be read."""
+    table = make()
+    console = Console(width=80, file=io.StringIO(), markup=False)
+    console.print(table)
+    words = set(console.file.getvalue().replace("│", " ").split())  # type: ignore[attr-defined]
+    cells = [str(cell) for column in table.columns for cell in column.cells]
+    broken = {word for cell in cells for word in cell.split()} - words
+    # As wide as the longest word of a list's columns can be: names of keys.
+    assert {word for word in broken if len(word) <= 17} == set()

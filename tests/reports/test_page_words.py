@@ -32,7 +32,9 @@ def words(table: pd.DataFrame, folder: Path) -> str:
     return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", bare)).split())
 
 
-@pytest.mark.parametrize(("body", "called"), [("none", "no body (metal)"), ("mixed", "mixed bodies")])
+@pytest.mark.parametrize(
+    ("body", "called"), [("none", "no body (metal)"), ("mixed", "mixed bodies")]
+)
 def test_a_body_that_is_none_is_not_called_a_none_body(
     table: pd.DataFrame, tmp_path: Path, body: str, called: str
 ) -> None:
