@@ -132,7 +132,8 @@ def _draw(ax: Axes, values: pd.DataFrame, content: FigureContent) -> None:
         rows = values[values["method"] == method]
         bars(ax, rows.assign(x=rows["x"] + (number - middle) * step), method_style)
     noise = values.groupby("x")["noise"].max()
-    ax.plot(noise.index, noise.where(noise > 0), ":", color=INK, lw=0.9, zorder=1)
+    alone = "_" if len(noise) == 1 else ""  # a line of one point is none
+    ax.plot(noise.index, noise.where(noise > 0), ":", marker=alone, color=INK, lw=0.9, zorder=1)
 
 
 def _draw_own_range(ax: Axes, values: pd.DataFrame) -> None:
@@ -177,7 +178,25 @@ def _label_surfaces(ax: Axes, values: pd.DataFrame) -> None:
     names = {float(str(x)): [_readable(name) for name in surfaces] for x, surfaces in pairs}
     labels = ["\n".join([f"{x:g}", *surfaces]) for x, surfaces in names.items()]
     if sum(map(len, names.values())) <= _MOST_SURFACES:
-        ax.set_xticks(list(names), labels)
+        width = ax.get_figure(root=True).get_figwidth() / (1 + 2 * ax.margins()[0])
+        ax.set_xticks(list(names), _apart(list(names), labels, width))
+
+
+def _apart(places: Sequence[float], labels: Sequence[str], inches: float) -> list[str]:
+    """Labels of ticks over so many inches, from the left; one that would touch the last is empty.
+
+    Examples
+    --------
+    >>> _apart([0.1, 0.101, 0.5], ["0.1", "0.101", "0.5"], 6.0)
+    ['0.1', '', '0.5']
+    """
+    scale, end, shown = inches / (float(np.ptp(places)) or 1.0), -np.inf, []
+    for place, label in zip(places, labels, strict=True):
+        half = 0.5 * max(map(len, label.splitlines())) / _LETTERS_AN_INCH
+        fits = scale * place - half > end
+        shown.append(label if fits else "")
+        end = scale * place + half if fits else end
+    return shown
 
 
 def _readable(name: str) -> str:
@@ -229,20 +248,21 @@ def _legend_label(content: FigureContent, covered: Mapping[str, Coverage], metho
     return drawable(f"{method}{guess}{f': {partial}' if partial else ''}")
 
 
-def _few(column: pd.Series[str]) -> str:
+def _few(column: pd.Series[str], noun: str) -> str:
     names = distinct(column)
-    return ", ".join(names) if len(names) <= 6 else f"{len(names)} of them"
+    return f"{noun} {', '.join(names)}" if len(names) <= 6 else f"{len(names)} {noun}s"
 
 
 def _caption(rows: pd.DataFrame, over: str) -> str:
     if is_of_captures(rows):
-        names, groups = _few(rows["shape"]), _few(rows["light"])
         captures = counted(rows["scene"].nunique(), "capture")
-        of_what = f"{captures}: {names}; group {groups}."
+        names = distinct(rows["shape"])
+        which = f": {', '.join(names)}" if len(names) <= 6 else ""
+        of_what = f"{captures}{which}; {_few(rows['light'], 'group')}."
         return drawable(f"Mean ± standard deviation over {over}{of_what}")
     bodies = ", ".join(map(body_text, distinct(rows["body"])))
     return drawable(
         f"Mean ± standard deviation over {over}the scenes of each point,"
         f" {rows['scene'].nunique()} in all:"
-        f" {_few(rows['shape'])}; light {_few(rows['light'])}; {bodies}."
+        f" {_few(rows['shape'], 'shape')}; {_few(rows['light'], 'light')}; {bodies}."
     )
