@@ -8,7 +8,14 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.tables.formats import NO_NUMBER, counted, error_text, listed, scientific, skill_text
+from malus.reports.tables.formats import (
+    NO_NUMBER,
+    counted,
+    error_text,
+    listed,
+    scientific,
+    skill_text,
+)
 from malus.reports.tables.rows import (
     TRIVIAL,
     complete_mean,

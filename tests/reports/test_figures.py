@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 import statistics
 import xml.etree.ElementTree as ET
+from itertools import count, pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -333,14 +333,14 @@ def test_a_method_that_some_rung_never_lets_work_has_no_bar() -> None:
 
 def test_labels_of_near_roughnesses_do_not_lie_on_each_other(table: pd.DataFrame) -> None:
     """Measured on the drawn figure: those of several surfaces near 0.1 were one black spot."""
-    near = {name: 0.1 + 0.001 * k for k, name in enumerate(table["surface"].unique())}
-    near[max(near)] = 0.5
-    figure = figure5(table.assign(alpha=table["surface"].map(near)), "unpolarised")
+    alphas = table["material"].map(dict(zip(table["material"].unique(), count(), strict=False)))
+    alphas = (0.1 + 0.001 * alphas).mask(table["surface"] == table["surface"].iloc[0], 0.5)
+    figure = figure5(table.assign(alpha=alphas, surface=alphas.map(str)), "unpolarised")
     svg(figure)  # lays it out
     axis = figure.axes[1].xaxis
     boxes = [label.get_window_extent() for label in axis.get_ticklabels() if label.get_text()]
     assert len(boxes) >= 2
-    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
 
 
 def test_the_noise_of_one_roughness_is_seen(table: pd.DataFrame) -> None:
@@ -353,7 +353,7 @@ def test_the_noise_of_one_roughness_is_seen(table: pd.DataFrame) -> None:
 
 
 def test_a_caption_says_what_there_are_many_of(table: pd.DataFrame) -> None:
-    """"12 of them" after a number of scenes reads as 12 of the scenes."""
+    """ "12 of them" after a number of scenes reads as 12 of the scenes."""
     many = [f"blob-{number}" for number in range(len(table))]
     title = figure5(table.assign(shape=many), "unpolarised").legends[0].get_title().get_text()
     assert re.search(r"in all: \d+ shapes; light uniform", " ".join(title.split()))

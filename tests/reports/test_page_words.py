@@ -99,7 +99,8 @@ def test_one_surface_makes_no_range(table: pd.DataFrame) -> None:
 def test_one_roughness_value_is_doubted_in_the_singular(table: pd.DataFrame) -> None:
     one = table[table["surface"] == "carbon"]
     (doubt,) = doubts(one)
-    assert "them" not in doubt and "they" not in doubt
+    assert "them" not in doubt
+    assert "they" not in doubt
     assert doubt.startswith("The roughness value of carbon is an unverified stand-in")
 
 
