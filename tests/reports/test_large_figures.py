@@ -105,7 +105,7 @@ def test_names_of_many_materials_and_surfaces_are_left_out() -> None:
              for fig in (few, many)]  # fmt: skip
     assert [len(names) for names in named] == [9, 0]
     ticks = [[t.get_text() for t in fig.axes[1].get_xticklabels()] for fig in (few, many)]
-    assert all("alpha" in tick for tick in ticks[0])
+    assert "alpha" in ticks[0][0]  # of the others those that would touch are left out
     assert not any("alpha" in tick for tick in ticks[1])
 
 
