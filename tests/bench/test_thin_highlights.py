@@ -11,7 +11,21 @@ from click.testing import CliRunner
 
 from malus.bench.commands.plan import plan_command
 from malus.bench.running.thin_highlights import ENOUGH, highlight_samples, thin_highlights
-from malus.scenes import Camera, Conductor, Dielectric, Distant, Scene, Sphere, Uniform
+from malus.scenes import (
+    Camera,
+    Conductor,
+    Dielectric,
+    Distant,
+    Patterned,
+    Placed,
+    Plane,
+    Scene,
+    Sky,
+    Sphere,
+    Stripes,
+    Surroundings,
+    Uniform,
+)
 from malus.scenes.lights.lights import Light
 
 
@@ -57,6 +71,32 @@ def test_the_highlight_of_brushed_metal_is_an_ellipse() -> None:
     )
     expected = pytest.approx(highlight_samples(round_one, 16), rel=1e-12)
     assert highlight_samples(brushed, 16) == expected
+
+
+def test_a_sun_is_mirrored_as_a_distant_light_is() -> None:
+    """Over seeds the light of the highlights spreads as under such a lamp: the disc is a point."""
+    camera = Camera(resolution=48)
+    lamp = ball(0.003, camera)
+    assert highlight_samples(ball(0.003, camera, Sky()), 64) == highlight_samples(lamp, 64)
+    assert highlight_samples(ball(0.003, camera, Sky(sun=False)), 64) == math.inf
+
+
+def test_the_smallest_highlight_of_all_objects_and_surfaces_counts() -> None:
+    """It is as large as on its object alone; a plane is not curved and has none."""
+    rough, smooth = (Dielectric(eta=1.5, alpha=alpha) for alpha in (0.3, 0.005))
+    own = ball(0.3, Camera(resolution=48))
+
+    def among(*objects: Placed) -> float:
+        around = Surroundings(name="desk", objects=objects)
+        return highlight_samples(own.model_copy(update={"surroundings": around}), 16)
+
+    expected = pytest.approx(highlight_samples(ball(0.005, own.camera), 16), rel=1e-12)
+    assert among(Placed(shape=Sphere(), surface=smooth)) == expected
+    halved = Placed(shape=Sphere(), surface=smooth.model_copy(update={"alpha": 0.01}), scale=0.5)
+    assert among(halved) == expected
+    assert among(Placed(shape=Plane(), surface=smooth)) == highlight_samples(own, 16)
+    striped = Patterned(pattern=Stripes(), surfaces=(rough, smooth))
+    assert highlight_samples(own.model_copy(update={"surface": striped}), 16) == expected
 
 
 def test_the_limits_tell_samples_as_they_are_counted() -> None:
