@@ -94,6 +94,40 @@ def test_families_that_bounce_are_interpolated() -> None:
 
 
 @needs_arrays
+@pytest.mark.parametrize("depth", [2, 4])
+@pytest.mark.parametrize("radiance", [2.0, 200.0])
+def test_the_error_of_interpolation_is_that_of_the_held_out_render(
+    depth: int, radiance: float
+) -> None:
+    """Over the peak of its lobe, whatever the light's strength: the worst of all bands and lobes.
+
+    Three nodes, so that what interpolation leaves is far above rounding; the least index, where it
+    leaves most, is held out.
+    """
+    sampling, bands = Sampling(samples=4, max_depth=depth), (450.0, 650.0)
+    light = LAMP.model_copy(update={"radiance": radiance})
+    scenes = [
+        scene_of(Dielectric(eta=eta, alpha=0.2, albedo="red"), light, RING).model_copy(
+            update={"wavelengths_nm": bands}
+        )
+        for eta in (1.33, 1.4, 1.5, 1.6, 1.7)
+    ]
+    family = render_family(scenes, sampling, nodes=3)
+    between, direct = (f.truth(scenes[0]) for f in (family, render_family(scenes[:1], sampling)))
+    seen = np.linalg.norm(direct.normals, axis=-1) > 0
+    rms, worst = [], []
+    for name in ("specular", "diffuse"):
+        found, true = (getattr(truth, name)[seen].astype(float) for truth in (between, direct))
+        peak = true[..., 0].max(axis=0)
+        rms.extend(np.sqrt(np.mean((found - true) ** 2, axis=(0, 2))) / peak)
+        worst.extend(np.abs(found - true).max(axis=(0, 2)) / peak)
+    assert max(rms) > 2e-5
+    # Rounding of single precision is a hundredth of these errors.
+    assert family.interpolation_error["rms"] == pytest.approx(max(rms), rel=0.02)
+    assert family.interpolation_error["worst"] == pytest.approx(max(worst), rel=0.02)
+
+
+@needs_arrays
 def test_the_albedo_counts_more_than_once_where_light_bounces() -> None:
     sampling = Sampling(samples=64, max_depth=6)
 
