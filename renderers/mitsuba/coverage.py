@@ -6,7 +6,7 @@ the scores of those pixels would change with it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -28,19 +28,71 @@ def meets(scene: Any, ray: Any, far: bool) -> Any:
     return scene.ray_intersect_preliminary(ray).is_valid() if far else scene.ray_test(ray)
 
 
+BESIDE = ((0.0083, 0.0037), (-0.0037, 0.0083), (-0.0083, -0.0037), (0.0037, -0.0083))
+"""Places around a corner, in pixels, that tell whether an edge of a mesh lets its ray through."""
+
+
 def inside(mi: ModuleType, scene: Any, resolution: int, far: bool = False) -> BoolArray:
     """Whether the only shape of `scene` is hit at all four corners of each pixel (resolution²,)."""
+    sensor = scene.sensors()[0]
+
+    def index_at(x: Float32Array, y: Float32Array) -> Int32Array:
+        if mi.variant().startswith("scalar"):
+            places = zip(x, y, strict=True)
+            rays = (sensor.sample_ray(0, 0, [a, b], [0.5, 0.5])[0] for a, b in places)
+            hit = np.array([scene.ray_test(ray) for ray in rays])
+        else:
+            ray, _ = sensor.sample_ray(0.0, 0.0, mi.Point2f(x, y), mi.Point2f(0.5))
+            hit = np.asarray(meets(scene, ray, far))
+        return np.where(hit, 0, -1).astype(np.int32)
+
+    return _same_at_corners(index_at, resolution) == 0
+
+
+def _same_at_corners(
+    index_at: Callable[[Float32Array, Float32Array], Int32Array], resolution: int
+) -> Int32Array:
+    """Number (pixels,) of the object at all four corners of each pixel, or -1.
+
+    `index_at` gives the number of the object at places (x, y) of the film, each in 0..1, or -1.
+    Rays exactly through an edge of a mesh may meet neither of its faces. Where all places around a
+    corner show one object, the corner does.
+    """
     corner = np.linspace(0.0, 1.0, resolution + 1, dtype=np.float32)
     x, y = (grid.ravel() for grid in np.meshgrid(corner, corner))
-    sensor = scene.sensors()[0]
-    if mi.variant().startswith("scalar"):
-        rays = (sensor.sample_ray(0, 0, [a, b], [0.5, 0.5])[0] for a, b in zip(x, y, strict=True))
-        hit = np.array([scene.ray_test(ray) for ray in rays])
-    else:
-        ray, _ = sensor.sample_ray(0.0, 0.0, mi.Point2f(x, y), mi.Point2f(0.5))
-        hit = np.asarray(meets(scene, ray, far))
-    hit = hit.reshape(resolution + 1, resolution + 1)
-    return (hit[:-1, :-1] & hit[1:, :-1] & hit[:-1, 1:] & hit[1:, 1:]).ravel()
+    index = index_at(x, y)
+    doubtful = np.flatnonzero(_between_others(index.reshape(len(corner), -1)))
+    if len(doubtful):
+        places = (np.float32(shift) / np.float32(resolution) for shift in np.transpose(BESIDE))
+        across, down = (
+            np.add.outer(step, at[doubtful]).ravel()
+            for step, at in zip(places, (x, y), strict=True)
+        )
+        around = index_at(across, down).reshape(len(BESIDE), -1)
+        alike = (around == around[0]).all(axis=0)
+        index[doubtful] = np.where(alike, around[0], index[doubtful])
+    index = index.reshape(len(corner), -1)
+    first, others = index[:-1, :-1], (index[1:, :-1], index[:-1, 1:], index[1:, 1:])
+    same = np.logical_and.reduce([first == other for other in others])
+    return np.where(same, first, -1).ravel().astype(np.int32)
+
+
+def _between_others(index: Int32Array) -> BoolArray:
+    """Where an object is on both sides of a corner, in its row or column, but not at it.
+
+    Examples
+    --------
+    >>> _between_others(np.array([[-1, 0, -1, 0, -1]], np.int32))[0].tolist()
+    [False, False, True, False, False]
+    """
+    result = np.zeros(index.shape, dtype=bool)
+    for number in range(int(index.max(initial=-1)) + 1):
+        here = index == number
+        for axis in (0, 1):
+            before = np.logical_or.accumulate(here, axis=axis)
+            after = np.flip(np.logical_or.accumulate(np.flip(here, axis), axis=axis), axis)
+            result |= before & after & ~here
+    return result
 
 
 def check_seen(touched: BoolArray | IntArray, shape: Shape) -> None:
@@ -93,17 +145,15 @@ def covering(mi: ModuleType, film: Film, scene: Any, shapes: Sequence[Any]) -> I
     """Index (pixels,) in `shapes` of the one that all four corners of a pixel hit, or -1."""
     import drjit as dr
 
-    resolution = film.resolution
-    corner = np.linspace(0.0, 1.0, resolution + 1, dtype=np.float32)
-    x, y = (grid.ravel() for grid in np.meshgrid(corner, corner))
-    ray = film.ray_through(mi, mi.Point2f(x, y))
-    hit = np.asarray(dr.reinterpret_array(mi.UInt32, scene.ray_intersect_preliminary(ray).shape))
-    # Compared here and not in the kernel, which is then the same for every number of shapes.
     own = np.asarray(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(list(shapes))))
-    index = np.full(len(x), -1, dtype=np.int32)
-    for number, pointer in enumerate(own):
-        index[hit == pointer] = number
-    corners = index.reshape(resolution + 1, resolution + 1)
-    upper_left, others = corners[:-1, :-1], (corners[1:, :-1], corners[:-1, 1:], corners[1:, 1:])
-    same = np.logical_and.reduce([upper_left == other for other in others])
-    return np.where(same, upper_left, -1).ravel().astype(np.int32)
+
+    def index_at(x: Float32Array, y: Float32Array) -> Int32Array:
+        hit = scene.ray_intersect_preliminary(film.ray_through(mi, mi.Point2f(x, y)))
+        # Compared here and not in the kernel, which is then the same for every number of shapes.
+        pointers = np.asarray(dr.reinterpret_array(mi.UInt32, hit.shape))
+        index = np.full(len(x), -1, dtype=np.int32)
+        for number, pointer in enumerate(own):
+            index[pointers == pointer] = number
+        return index
+
+    return _same_at_corners(index_at, film.resolution)
