@@ -66,6 +66,36 @@ def viewing_frame(vectors: FloatArray, view_direction: FloatArray) -> FloatArray
     return np.stack([right, up, toward], axis=-1)
 
 
+def image_frame(vectors: FloatArray, view_direction: FloatArray) -> FloatArray:
+    """Vectors of a pixel's frame in the image frame: the inverse of `viewing_frame`.
+
+    Parameters
+    ----------
+    vectors, view_direction : (..., 3) arrays that broadcast
+        View direction: unit vectors from the surface towards the camera.
+
+    Returns
+    -------
+    (..., 3) array; NaN where the view direction is straight up or down.
+
+    Examples
+    --------
+    What faces the camera has the view direction for its normal:
+
+    >>> image_frame(np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.0, 0.8])).round(12).tolist()
+    [0.6, 0.0, 0.8]
+    """
+    right, up, toward = (vectors[..., k] for k in range(3))
+    v_x, v_y, v_z = (view_direction[..., k] for k in range(3))
+    across = np.hypot(v_x, v_z)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        level = toward - up * v_y / across
+        x = right * v_z / across + level * v_x
+        y = up * across + toward * v_y
+        z = level * v_z - right * v_x / across
+    return np.stack([x, y, z], axis=-1)
+
+
 def in_turned_frame(stokes: FloatArray, angle: FloatArray) -> FloatArray:
     """Stokes vectors (..., 3) for a reference axis turned by angles (...), anticlockwise, radians.
 

@@ -22,6 +22,7 @@ from malus.reconstruct.single_image.chain_stages import (
     parameters_of,
     polarised_on_mask,
     require_distant,
+    shape_of,
     specular_by_model,
     with_gaps,
     without_gaps,
@@ -30,7 +31,7 @@ from malus.reconstruct.single_image.convergence import Convergence
 from malus.reconstruct.single_image.illuminant import specular_tint
 from malus.reconstruct.single_image.separation import check_separation, separate
 from malus.reconstruct.single_image.shading import BodyKind
-from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
+from malus.reconstruct.single_image.shape import GivenParameters
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray
 from malus.scenes.core.errors import check_kind
@@ -177,7 +178,7 @@ def run_chain(
     eta, alpha = (mean_or_none(v, observation.mask) for v in (observation.eta, observation.alpha))
     given = GivenParameters(irradiance, eta, alpha)
     if observation.normals is None:
-        shape = recover_shape(observation.image, observation.mask, direction, given, specular)
+        shape = shape_of(observation, direction, given, specular)
         normals, parameters, convergence = shape.normals, shape.parameters, shape.convergence
         shape_statements = (*shape_statements, convergence.statement)
     else:

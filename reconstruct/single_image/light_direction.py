@@ -13,6 +13,7 @@ from malus.reconstruct.single_image.parameters import (
 )
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError
+from malus.scenes.polarisation import image_frame, viewing_frame
 
 _INCIDENCES_DEG = np.arange(5.0, 121.0, 11.5)
 _AZIMUTHS_DEG = np.arange(0.0, 360.0, 22.5)
@@ -23,7 +24,10 @@ _UNEXPLAINED = 0.25
 
 
 def estimate_direction(
-    pixels: Float64Array, normals: Float64Array, refuse: bool = True
+    pixels: Float64Array,
+    normals: Float64Array,
+    refuse: bool = True,
+    view_direction: Float64Array | None = None,
 ) -> Float64Array:
     """Unit vector (3,) towards the one distant light that explains the shading best.
 
@@ -36,6 +40,8 @@ def estimate_direction(
     normals : (n, 3) unit normals, for example those that the outline suggests
     refuse : bool
         False returns the best direction also where it does not explain the shading.
+    view_direction : (n, 3) array, optional
+        Unit vectors towards a perspective camera, in the image frame, as the normals are.
 
     Returns
     -------
@@ -71,15 +77,18 @@ def estimate_direction(
     if not pixels.size or not pixels.max() > 0:
         raise Inapplicable("the object is dark: no shading to read a light from")
     scaled = pixels[:, None] / pixels.max()
+    if view_direction is not None:
+        normals, middle = viewing_frame(normals, view_direction), mean_direction(view_direction)
 
     def cost(angles: Float64Array) -> float:
         light = _unit(angles)
         # For light from behind, the half vector is ill defined: such directions are ruled out.
         if light[2] < -0.9:
             return 1.0
-        return fit_parameters(
-            scaled, normals, light, "unpolarised", None, TYPICAL_ETA, _ALPHA
-        ).error
+        seen = light
+        if view_direction is not None:
+            seen = viewing_frame(image_frame(light, middle), view_direction)
+        return fit_parameters(scaled, normals, seen, "unpolarised", None, TYPICAL_ETA, _ALPHA).error
 
     grid = np.radians([(i, a) for i in _INCIDENCES_DEG for a in _AZIMUTHS_DEG])
     start = min(grid, key=cost)
@@ -88,7 +97,21 @@ def estimate_direction(
         raise Inapplicable(
             f"no single light explains the shading: residual {minimum.fun:.0%} of its largest value"
         )
-    return _unit(minimum.x)
+    direction = _unit(minimum.x)
+    return direction if view_direction is None else image_frame(direction, middle)
+
+
+def mean_direction(directions: Float64Array) -> Float64Array:
+    """Unit vector (3,) along the sum of those (n, 3) that are finite; (0, 0, 1) where it is zero.
+
+    Examples
+    --------
+    >>> mean_direction(np.array([[0.6, 0.0, 0.8], [-0.6, 0.0, 0.8], [np.nan] * 3])).tolist()
+    [0.0, 0.0, 1.0]
+    """
+    total = directions[np.isfinite(directions).all(axis=1)].sum(axis=0, dtype=np.float64)
+    length = float(np.linalg.norm(total))
+    return np.asarray(total / length) if length > 0 else np.array([0.0, 0.0, 1.0])
 
 
 def _unit(angles: Float64Array) -> Float64Array:

@@ -40,6 +40,7 @@ from malus.reconstruct.single_image.chain_stages import (
     mean_or_none,
     parameters_of,
     polarised_on_mask,
+    shape_of,
     specular_by_model,
     with_gaps,
     without_gaps,
@@ -48,7 +49,7 @@ from malus.reconstruct.single_image.convergence import Convergence
 from malus.reconstruct.single_image.illuminant import gray_world
 from malus.reconstruct.single_image.parameters import SurfaceParameters
 from malus.reconstruct.single_image.separation import SEPARATIONS, check_separation, separate
-from malus.reconstruct.single_image.shape import GivenParameters, recover_shape
+from malus.reconstruct.single_image.shape import GivenParameters
 from malus.scenes.core.arrays import Float64Array, NumberArray
 from malus.scenes.core.errors import check_kind
 from malus.scenes.lights.lights import Distant, Light
@@ -222,9 +223,7 @@ def _geometry(balanced: Observation, specular: Image | None, calibrated: bool) -
     given = GivenParameters(irradiance, mean_eta, mean_alpha, "unpolarised")
     convergence, about_shape = None, ("normals as given",)
     if normals is None:
-        shape = recover_shape(
-            balanced.image, balanced.mask, direction, given, specular, refuse=False
-        )
+        shape = shape_of(balanced, direction, given, specular, refuse=False)
         normals, fit, convergence = shape.normals, shape.parameters, shape.convergence
         about_shape = (convergence.statement,)
     else:

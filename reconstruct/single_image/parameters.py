@@ -3,7 +3,8 @@
 With the normals given, the dichromatic microfacet model is linear in the albedo and in the specular
 level, and roughness alone is searched for: variable projection. The level is irradiance times
 Fresnel reflectance at the one angle at which a distant light is mirrored, so that it gives η if,
-and only if, the irradiance is given.
+and only if, the irradiance is given. Through a perspective camera that angle varies a little; the
+level is that of the mean direction.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from malus.reconstruct.single_image.shading import (
     BodyKind,
     diffuse_shading,
     facet_reflectance,
+    facet_reflectances,
     index_of,
     specular_shading,
     unit_direction,
@@ -96,6 +98,8 @@ def fit_parameters(
     pixels : (n, bands) radiances under one distant light
     normals : (n, 3) unit normals in the image frame: x right, y up, z towards the viewer
     direction : (3,) vector towards the light, in the image frame
+        Or one for each pixel, (n, 3): through a perspective camera normals and directions are given
+        in the frame of each pixel, whose z points to the camera.
     body : 'unpolarised' or 'polarised'
         Lambertian, or diffuse light that crosses the surface twice.
     irradiance : float, optional
@@ -137,22 +141,33 @@ def fit_parameters(
     pixels, normals = np.asarray(pixels), np.asarray(normals)
     _check(pixels, normals, body)
     check_positive(irradiance=irradiance, eta=eta, alpha=alpha)
-    direction = unit_direction(direction)
+    direction, middle = _directions(direction, len(pixels))
     index = eta if eta is not None else TYPICAL_ETA
     roughness = alpha
     if body == "polarised" and eta is None and irradiance is not None:
         index = _index(pixels, normals, direction, irradiance, alpha)
     shading = diffuse_shading(normals, direction, body, index)
+    brightness = facet_reflectances(direction, index) / facet_reflectance(middle, index)
     if roughness is None:
-        roughness = _roughness(pixels, normals, direction, shading)
-    specular = specular_shading(normals, direction, roughness)
+        roughness = _roughness(pixels, normals, direction, shading, brightness)
+    specular = brightness * specular_shading(normals, direction, roughness)
     (albedo, level), error = _weights(pixels, shading, specular)
     if body == "unpolarised" and eta is None and irradiance is not None:
-        index = index_of(direction, float(level.mean()) / irradiance)
+        index = index_of(middle, float(level.mean()) / irradiance)
     peak = max(float(pixels.max()), np.finfo(np.float64).tiny)
     eta_known = eta is not None or irradiance is not None
     notes = _notes(eta_known, index, roughness, level)
     return SurfaceParameters(index, eta_known, roughness, body, albedo, level, error / peak, notes)
+
+
+def _directions(direction: Float64Array, count: int) -> tuple[Float64Array, Float64Array]:
+    """Unit vectors (3,), or (n, 3) for as many pixels, towards the light, and their mean (3,)."""
+    directions = np.asarray(direction, dtype=np.float64)
+    if directions.shape != (count, 3):
+        one = unit_direction(directions)
+        return one, one
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    return directions / lengths, unit_direction((directions / lengths).mean(axis=0))
 
 
 def _check(pixels: Float64Array, normals: Float64Array, body: str) -> None:
@@ -223,8 +238,8 @@ def _index(
     def cost(x: Float64Array) -> float:
         eta, roughness = float(x[0]), alpha if alpha is not None else float(np.exp(x[1]))
         diffuse = diffuse_shading(normals, direction, "polarised", eta)
-        level = irradiance * facet_reflectance(direction, eta)
-        rest = pixels - level * specular_shading(normals, direction, roughness)[:, None]
+        level = irradiance * facet_reflectances(direction, eta)
+        rest = pixels - (level * specular_shading(normals, direction, roughness))[:, None]
         albedo = np.maximum(diffuse @ rest, 0) / max(float(diffuse @ diffuse), 1e-300)
         return float(np.sqrt(np.mean((rest - np.outer(diffuse, albedo)) ** 2)))
 
@@ -237,12 +252,16 @@ def _index(
 
 
 def _roughness(
-    pixels: Float64Array, normals: Float64Array, direction: Float64Array, diffuse: Float64Array
+    pixels: Float64Array,
+    normals: Float64Array,
+    direction: Float64Array,
+    diffuse: Float64Array,
+    brightness: Float64Array,
 ) -> float:
     """Roughness of least residual: a bounded search around the best of several values."""
 
     def cost(log_alpha: float) -> float:
-        specular = specular_shading(normals, direction, float(np.exp(log_alpha)))
+        specular = brightness * specular_shading(normals, direction, float(np.exp(log_alpha)))
         return _weights(pixels, diffuse, specular)[1]
 
     edges = np.log(np.geomspace(ALPHA_RANGE[0], ALPHA_RANGE[1], _STARTS + 1))

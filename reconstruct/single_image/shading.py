@@ -5,8 +5,10 @@ Per unit irradiance of the light,
     I = a · diffuse(N) + F(γ, η) · specular(N),    specular = D(N·H) G1(N·L) G1(N·V) / (4 N·V),
 
 with albedo a, Beckmann's D and the rational G1 of Walter et al., "Microfacet models for refraction
-through rough surfaces", EGSR (2007). H, and with it Fresnel's F, is the same at every pixel. The
-body is Lambertian ('unpolarised'), or its light crosses the interface twice ('polarised').
+through rough surfaces", EGSR (2007). The viewer is on +z: H, and with it Fresnel's F, is the same
+at every pixel. Through a perspective camera that holds in the frame of each pixel, in which the
+direction of the light is another one. The body is Lambertian ('unpolarised'), or its light crosses
+the interface twice ('polarised').
 """
 
 from __future__ import annotations
@@ -52,7 +54,7 @@ def unit_direction(direction: ArrayLike) -> Float64Array:
 
 
 def half_vector(direction: Float64Array) -> Float64Array:
-    """Unit vector halfway between the light (3,) and the viewer (0, 0, 1).
+    """Unit vector halfway between the light (..., 3) and the viewer (0, 0, 1).
 
     Raises
     ------
@@ -65,10 +67,16 @@ def half_vector(direction: Float64Array) -> Float64Array:
     [0.0, 0.0, 1.0]
     """
     half = direction + np.array([0.0, 0.0, 1.0])
-    length = float(np.linalg.norm(half))
-    if length < 1e-6:
+    length = np.asarray(np.linalg.norm(half, axis=-1 if half.ndim > 1 else None))[..., None]
+    if length.min(initial=1.0) < 1e-6:
         raise Inapplicable("the light is exactly behind the object")
     return np.asarray(half / length)
+
+
+def _cosine(normals: Float64Array, direction: Float64Array) -> Float64Array:
+    """Cosine (...) between normals (..., 3) and one direction (3,), or one each (..., 3)."""
+    each = direction.ndim > 1
+    return np.asarray(np.sum(normals * direction, axis=-1) if each else normals @ direction)
 
 
 def diffuse_shading(
@@ -78,8 +86,8 @@ def diffuse_shading(
 
     Parameters
     ----------
-    normals : (..., 3) unit normals in the image frame
-    direction : (3,) unit vector towards the light
+    normals : (..., 3) unit normals, the viewer on +z
+    direction : (3,) unit vector towards the light, or (..., 3), one for each normal
     kind : 'unpolarised' (Lambertian) or 'polarised' (transmitted twice by the interface)
     eta : float
         Index of the interface; only used for a polarised body.
@@ -90,7 +98,7 @@ def diffuse_shading(
     >>> round(float(diffuse_shading(facing, facing, "unpolarised")) * math.pi, 6)
     1.0
     """
-    n_l = np.clip(normals @ direction, 0.0, 1.0)
+    n_l = np.clip(_cosine(normals, direction), 0.0, 1.0)
     if kind == "unpolarised":
         return np.asarray(n_l / math.pi)
     n_v = np.clip(normals[..., 2], 0.0, 1.0)
@@ -102,8 +110,8 @@ def specular_shading(normals: Float64Array, direction: Float64Array, alpha: floa
 
     Parameters
     ----------
-    normals : (..., 3) unit normals in the image frame
-    direction : (3,) unit vector towards the light
+    normals : (..., 3) unit normals, the viewer on +z
+    direction : (3,) unit vector towards the light, or (..., 3), one for each normal
     alpha : float
         Beckmann roughness.
 
@@ -114,8 +122,9 @@ def specular_shading(normals: Float64Array, direction: Float64Array, alpha: floa
     1.0
     """
     half = half_vector(direction)
-    n_h = np.maximum(normals @ half, 1e-6)
-    n_l, n_v = np.clip(normals @ direction, 0.0, 1.0), np.clip(normals[..., 2], 0.0, 1.0)
+    n_h = np.maximum(_cosine(normals, half), 1e-6)
+    n_l = np.clip(_cosine(normals, direction), 0.0, 1.0)
+    n_v = np.clip(normals[..., 2], 0.0, 1.0)
     squared = np.minimum(n_h * n_h, 1.0)
     tan2 = (1.0 - squared) / squared
     facets = np.exp(-tan2 / alpha**2) / (math.pi * alpha**2 * squared**2)
@@ -130,8 +139,19 @@ def facet_reflectance(direction: Float64Array, eta: float) -> float:
     >>> round(facet_reflectance(np.array([0.0, 0.0, 1.0]), 1.5), 12)
     0.04
     """
-    perpendicular, parallel = reflectances(half_vector(direction)[2], eta)
-    return float(0.5 * (perpendicular + parallel))
+    return float(facet_reflectances(direction, eta))
+
+
+def facet_reflectances(directions: Float64Array, eta: float) -> Float64Array:
+    """The same (...) for several directions (..., 3).
+
+    Examples
+    --------
+    >>> facet_reflectances(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]), 1.5).round(4).tolist()
+    [0.04, 0.0502]
+    """
+    perpendicular, parallel = reflectances(half_vector(directions)[..., 2], eta)
+    return np.asarray(0.5 * (perpendicular + parallel))
 
 
 def index_of(direction: Float64Array, reflectance: float) -> float:
