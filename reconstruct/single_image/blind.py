@@ -193,8 +193,8 @@ def run_chain(
         specular=specular,
         diffuse=np.where(observation.mask[..., None], observation.image, 0) - specular,
         normals=normals,
-        eta=np.full(observation.image.shape[-1], parameters.eta),
-        alpha=parameters.alpha,
+        eta=np.full(len(parameters.albedo), parameters.eta) if eta is None else observation.eta,
+        alpha=parameters.alpha if alpha is None else observation.alpha,
         light=Distant.towards(direction, math.pi if irradiance is None else irradiance),
     )
     filled = with_gaps(filled, finite)

@@ -180,17 +180,17 @@ def _shaded(observation: Observation) -> tuple[Float64Array, Float64Array, Float
 
 
 def mean_or_none(value: float | NumberArray | None, mask: BoolArray) -> float | None:
-    """Mean of a given value, or of a map on the mask; Inapplicable for complex indices."""
+    """Mean of a given value, or of a map on the mask; Inapplicable for an object of metal."""
     if value is None:
         return None
-    if np.iscomplexobj(value):
-        raise Inapplicable("needs a dielectric, found a complex index")
     given = np.asarray(value)
-    if given.ndim < 2:
-        return float(given.mean())
-    if not mask.any():
-        raise Inapplicable("the mask has no pixel")
-    return float(given[mask].mean())
+    if given.ndim > 1:
+        if not mask.any():
+            raise Inapplicable("the mask has no pixel")
+        given = given[mask]
+    if np.any(given.imag):
+        raise Inapplicable("needs a dielectric, found a complex index")
+    return float(given.real.mean())
 
 
 def _sample(observation: Observation, normals: Image) -> IndexArray:

@@ -10,6 +10,7 @@ import pytest
 from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.observe import observe
 from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
+from malus.reconstruct.fresnel import smooth_dolp
 from malus.reconstruct.single_image import shape
 from malus.reconstruct.single_image.blind import BLIND_METHODS, blind, run_chain
 from malus.renderers import render
@@ -52,6 +53,24 @@ def test_index_and_roughness_are_those_of_the_surface() -> None:
     # The search ends within 1e-4 of ln alpha.
     np.testing.assert_allclose(found.eta, 1.8, rtol=1e-4)
     assert found.alpha == pytest.approx(0.15, rel=1e-4)
+
+
+@pytest.mark.parametrize("form", ["bands", "complex", "map beside a metal"])
+def test_a_given_index_is_that_of_its_band(form: str) -> None:
+    """Facets that mirror the light polarise as Fresnel says, at the index of the band."""
+    surface = Dielectric(material="carbon_disulfide", alpha=0.25, body="unpolarised")
+    scene = sphere().scene.model_copy(update={"surface": surface})
+    truth = render(scene, renderer="torrance-sparrow")
+    eta = scene.eta if form == "bands" else scene.eta.astype(complex)
+    if form == "map beside a metal":
+        eta = np.where(truth.mask[..., None], eta, 0.2 + 3j)
+    told = replace(observe(truth, frozenset({"light", "normals", "specular", "diffuse"})), eta=eta)
+    chain = run_chain(told)
+    cosine = np.cos(np.radians(30))  # between half vector and viewer, of a light at 60°
+    degree = np.hypot(chain.components.s1, chain.components.s2)[truth.mask]
+    expected = smooth_dolp(cosine, scene.eta) * chain.observation.specular[truth.mask]
+    # Single precision rounds light whose largest values are near 0.1.
+    np.testing.assert_allclose(degree, expected, atol=1e-6)
 
 
 def test_the_way_is_told() -> None:
