@@ -8,6 +8,7 @@ import importlib.metadata
 import importlib.util
 import os
 import sys
+import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.reconstruct.observation import INPUTS, Components, Observation
+from malus.reconstruct.observation import INPUTS, Components, Inapplicable, Observation
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.named_file import digest_of
 from malus.scenes.core.registry import several
@@ -227,7 +228,7 @@ def guarded(method: Method) -> Method:
 
     What it writes into changes no truth. It raises InputError where it returns no Components,
     or arrays of another shape than the image's or of no real numbers; those of any real type are
-    single or double precision behind it.
+    single or double precision behind it. What else it raises has a note of the line in its file.
 
     Examples
     --------
@@ -237,12 +238,21 @@ def guarded(method: Method) -> Method:
     ...
     malus.scenes.core.errors.InputError: method wrong: expected Components, found ndarray; ...
     """
+    if getattr(method.reconstruct, "func", None) is _guarded:
+        return method
     return replace(method, reconstruct=functools.partial(_guarded, method))
 
 
 def _guarded(method: Method, observation: Observation) -> Components:
     """What a method of one's own makes of arrays of its own, which it may change."""
-    returned: Any = method.reconstruct(observation.with_own_arrays())
+    try:
+        returned: Any = method.reconstruct(observation.with_own_arrays())
+    except (InputError, Inapplicable):
+        raise
+    except Exception as error:
+        if place := _place_in_method(error):
+            error.add_note(place)
+        raise
     if not isinstance(returned, Components):
         hint = "return malus.reconstruct.Components(image, s1, s2)"
         raise InputError(f"method {method.name}", "Components", type(returned).__name__, hint)
@@ -252,10 +262,25 @@ def _guarded(method: Method, observation: Observation) -> Components:
         for name in ("image", "s1", "s2", "deviation")
         if name != "deviation" or returned.deviation is not None
     }
+    if np.any(radiance.get("deviation", 0) < 0):
+        expected, hint = "a deviation of 0 or more", "it is a standard deviation, without a sign"
+        raise InputError(f"method {method.name}", expected, "negative values", hint)
+    if not isinstance(returned.converged, bool | np.bool_ | None):
+        found, hint = repr(returned.converged), "it says of the whole picture whether it did"
+        raise InputError(
+            f"method {method.name}", "converged to be True, False or None", found, hint
+        )
     valid = returned.valid
     if valid is not None:
         valid = _real(method, "valid", valid, shape[:2]) != 0
     return replace(returned, valid=valid, **radiance)
+
+
+def _place_in_method(error: Exception) -> str:
+    """File and line of a method of one's own at which it failed, or called what failed."""
+    called = traceback.extract_tb(error.__traceback__)[1:]  # after the call in `_guarded`
+    own = [frame for frame in called if frame.filename == called[0].filename]
+    return f"{Path(own[-1].filename).name}, line {own[-1].lineno}" if own else ""
 
 
 def _real(method: Method, name: str, values: Any, shape: tuple[int, ...]) -> NDArray[Any]:

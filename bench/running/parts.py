@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from malus.bench.running.plan import FamilyPlan
 from malus.reconstruct.methods import source_of
 from malus.renderers.variant import Variant, made_by
-from malus.scenes.core.errors import InputError, printable
+from malus.scenes.core.errors import InputError, kind_of, printable
 from malus.scenes.core.files import open_regular, read_json, write_whole
 from malus.scenes.core.model import content_id
 from malus.scenes.core.named_file import digest_of
@@ -71,7 +71,7 @@ class Failure:
     ) -> Failure:
         """Describe an exception as a failure."""
         wrong_input = isinstance(error, InputError)
-        reason = str(error) if wrong_input else f"{type(error).__name__}: {error}"
+        reason = str(error) if wrong_input else f"{kind_of(error)}: {error}".removesuffix(": ")
         return cls(scene, method, printable(reason[:_LONGEST_REASON]), wrong_input)
 
     def is_final(self, retry_failed: bool) -> bool:

@@ -20,7 +20,7 @@ from malus.reconstruct.single_image.paper import PAPER_SEPARATIONS, run_paper
 from malus.reconstruct.single_image.parameters import TYPICAL_ETA
 from malus.reconstruct.single_image.separation import separate
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
-from malus.scenes.core.errors import InputError, first_line
+from malus.scenes.core.errors import InputError, first_line, kind_of
 from malus.scenes.lights.lights import Distant
 
 TYPICAL_ALPHA = 0.2
@@ -212,8 +212,7 @@ def _by_method(
     except Exception as error:
         if source_of(knowledge.method or "") is None:
             raise
-        found = f"{type(error).__name__}: {first_line(error)}"
-        where = f"method {method.name}"
+        where, found = f"method {method.name}", f"{kind_of(error)}: {first_line(error)}"
         raise InputError(where, "an estimate of the picture", found, "correct it") from error
     return components, (f"method {method.name}: {method.summary}", *statements)
 

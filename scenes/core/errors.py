@@ -106,6 +106,20 @@ def reading(where: str, expected: str, hint: str) -> Iterator[None]:
         raise InputError(where, expected, first_line(error), hint) from None
 
 
+def kind_of(error: BaseException) -> str:
+    """Kind of an unforeseen exception, with the notes that were added to it: where it was raised.
+
+    Examples
+    --------
+    >>> error = KeyError("gain")
+    >>> error.add_note("my_method.py, line 12")
+    >>> kind_of(error), kind_of(KeyError("gain"))
+    ('KeyError (my_method.py, line 12)', 'KeyError')
+    """
+    notes = "; ".join(getattr(error, "__notes__", ()))
+    return type(error).__name__ + (f" ({notes})" if notes else "")
+
+
 def first_line(error: Exception) -> str:
     """The first line of an exception's message; its type's name where it has none.
 

@@ -266,7 +266,7 @@ def test_what_fails_is_named_and_the_others_are_scored(user: Path) -> None:
     told = [line for line in done.stderr.splitlines() if line.startswith("left out, ")]
     assert len(told) == 3
     assert "nowhere: " in told[1]
-    assert "pot, breaks: ZeroDivisionError: by nothing" in told[0]
+    assert "pot, breaks: ZeroDivisionError (of_tests.py, line 20): by nothing" in told[0]
     results = malus.read_results("out")
     assert set(results.table.surface) == {"pot", "lake"}
     assert results.run["captures_failed"] == 1

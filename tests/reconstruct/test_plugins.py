@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import importlib.metadata
+import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from pictures import dome
 
+from malus.bench.running.parts import Failure
 from malus.bench.scoring.judge import score
 from malus.reconstruct import Components, Method, Observation, get_method, methods
-from malus.reconstruct.methods import _installed, _methods
+from malus.reconstruct.methods import _installed, _methods, guarded
 from malus.reconstruct.photos.estimate import estimate
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.renderers import render
@@ -55,6 +58,62 @@ def test_what_is_no_method_is_said_in_one_line(module: Path, name: str) -> None:
     with pytest.raises(InputError) as mistake:
         get_method(name)
     assert "\n" not in str(mistake.value)
+
+
+FAILING = """
+from malus.reconstruct import Method
+
+def gain_of(table, name):
+    return table[name]
+
+def estimate(observation):
+    table = {}
+    return gain_of(table, "red")
+
+def divide(observation):
+    import fractions
+    return fractions.Fraction(1, 0)
+
+late = Method("late", frozenset(), estimate, "looks up what is not there")
+library = Method("library", frozenset(), divide, "fails in another module")
+short = Method("short", frozenset(), lambda: None, "takes no observation")
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("late", "KeyError (failing_methods.py, line 5): 'red'"),
+        ("library", "ZeroDivisionError (failing_methods.py, line 13): Fraction(1, 0)"),
+        # It never came to a line of its own.
+        ("short", "TypeError: <lambda>() takes 0 positional arguments but 1 was given"),
+    ],
+)
+def test_a_failure_tells_the_line_of_ones_own_file(module: Path, name: str, reason: str) -> None:
+    (module / "failing_methods.py").write_text(FAILING, "utf-8")
+    one = guarded(get_method(f"failing_methods:{name}"))  # as `score` does once more
+    with pytest.raises((KeyError, ZeroDivisionError, TypeError)) as caught:
+        one.reconstruct(Observation(np.ones((2, 2, 1)), np.ones((2, 2), bool)))
+    assert Failure.of(caught.value, method=name).reason == reason
+    # An error from another process keeps it.
+    assert Failure.of(pickle.loads(pickle.dumps(caught.value))).reason == reason
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"deviation": np.full((2, 2, 1), -0.1)}, "a deviation of 0 or more"),
+        ({"converged": "yes"}, "True, False or None, found 'yes'"),
+        ({"converged": np.ones((2, 2), bool)}, "True, False or None"),
+    ],
+)
+def test_what_a_method_says_of_itself_is_checked(more: dict[str, Any], words: str) -> None:
+    def sure(seen: Observation) -> Components:
+        return Components(seen.image, 0 * seen.image, 0 * seen.image, **more)
+
+    method = guarded(Method("sure", frozenset(), sure, "says how sure it is"))
+    with pytest.raises(InputError, match=words):
+        method.reconstruct(Observation(np.ones((2, 2, 1)), np.ones((2, 2), bool)))
 
 
 def test_entry_points_are_methods(module: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -135,7 +194,10 @@ def test_a_filter_tells_of_what_is_no_light(filters: Path, name: str, words: str
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("fails", "method fails: .*KeyError: 'weights'"), ("one_band", "expected image of shape")],
+    [
+        ("fails", "method fails: .*KeyError .*line 13.: 'weights'"),
+        ("one_band", "expected image of shape"),
+    ],
 )
 def test_a_method_that_fails_in_a_filter_ends_in_one_line(
     filters: Path, name: str, words: str
