@@ -51,7 +51,7 @@ from malus.reconstruct.single_image.parameters import SurfaceParameters
 from malus.reconstruct.single_image.separation import SEPARATIONS, check_separation, separate
 from malus.reconstruct.single_image.shape import GivenParameters
 from malus.scenes.core.arrays import Float64Array, NumberArray
-from malus.scenes.core.errors import check_kind
+from malus.scenes.core.errors import InputError, check_kind
 from malus.scenes.lights.lights import Distant, Light
 
 STAGES = frozenset({"illuminant", "specular", "diffuse", "normals", "eta", "alpha", "light"})
@@ -89,7 +89,7 @@ def run_paper(
     Inapplicable
         If a stage has nothing to work on: a dark picture, no outline, no pixel with a normal.
     InputError
-        If there is no such separation.
+        If there is no such separation, or `illuminant` has values that are not above 0.
 
     Notes
     -----
@@ -193,7 +193,11 @@ class _Geometry(NamedTuple):
 def _illuminant(observation: Observation) -> tuple[Float64Array, tuple[str, ...]]:
     """Colour (bands,) of the light, mean 1, and how it is known, in words."""
     if observation.illuminant is not None:
-        return np.asarray(observation.illuminant, dtype=np.float64), ("light's colour as given",)
+        given = np.asarray(observation.illuminant, dtype=np.float64)
+        if not np.all(np.isfinite(given) & (given > 0)):
+            hint = "give the light's colour by band, in any unit"
+            raise InputError("illuminant", "values above 0", f"{given.tolist()}", hint)
+        return given / given.mean(), ("light's colour as given",)
     colour, assumption = gray_world(observation.image)
     values = " ".join(f"{value:.2f}" for value in colour)
     return colour, (f"light's colour by Gray World {values}: {assumption}",)

@@ -53,6 +53,24 @@ def test_with_every_stage_given_it_is_equation_8(method: str) -> None:
     assert np.abs(chain.s1[inside]).max() > 0
 
 
+@pytest.mark.parametrize("scale", [1 / 3, 200.0])
+def test_the_colour_of_the_light_has_no_unit(scale: float) -> None:
+    """The index follows from irradiance and picture, not from the scale of the light's colour."""
+    truth = sphere(coloured=True)
+    told = observe(truth, frozenset({"light", "normals"}))
+    one, other = (run_paper(replace(told, illuminant=size * TINT)) for size in (1.0, scale))
+    # Roughness is searched to 1e-4 of its logarithm, from pictures that differ by rounding.
+    np.testing.assert_allclose(other.observation.eta, one.observation.eta, rtol=1e-4)
+    np.testing.assert_allclose(other.observation.illuminant, TINT, rtol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan])
+def test_a_colour_that_no_light_has_is_refused_whatever_else_is_given(wrong: float) -> None:
+    told = replace(observe(sphere(), INPUTS), illuminant=np.array([1.0, wrong, 1.0]))
+    with pytest.raises(InputError, match="illuminant: expected values above 0"):
+        run_paper(told)
+
+
 def test_its_stages_are_all_that_a_method_can_be_told() -> None:
     assert INPUTS - {"distribution"} == STAGES  # Equation 8 has Beckmann's facets, told or not
     assert get_method("paper").optional == STAGES
