@@ -6,11 +6,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from malus.reconstruct.observation import Inapplicable
-from malus.reconstruct.single_image.parameters import (
-    TYPICAL_ETA,
-    check_finite,
-    fit_parameters,
-)
+from malus.reconstruct.single_image.parameters import TYPICAL_ETA, check_finite, fit_parameters
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import image_frame, viewing_frame
@@ -51,7 +47,7 @@ def estimate_direction(
     Raises
     ------
     InputError
-        For arrays that do not belong together, and pixels that are not finite.
+        For arrays that do not belong together, no pixels, or some that are not finite.
     Inapplicable
         If the object is dark, or no direction explains its shading and `refuse` is true.
 
@@ -74,7 +70,7 @@ def estimate_direction(
         hint = "of several bands take the mean: pixels.mean(axis=-1)"
         raise InputError("pixels, normals", "shapes (n,) and (n, 3)", found, hint)
     check_finite(pixels)
-    if not pixels.size or not pixels.max() > 0:
+    if not pixels.max() > 0:
         raise Inapplicable("the object is dark: no shading to read a light from")
     scaled = pixels[:, None] / pixels.max()
     if view_direction is not None:

@@ -118,8 +118,8 @@ def fit_parameters(
     Inapplicable
         If the light shines from exactly behind the object.
     InputError
-        For arrays that do not belong together or are empty, pixels that are not finite, normals
-        that are none, an unknown body, or a given value that is not above 0.
+        For arrays that do not belong together, no pixels or some that are not finite, normals that
+        are none, an unknown body, or a given value that is not above 0.
 
     Notes
     -----
@@ -177,8 +177,6 @@ def _check(pixels: Float64Array, normals: Float64Array, body: str) -> None:
         found = f"{pixels.shape} and {normals.shape}"
         hint = "pixels of one band are pixels[:, None]"
         raise InputError("pixels, normals", "shapes (n, bands) and (n, 3)", found, hint)
-    if not pixels.size:
-        raise InputError("pixels", "at least one", "none", "give those of the object")
     check_finite(pixels)
     lengths = np.linalg.norm(normals, axis=1)
     if not np.abs(lengths - 1).max() < _LENGTH_SLACK:
@@ -187,15 +185,16 @@ def _check(pixels: Float64Array, normals: Float64Array, body: str) -> None:
 
 
 def check_finite(pixels: Float64Array) -> None:
-    """Raise InputError for radiances of which some are not finite.
+    """Raise InputError for no pixels, or for some that are not finite.
 
     Examples
     --------
-    >>> check_finite(np.zeros(3))
+    >>> check_finite(np.ones((4, 3)))
     """
-    if not np.isfinite(pixels).all():
-        found = f"{np.count_nonzero(~np.isfinite(pixels))} others"
-        raise InputError("pixels", "finite values", found, "leave them out")
+    finite = int(np.isfinite(pixels).all(axis=tuple(range(1, pixels.ndim))).sum())
+    if finite < len(pixels) or not len(pixels):
+        found = f"{len(pixels) - finite} of {len(pixels)} that are not"
+        raise InputError("pixels", "at least one, all finite", found, "leave those out")
 
 
 def check_body(body: str) -> None:

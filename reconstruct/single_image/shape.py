@@ -38,6 +38,7 @@ from malus.reconstruct.single_image.shape_solver import (
 )
 from malus.reconstruct.single_image.value_range import finite_pixels, unit_scale
 from malus.scenes.core.arrays import BoolArray, Float64Array
+from malus.scenes.core.errors import InputError
 
 SMOOTHNESS = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
 """Weight of smoothness at each stage of the search, from the outline's shape to the picture's."""
@@ -202,6 +203,12 @@ def recover_shape(
     given = given or GivenParameters()
     image, mask = checked_picture(image, mask)
     mask = mask & finite_pixels(image, mask)
+    if specular is not None:
+        specular = np.asarray(specular)
+        if specular.shape != image.shape:
+            expected, hint = f"shape {image.shape}, as the image has", "give that of this picture"
+            raise InputError("specular", expected, f"{specular.shape}", hint)
+        mask = mask & finite_pixels(specular, mask)
     direction = unit_direction(direction)
     unit = unit_scale(float(image[mask].max(initial=0)))
     if unit == 1.0:

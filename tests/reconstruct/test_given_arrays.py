@@ -129,8 +129,6 @@ def test_a_shape_is_recovered_from_what_others_take_too() -> None:
         ({"normals": 2.0}, "normals: expected unit vectors, found lengths from 2 to 2"),
         ({"body": "lambert"}, "body: expected one of unpolarised, polarised, found lambert"),
         ({"pixels": np.ones(5)}, r"shapes \(n, bands\) and \(n, 3\), found \(5,\)"),
-        ({"pixels": np.ones((0, 1)), "normals": np.ones((0, 3))}, "pixels: expected at least one"),
-        ({"pixels": np.full((5, 1), np.nan)}, "pixels: expected finite values, found 5 others"),
         ({"direction": [0, 0]}, "direction: expected a vector"),
         ({"irradiance": -1.0}, "irradiance: expected a finite number above 0, found -1.0"),
         ({"irradiance": np.inf}, "irradiance: expected a finite number above 0, found inf"),
@@ -159,15 +157,6 @@ def test_what_is_given_of_a_surface_is_possible(given: dict[str, Any]) -> None:
         GivenParameters(**given)
 
 
-def test_a_direction_is_not_told_from_what_is_no_number() -> None:
-    """It was said to be dark."""
-    pixels, normals, _ = made_up_ball()
-    grey = pixels.mean(axis=1)
-    grey[0] = np.nan
-    with pytest.raises(InputError, match="pixels: expected finite values, found 1 others"):
-        estimate_direction(grey, normals)
-
-
 def test_lists_and_arrays_have_the_same_surface_and_light() -> None:
     pixels, normals, light = made_up_ball()
     fit, same = (
@@ -185,6 +174,36 @@ def test_lists_and_arrays_have_the_same_surface_and_light() -> None:
     for wrong in (pixels, grey[:-1], grey[:, None, None]):
         with pytest.raises(InputError, match=r"shapes \(n,\) and \(n, 3\), found .*take the mean"):
             estimate_direction(wrong, normals)
+
+
+def test_pixels_that_are_no_numbers_are_told_of() -> None:
+    """The search said that its solver cannot continue, and that the object is dark."""
+    pixels, normals, light = made_up_ball()
+    torn = pixels.copy()
+    torn[[3, 5], 0] = np.nan, np.inf
+    for wrong, found in ((torn, f"2 of {len(pixels)} that are not"), (pixels[:0], "0 of 0")):
+        some = normals[: len(wrong)]
+        with pytest.raises(InputError, match=f"pixels: expected at least one.*{found}"):
+            fit_parameters(wrong, some, light, "unpolarised", irradiance=1.0)
+        with pytest.raises(InputError, match=f"pixels: expected at least one.*{found}"):
+            estimate_direction(wrong[:, 0], some)
+
+
+def test_a_specular_lobe_belongs_to_its_picture() -> None:
+    image, mask = ball()
+    light, given = np.array([0.0, 0.0, 1.0]), GivenParameters(alpha=0.3, body="unpolarised")
+    lobe = np.where(image > 0.95, 0.2, 0.0)
+    whole = recover_shape(image + lobe, mask, light, given, lobe)
+    listed = recover_shape((image + lobe).tolist(), mask.tolist(), light, given, lobe.tolist())
+    np.testing.assert_array_equal(listed.normals, whole.normals)
+    for wrong in (lobe[..., 0], lobe[:5]):
+        with pytest.raises(InputError, match=r"specular: expected shape \(16, 16, 1\)"):
+            recover_shape(image + lobe, mask, light, given, wrong)
+    # A pixel that is no number in either picture is off the object in both.
+    lobe[8, 8] = np.nan
+    torn = recover_shape(image, mask, light, given, lobe).normals
+    assert np.isfinite(torn).all()
+    assert not torn[8, 8].any()
 
 
 def made_up_ball() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
