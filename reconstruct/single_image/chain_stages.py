@@ -129,7 +129,7 @@ def light_of(
         but = f", but {reason}"
     middle = _middle(observation)
     if observation.normals is None and middle is not None:
-        direction = image_frame(direction, middle)
+        direction = np.asarray(image_frame(direction, middle), np.float64)
     toward = direction[2] if middle is None else direction @ middle
     incidence = np.degrees(np.arccos(np.clip(toward, -1.0, 1.0)))
     return direction, None, (f"one distant light, estimated {incidence:.0f}° from the viewer{but}",)
@@ -148,7 +148,7 @@ def shape_of(
     relative to it, under the light as it falls for the pixel in the object's middle.
     """
     views, middle = observation.view_direction, _middle(observation)
-    seen = direction if middle is None else viewing_frame(direction, middle)
+    _, seen = _in_frames(direction, direction, middle)
     shape = recover_shape(observation.image, observation.mask, seen, given, specular, refuse=refuse)
     if views is None:
         return shape
@@ -160,7 +160,7 @@ def _middle(observation: Observation) -> Float64Array | None:
     """Mean direction (3,) from the object to a perspective camera; None for an orthographic one."""
     if observation.view_direction is None:
         return None
-    return mean_direction(observation.view_direction[observation.mask])
+    return mean_direction(observation.view_direction[observation.mask].astype(np.float64))
 
 
 def _shaded(observation: Observation) -> tuple[Float64Array, Float64Array, Float64Array | None]:
@@ -223,7 +223,8 @@ def _in_frames(
     """Normals (n, 3), and the light's direction (3,), in the frame of each pixel."""
     if views is None:
         return normals, direction
-    return viewing_frame(normals, views), viewing_frame(direction, views)
+    turned_normals, toward = viewing_frame(normals, views), viewing_frame(direction, views)
+    return np.asarray(turned_normals, np.float64), np.asarray(toward, np.float64)
 
 
 def parameters_of(

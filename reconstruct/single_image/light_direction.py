@@ -74,7 +74,8 @@ def estimate_direction(
         raise Inapplicable("the object is dark: no shading to read a light from")
     scaled = pixels[:, None] / pixels.max()
     if view_direction is not None:
-        normals, middle = viewing_frame(normals, view_direction), mean_direction(view_direction)
+        normals = np.asarray(viewing_frame(normals, view_direction))
+        middle = mean_direction(view_direction)
 
     def cost(angles: Float64Array) -> float:
         light = _unit(angles)
@@ -83,7 +84,7 @@ def estimate_direction(
             return 1.0
         seen = light
         if view_direction is not None:
-            seen = viewing_frame(image_frame(light, middle), view_direction)
+            seen = np.asarray(viewing_frame(image_frame(light, middle), view_direction), np.float64)
         return fit_parameters(scaled, normals, seen, "unpolarised", None, TYPICAL_ETA, _ALPHA).error
 
     grid = np.radians([(i, a) for i in _INCIDENCES_DEG for a in _AZIMUTHS_DEG])
@@ -94,7 +95,9 @@ def estimate_direction(
             f"no single light explains the shading: residual {minimum.fun:.0%} of its largest value"
         )
     direction = _unit(minimum.x)
-    return direction if view_direction is None else image_frame(direction, middle)
+    if view_direction is not None:
+        direction = np.asarray(image_frame(direction, middle), np.float64)
+    return direction
 
 
 def mean_direction(directions: Float64Array) -> Float64Array:
