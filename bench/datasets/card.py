@@ -118,6 +118,8 @@ class SplitsRecord(Model):
 def keep_splits(dataset: Dataset, folder: Path) -> None:
     """Copy a dataset's `splits.json`, if it has one, beside an export of it.
 
+    Of a dataset that was reduced to a split, with the scenes of that split alone.
+
     Raises
     ------
     InputError
@@ -131,11 +133,13 @@ def keep_splits(dataset: Dataset, folder: Path) -> None:
     splits = SplitsRecord.parse(content, str(path)).splits
     counts = Counter(name for names in splits.values() for name in names)
     wrong = sorted({name for name, count in counts.items() if count > 1})
-    wrong += sorted(set(counts) ^ set(dataset.scenes))
+    stored, exported = read_dataset(dataset.path)[0], set(dataset.scenes)
+    wrong += sorted(set(counts) ^ (exported | {entry.scene for entry in stored.scenes}))
     if wrong:
         expected = "every scene of the dataset in one split"
         raise InputError(str(path), expected, f"scene {wrong[0]} not so", "render it again")
-    replace_text(folder / SPLITS, json.dumps(content, indent=1) + "\n")
+    own = {split: [name for name in names if name in exported] for split, names in splits.items()}
+    replace_text(folder / SPLITS, json.dumps(content | {"splits": own}, indent=1) + "\n")
 
 
 def _write_splits(

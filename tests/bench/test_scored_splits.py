@@ -69,6 +69,21 @@ def test_a_split_is_predicted_and_scored_alone(drawn: Dataset, tmp_path: Path) -
         malus.score_dataset(drawn.path, [], mine)
 
 
+@pytest.mark.parametrize("layout", ["webdataset", "numpy", "pol"])
+def test_a_split_is_exported_alone(drawn: Dataset, tmp_path: Path, layout: str) -> None:
+    """Refused as damaged before: `splits.json` has scenes of the other splits too."""
+    test = drawn.splits["test"]
+    assert export(drawn.of_split("test"), layout, tmp_path / "test") == len(test)
+    told = json.loads((tmp_path / "test" / "splits.json").read_text("utf-8"))
+    assert told["splits"] == {"train": [], "test": test}
+    if layout == "webdataset":
+        samples = malus.open_dataset(tmp_path / "test", split="test", maps="stokes")
+        stokes = {sample["scene"]: sample["stokes"] for sample in samples}
+        assert sorted(stokes) == sorted(test)
+        single = drawn.truth(test[0]).stokes.astype(np.float32)  # as shards hold it
+        np.testing.assert_array_equal(stokes[test[0]], single)
+
+
 def test_numbers_of_layouts_are_those_in_the_whole_dataset(drawn: Dataset, tmp_path: Path) -> None:
     export(drawn, "pol", tmp_path / "pol")
     names = json.loads((tmp_path / "pol" / "names.json").read_text("utf-8"))
