@@ -25,7 +25,7 @@ from typing import Any, cast
 import numpy as np
 
 from malus.bench.datasets.card import keep_splits
-from malus.bench.datasets.export_networks import LAYOUTS, check_bands
+from malus.bench.datasets.export_networks import LAYOUTS, NAMES, check_bands
 from malus.bench.datasets.export_training import (
     HDF5_WORDS,
     SHARDS_WORDS,
@@ -34,7 +34,7 @@ from malus.bench.datasets.export_training import (
     write_webdataset,
 )
 from malus.bench.datasets.export_views import WORDS as NEISF_WORDS
-from malus.bench.datasets.export_views import objects_of, write_neisf
+from malus.bench.datasets.export_views import objects_of, view_names, write_neisf
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
@@ -61,7 +61,7 @@ ANGLES_FROM_HORIZONTAL_DEG = (0.0, 45.0, 90.0, 135.0)
 """Polariser angles of a polarisation camera, as polanalyser counts them."""
 
 WORDS, MAX_WORDS_BYTES = "conventions.json", 1 << 20
-NAMES, MAX_NAMES_BYTES = "names.json", 1 << 28
+MAX_NAMES_BYTES = 1 << 28
 _OF_SCENES = " of the scenes "
 _ID = re.compile(r"[0-9a-f]{16}")
 PIXELS = ("exr", "png")
@@ -190,8 +190,8 @@ def _in_the_way(opened: Dataset, layout: str, folder: Path) -> str:
     if layout in _LAYOUTS:
         entries = [entry.name for entry in folder.iterdir()]
         earlier = {name: name for name in entries if _ID.fullmatch(name)}
-    elif layout in LAYOUTS and (folder / NAMES).exists():
-        names = _names(opened)
+    elif (layout in LAYOUTS or layout == "neisf") and (folder / NAMES).exists():
+        names = view_names(opened) if layout == "neisf" else _names(opened)
         earlier = dict(read_json(folder / NAMES, MAX_NAMES_BYTES)[0])
     else:
         return "an export of other scenes"

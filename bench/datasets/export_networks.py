@@ -24,6 +24,9 @@ from malus.scenes.scene import Scene
 
 FROM_HORIZONTAL_DEG = (0, 45, 90, 135)
 
+NAMES = "names.json"
+"""File that tells what every scene is called in a layout."""
+
 WriteNumbered = Callable[[Path, str, Truth], None]
 """Writes the files of one scene, of a name, into a folder that all scenes share."""
 

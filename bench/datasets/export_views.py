@@ -7,20 +7,21 @@ the camera's down, right and back in the world, t is where it stands.
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from malus.bench.datasets.export_networks import check_bands, colours, save_png
+from malus.bench.datasets.export_networks import NAMES, check_bands, colours, save_png
 from malus.bench.running.progress import Progress
 from malus.renderers.datasets.dataset import Dataset
 from malus.renderers.datasets.spectral_exr import write_exr
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.files import write_whole
+from malus.scenes.core.files import replace_text, write_whole
 from malus.scenes.core.model import content_id
 from malus.scenes.scene import Scene
 
@@ -36,6 +37,7 @@ WORDS = {
     " by row, and two zeros; columns of R are the camera's down, right and back in the world, which"
     " is y up as malus' but scaled so that no camera is farther from the origin than 3",
     "OBJECT": "scenes that differ in nothing but the camera, named by a hash of what they share",
+    "names.json": "OBJECT/img_001, ... of every scene, by its id",
     "keeps": "linear Stokes vectors of three bands, masks, poses",
     "loses": "noise, lobes, normals; where a pixel lies in the picture to half a pixel, as NeISF's"
     " rays go through the corners of pixels",
@@ -58,6 +60,15 @@ def objects_of(dataset: Dataset) -> dict[str, list[str]]:
     return dict(objects)
 
 
+def view_names(dataset: Dataset) -> dict[str, str]:
+    """Object and picture of every scene, `OBJECT/img_001`, by its id."""
+    return {
+        scene_id: f"{name}/img_{number:03}"
+        for name, scenes in objects_of(dataset).items()
+        for number, scene_id in enumerate(scenes, start=1)
+    }
+
+
 def write_neisf(dataset: Dataset, folder: Path, progress: Progress) -> None:
     """Write every object of a dataset with all its views.
 
@@ -67,13 +78,14 @@ def write_neisf(dataset: Dataset, folder: Path, progress: Progress) -> None:
         A camera without a focal length, pictures of an odd size, or another number of bands than
         one or three.
     """
-    done = 0
+    done, names = 0, view_names(dataset)
+    replace_text(folder / NAMES, json.dumps(names, indent=1) + "\n")
     for name, scenes in objects_of(dataset).items():
         cameras = [dataset.scene(scene_id).scene.camera for scene_id in scenes]
         poses = np.stack([pose(camera, _scale(cameras)) for camera in cameras])
-        for number, scene_id in enumerate(scenes, start=1):
+        for scene_id in scenes:
             progress(done, len(dataset), scene_id)
-            _write_view(folder / name, f"img_{number:03}", dataset, scene_id)
+            _write_view(folder / name, names[scene_id].partition("/")[2], dataset, scene_id)
             done += 1
         write_whole(folder / name / "poses_bounds.npy", partial(np.save, arr=poses))
 

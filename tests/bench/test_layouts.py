@@ -255,3 +255,29 @@ def test_an_orbit_is_one_object(tmp_path: Path) -> None:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             stored = file.channels()["R"].pixels
         assert any(np.array_equal(stored, image) for image in red)
+
+
+def test_views_grow_with_their_dataset_and_are_named(tmp_path: Path) -> None:
+    """A dataset with more scenes was refused as another; no file told whose a picture was."""
+    truths = []
+    for seed, azimuth in ((0, 0.0), (1, 0.0), (0, 70.0)):  # two objects, the first seen twice
+        truth = made_up_truth(seed)
+        camera = Camera(
+            projection="perspective", fov_deg=40, distance=2, resolution=6, azimuth_deg=azimuth
+        )
+        truths.append(replace(truth, scene=truth.scene.model_copy(update={"camera": camera})))
+    export(stored(tmp_path / "few", *truths[:2]), "neisf", tmp_path / "out")
+    assert export(stored(tmp_path / "all", *truths), "neisf", tmp_path / "out") == 3
+    names = json.loads((tmp_path / "out" / "names.json").read_text("utf-8"))
+    assert len(list((tmp_path / "out").glob("*/images_s2/*.exr"))) == 3
+    assert {path.name for path in (tmp_path / "out").glob("*/")} == {
+        name.split("/")[0] for name in names.values()
+    }
+    for truth in truths:
+        name, picture = names[truth.scene.id].split("/")
+        path = tmp_path / "out" / name / "images_s2" / f"{picture}.exr"
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            blue = file.channels()["B"].pixels
+        np.testing.assert_array_equal(blue, np.where(truth.mask, truth.stokes[:, :, 0, 2], 0))
+    with pytest.raises(InputError, match="found an export of 1 other scene; choose another"):
+        export(tmp_path / "few", "neisf", tmp_path / "out")
