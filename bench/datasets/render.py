@@ -35,7 +35,7 @@ from malus.bench.running.worker_process import (
 )
 from malus.renderers.datasets.dataset_files import names_files
 from malus.renderers.datasets.dataset_writer import DatasetWriter
-from malus.renderers.datasets.listed_scenes import being_written, listed_of
+from malus.renderers.datasets.listed_scenes import being_written, check_parts_differ, listed_of
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, chosen_variant, mitsuba, use_threads
 from malus.scenes.core.errors import InputError
@@ -133,6 +133,7 @@ def render_dataset(
         done = _render_families(chosen, planned, folder, variant, progress, worker, retry_failed)
         done["rendered"] += by_cluster
         done["taken_over"] -= by_cluster
+        check_parts_differ(folder, planned.scenes, planned.part)  # of those begun together
         write_documents(folder, chosen)
     size = done.pop("bytes")
     return done | {"seconds": round(time.perf_counter() - started, 3), "bytes": size}

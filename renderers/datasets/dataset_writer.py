@@ -17,6 +17,7 @@ from malus.renderers.datasets.dataset_record import (
     SceneEntry,
 )
 from malus.renderers.datasets.listed_scenes import (
+    check_parts_differ,
     check_same_dataset,
     folder_size,
     has_record_of_scenes,
@@ -84,10 +85,11 @@ class DatasetWriter:
         Raises
         ------
         InputError
-            If it holds another dataset, which would be lost.
+            If it holds another dataset, which would be lost, or another part with an equal scene.
         """
         if self.planned is not None:
             check_same_dataset(self.folder, self.planned, self.about, self.part)
+            check_parts_differ(self.folder, self.planned, self.part)
         self.folder.mkdir(parents=True, exist_ok=True)
         remove_abandoned(self.folder)
         listed = listed_of(self.folder)

@@ -14,7 +14,13 @@ from malus.renderers.datasets.dataset_record import (
     SceneEntry,
     read_dataset,
 )
-from malus.renderers.datasets.part_list import Part, PartContent, read_parts, remove_lists
+from malus.renderers.datasets.part_list import (
+    Part,
+    PartContent,
+    PlannedScene,
+    read_parts,
+    remove_lists,
+)
 from malus.renderers.datasets.scene_folder import SCENE, FileName
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import is_being_written, owned, remove_abandoned
@@ -80,6 +86,27 @@ def check_same_dataset(
         expected = f"a new folder, or a dataset of the same {same}"
         hint = "choose another `out`, or delete that folder; nothing was changed"
         raise InputError(f"output folder {folder}", expected, _described(earlier), hint)
+
+
+def check_parts_differ(folder: Path, planned: Mapping[str, PlannedScene], part: Part) -> None:
+    """Refuse a part with a scene that another part has by another number: one would be lost.
+
+    A part knows its own scenes alone; those of the others are told by their lists.
+
+    Raises
+    ------
+    InputError
+        Naming both.
+    """
+    for content in read_parts(folder) if part.count > 1 else ():
+        if content.part.renders != part.renders:
+            continue
+        for name, entry in content.done.items():
+            own = planned[name].index if name in planned else None
+            if None not in (own, entry.index) and own != entry.index:
+                found = f"scene {own} equal to scene {entry.index} of part {content.part.label}"
+                hint = "draw a range in place of choices, or fewer scenes, into a new folder"
+                raise InputError(f"part {part.label}", "scenes that differ", found, hint)
 
 
 def _check_readable(folder: Path) -> None:
