@@ -20,11 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from malus.renderers.datasets.samples import Cut
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.files import digest, replace_text, write_whole
+from malus.scenes.core.model import Model
 
 SHARDS = "shards.json"
 SUMS = "SHA256SUMS"
@@ -112,6 +114,22 @@ def _add(tar: tarfile.TarFile, name: str, content: bytes) -> int:
     return begin
 
 
+class _Shard(Model):
+    """A shard in `shards.json`: its name, and the ids of its scenes in order."""
+
+    file: str
+    scenes: tuple[str, ...]
+
+
+class _Record(Model):
+    """What is read of `shards.json`."""
+
+    shape: tuple[int, int]
+    maps: tuple[str, ...]
+    shards: tuple[_Shard, ...]
+    splits: dict[str, tuple[str, ...]] = Field(default_factory=dict)
+
+
 class Shards:
     """Shards on disk as a source of samples; no file stays open, in any process or thread."""
 
@@ -124,17 +142,20 @@ class Shards:
             If it is missing or malformed.
         """
         self.folder = folder
-        with reading(str(folder / SHARDS), "shards of a dataset", _AGAIN):
-            record = json.loads((folder / SHARDS).read_text("utf-8"))
-            if record["format"] != _FORMAT:
-                raise ValueError(f"the format {record['format']}; {_FORMAT} is known")
-            self.shape: tuple[int, int] = tuple(record["shape"])
-            self.maps: tuple[str, ...] = (*record["maps"], "image")
-            self.splits: dict[str, list[str]] = record.get("splits", {})
-            self._files: list[str] = [shard["file"] for shard in record["shards"]]
-            of_shard = [shard["scenes"] for shard in record["shards"]]
+        where = str(folder / SHARDS)
+        with reading(where, "shards of a dataset", _AGAIN):
+            content = json.loads((folder / SHARDS).read_text("utf-8"))
+            if content["format"] != _FORMAT:
+                raise ValueError(f"the format {content['format']}; {_FORMAT} is known")
+            known = {key: content[key] for key in _Record.model_fields & content.keys()}
+        record = _Record.parse(known, where)
+        self.shape: tuple[int, int] = record.shape
+        self.maps: tuple[str, ...] = (*record.maps, "image")
+        self.splits: dict[str, tuple[str, ...]] = record.splits
+        self._files: list[str] = [shard.file for shard in record.shards]
+        of_shard = [shard.scenes for shard in record.shards]
         if any("/" in name or name.startswith(".") for name in self._files):
-            raise InputError(str(folder / SHARDS), "names of files", "a path", _AGAIN)
+            raise InputError(where, "names of files", "a path", _AGAIN)
         self.ids: tuple[str, ...] = tuple(scene for scenes in of_shard for scene in scenes)
         self._shard_of = np.repeat(np.arange(len(of_shard)), [len(scenes) for scenes in of_shard])
 
@@ -149,9 +170,10 @@ class Shards:
         """
         shard, scene = self._files[self._shard_of[number]], self.ids[number]
         path, index = self.folder / shard, self.folder / f"{shard}.index.json"
+        with reading(str(index), f"where scene {scene} is in its shard", _AGAIN):
+            offsets = _index(index, index.stat().st_mtime_ns)[scene]
         expected = f"the arrays of scene {scene}"
         with reading(str(path), expected, _AGAIN), path.open("rb", buffering=0) as file:
-            offsets = _index(index, index.stat().st_mtime_ns)[scene]
             stored = dict.fromkeys("stokes" if name == "image" else name for name in maps)
             for name in stored:
                 _check_member(file.fileno(), offsets[name], f"{scene}.{name}{_NPY}")

@@ -284,3 +284,34 @@ def test_scenes_that_differ_make_no_hdf5(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="choose webdataset"):
         write_hdf5(tmp_path, 2, scenes, {})
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("shape", None),
+        ("shape", [SIDE]),
+        ("maps", [1]),
+        ("shards", [{"file": "a.tar"}]),
+        ("splits", 3),
+        ("splits", {"train": "abc"}),
+    ],
+)
+def test_a_malformed_list_of_shards_is_one_line(
+    forms: dict[str, Path], tmp_path: Path, key: str, value: object
+) -> None:
+    """Names of arrays that are numbers ended in a traceback."""
+    shutil.copytree(forms["webdataset"], tmp_path / "copy")
+    record = json.loads((tmp_path / "copy" / "shards.json").read_text("utf-8"))
+    (tmp_path / "copy" / "shards.json").write_text(json.dumps(record | {key: value}), "utf-8")
+    with pytest.raises(InputError, match=rf"shards\.json, key {key}.*: expected .*, found "):
+        malus.open_dataset(tmp_path / "copy", split="train", maps=("stokes",), crop=SIDE)
+
+
+def test_a_missing_index_is_named(forms: dict[str, Path], tmp_path: Path) -> None:
+    """The shard, which is there, was said to be missing."""
+    shutil.copytree(forms["webdataset"], tmp_path / "copy")
+    (index,) = (tmp_path / "copy").glob("*.index.json")
+    index.unlink()
+    with pytest.raises(InputError, match=rf"{index.name}: expected .*, found No such file"):
+        malus.open_dataset(tmp_path / "copy", maps="stokes")[0]
