@@ -55,6 +55,17 @@ def test_another_seed_draws_other_scenes_and_a_further_key_no_other_values() -> 
     assert [s.surface for s in before] == [s.surface for s in after]
 
 
+def test_a_further_range_in_front_redraws_the_first_alone() -> None:
+    """`files.md` said that no other key was drawn anew; ids of scenes depend on it, so it stays."""
+    light = {"kind": "area", "incidence_deg": {"uniform": [10, 90]}}
+    sized = light | {"half_angle_deg": {"uniform": [5, 35]}}
+    in_front = {"azimuth_deg": {"uniform": [-90, 90]}} | sized
+    before, after = drawn(suite(lights=[sized])), drawn(suite(lights=[in_front]))
+    assert [s.light.incidence_deg for s in before] != [s.light.incidence_deg for s in after]
+    assert [s.light.half_angle_deg for s in before] == [s.light.half_angle_deg for s in after]
+    assert [s.surface for s in before] == [s.surface for s in after]
+
+
 @pytest.mark.parametrize("splits", [None, SPLITS])
 def test_draws_pass_a_kolmogorov_smirnov_test(splits: dict[str, Any] | None) -> None:
     """The test's 5 % bound holds for independent draws; stratified ones lie far inside it.
