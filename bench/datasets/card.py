@@ -133,12 +133,12 @@ def keep_splits(dataset: Dataset, folder: Path) -> None:
     splits = SplitsRecord.parse(content, str(path)).splits
     counts = Counter(name for names in splits.values() for name in names)
     wrong = sorted({name for name, count in counts.items() if count > 1})
-    stored, exported = read_dataset(dataset.path)[0], set(dataset.scenes)
-    wrong += sorted(set(counts) ^ (exported | {entry.scene for entry in stored.scenes}))
+    wrong += sorted(set(counts) ^ set(dataset.whole.scenes))
     if wrong:
         expected = "every scene of the dataset in one split"
         raise InputError(str(path), expected, f"scene {wrong[0]} not so", "render it again")
-    own = {split: [name for name in names if name in exported] for split, names in splits.items()}
+    chosen = set(dataset.scenes)
+    own = {split: [name for name in names if name in chosen] for split, names in splits.items()}
     replace_text(folder / SPLITS, json.dumps(content | {"splits": own}, indent=1) + "\n")
 
 

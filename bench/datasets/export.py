@@ -246,9 +246,10 @@ def _numbered(opened: Dataset, layout: str, folder: Path, progress: Progress) ->
 
 
 def _names(opened: Dataset) -> dict[str, str]:
-    """The number of every scene, as text."""
-    width = max(4, len(str(len(opened) - 1)))
-    return {scene: f"{number:0{width}}" for number, scene in enumerate(opened.scenes)}
+    """The number of every scene in the whole dataset, as text: `malus score` reads them so."""
+    numbers = {scene: number for number, scene in enumerate(opened.whole.scenes)}
+    width = max(4, len(str(len(numbers) - 1)))
+    return {scene: f"{numbers[scene]:0{width}}" for scene in opened.scenes}
 
 
 def write_numpy(folder: Path, truth: Truth) -> None:

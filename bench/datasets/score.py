@@ -142,8 +142,8 @@ def score_dataset(
     results = _score(opened, chosen, measured, predictions, name, progress, sensor)
     results.run["suite"]["metrics"] = list(metrics)
     results.run["scenes_missing"] = max(whole.record.planned - len(whole), 0)
-    if split is not None:
-        results.run["dataset"]["split"] = split
+    if opened.part_of is not None:
+        (results.run["dataset"]["split"],) = opened.splits
     if folder is not None:
         write_results(folder, results)
     return results
@@ -162,9 +162,9 @@ def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name
 
 def _opened(dataset: Dataset | Path | str, split: str | None) -> tuple[Dataset, Dataset]:
     """A dataset that has scenes, and the part of it that is asked for."""
-    whole = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
-    whole.check_begun()
-    return whole, whole if split is None else whole.of_split(split)
+    opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    opened.check_begun()
+    return opened.whole, opened if split is None else opened.of_split(split)
 
 
 def _checked(

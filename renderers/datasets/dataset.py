@@ -56,6 +56,8 @@ class Dataset:
         What its `dataset.json` says: the suite, the variant, every scene.
     sha256 : str
         Hash of `dataset.json`, and through the hashes in it of the whole dataset.
+    part_of : Dataset or None
+        The whole, where this one was reduced to a split; see `whole`.
 
     Examples
     --------
@@ -71,6 +73,12 @@ class Dataset:
     path: Path
     record: DatasetRecord
     sha256: str
+    part_of: Dataset | None = None
+
+    @property
+    def whole(self) -> Dataset:
+        """The dataset with the scenes of all splits, by whose order layouts number the scenes."""
+        return self.part_of or self
 
     @property
     def scenes(self) -> tuple[str, ...]:
@@ -106,7 +114,8 @@ class Dataset:
         """
         chosen = scenes_of(split, self.splits)
         entries = tuple(entry for entry in self.record.scenes if entry.scene in chosen)
-        return replace(self, record=self.record.model_copy(update={"scenes": entries}))
+        record = self.record.model_copy(update={"scenes": entries})
+        return replace(self, record=record, part_of=self.whole)
 
     def samples(
         self,

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from runs import NOBODY, SUITE, run_malus
 
@@ -82,6 +83,29 @@ def test_a_split_is_exported_alone(drawn: Dataset, tmp_path: Path, layout: str) 
         assert sorted(stokes) == sorted(test)
         single = drawn.truth(test[0]).stokes.astype(np.float32)  # as shards hold it
         np.testing.assert_array_equal(stokes[test[0]], single)
+
+
+def test_a_dataset_of_a_split_is_scored_as_that_split(drawn: Dataset, tmp_path: Path) -> None:
+    """Pictures were taken by their numbers in the split: those of other scenes, in silence."""
+    test = drawn.splits["test"]
+    export(drawn, "pol", tmp_path / "all")
+    export(drawn.of_split("test"), "pol", tmp_path / "test")
+    wanted = score_dataset(drawn, [], tmp_path / "all", layout="pol", split="test")
+    assert wanted.run["scenes_missing"] == 0
+    for folder, dataset in (("all", drawn.of_split("test")), ("test", drawn)):
+        split = "test" if dataset is drawn else None
+        found = score_dataset(dataset, [], tmp_path / folder, layout="pol", split=split)
+        pd.testing.assert_frame_equal(found.table, wanted.table)
+        for key in ("scenes", "scenes_missing", "dataset", "predictions"):
+            told = [
+                dict(run[key]) | {"folder": ""} if isinstance(run[key], dict) else run[key]
+                for run in (found.run, wanted.run)
+            ]
+            assert told[0] == told[1], key
+    # Predictions of other scenes may lie beside those of the split.
+    everything = predict(drawn, tmp_path / "every", list(drawn.scenes))
+    assert set(score_dataset(drawn.of_split("test"), [], everything).table.scene) == set(test)
+    assert drawn.of_split("test").of_split("test").whole is drawn
 
 
 def test_numbers_of_layouts_are_those_in_the_whole_dataset(drawn: Dataset, tmp_path: Path) -> None:
