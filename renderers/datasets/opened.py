@@ -12,6 +12,7 @@ from malus.renderers.datasets.hdf5 import HDF5, Hdf5File
 from malus.renderers.datasets.samples import Samples, SampleSource
 from malus.renderers.datasets.shards import SHARDS, Shards
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import MISSING
 from malus.scenes.core.remote import as_path, is_here
 
 
@@ -75,6 +76,8 @@ def open_dataset(
         if (opened / DATASET).exists():
             raise
         expected = f"{DATASET}, {SHARDS} or {HDF5}"
+        if not is_here(opened) and error.found != MISSING:  # the store does not answer
+            raise
         hint = "`malus render` and `malus export` make them"
         raise InputError(str(folder), expected, "none of them", hint) from error
     if split is None and maps is None and crop is None and seed == 0:

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.errors import InputError, first_line, reading
 from malus.scenes.core.remote import is_here, put_file, put_folder, put_mark
 
 TEMPORARY = ".part-"
@@ -251,6 +251,18 @@ def read_json(path: Path, limit: int) -> tuple[Any, str]:
         return json.loads(raw), hashlib.sha256(raw).hexdigest()
 
 
+MISSING = "no such file"
+"""What stands in the message on a file that a store does not have."""
+
+
+def _why_not_open(error: OSError) -> str:
+    """Reason of an error; a store says of a server that does not answer that it lacks the file."""
+    cause = error.__cause__
+    if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):
+        return first_line(cause)
+    return error.strerror or MISSING
+
+
 def open_regular(path: Path) -> BinaryIO:
     """Open a regular file for reading; no link is followed and no pipe is waited for.
 
@@ -264,7 +276,7 @@ def open_regular(path: Path) -> BinaryIO:
             return cast(BinaryIO, path.open("rb"))
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        found = "a link" if path.is_symlink() else error.strerror or "no such file"
+        found = "a link" if path.is_symlink() else _why_not_open(error)
         raise InputError(str(path), "a readable file", found, "check the path") from None
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)

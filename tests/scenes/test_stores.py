@@ -19,6 +19,7 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 from runs import NOBODY, SUITE, run_malus
 
+import malus
 from malus.bench import read_results, run
 from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
@@ -200,3 +201,18 @@ def test_a_protocol_without_its_package_is_one_line(url: str, says: str) -> None
 def test_a_file_url_is_a_folder_of_this_machine(tmp_path: Path) -> None:
     assert as_path(f"file://{tmp_path}/a%20b") == tmp_path / "a b"
     assert is_here(as_path(f"file://{tmp_path}"))
+
+
+def test_a_store_that_does_not_answer_is_no_empty_folder(
+    store: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fsspec says of a server that refuses a connection that it has no such file; so did malus."""
+
+    def refused(self: MemoryFileSystem, path: str, *_: object, **__: object) -> None:
+        raise FileNotFoundError(path) from ConnectionRefusedError(111, "Connection refused")
+
+    with pytest.raises(InputError, match=r"dataset\.h5, found none of them"):
+        malus.open_dataset(store)
+    monkeypatch.setattr(MemoryFileSystem, "_open", refused)
+    with pytest.raises(InputError, match=r"dataset\.json: .*, found Connection refused"):
+        malus.open_dataset(store)
