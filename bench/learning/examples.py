@@ -110,10 +110,6 @@ def read_examples(
         _in_processes(dataset.path, split, numbers, factor)
     ):
         progress(done, len(numbers), f"reading {split}")
-        if valid.shape != (height, width):
-            expected = f"pictures of {factor * width} × {factor * height} pixels"
-            found = f"{factor * valid.shape[1]} × {factor * valid.shape[0]}"
-            raise InputError(str(dataset.path), expected, found, "render them in one suite")
         light[place], mask[place], noise[place] = one, valid, power
     return Examples(light, mask, noise)
 
@@ -158,8 +154,13 @@ def read_some(
     """Pictures of those numbers in a split, one after the other; `factor`² pixels become one."""
     dataset = open_dataset(folder)
     samples = dataset.samples(split, maps=("stokes", "mask", "standard_error"))
+    rendered = dataset.scene(dataset.scenes[0]).shape
     for place, number in zip(places, numbers, strict=True):
         sample = samples[int(number)]
+        if (shape := sample["mask"].shape) != rendered:
+            where, hint = f"scene {sample['scene']}", "render all in one resolution"
+            expected = f"{rendered[1]} × {rendered[0]} pixels, as the first scene has"
+            raise InputError(where, expected, f"{shape[1]} × {shape[0]}", hint)
         bands = dataset.scene(sample["scene"]).scene.wavelengths_nm
         if len(bands) != 3:
             where, hint = f"scene {sample['scene']}", "render it in three bands"

@@ -176,3 +176,17 @@ def test_the_mean_with_the_mirror_image_is_a_mirror_image(spheres: Path) -> None
     one, two = (measured(weights, part, "none", as_run=True) for part in (val, other))
     assert one.skill == pytest.approx(two.skill, rel=1e-3)
     assert measured(weights, val, "none").skill != pytest.approx(one.skill, rel=1e-2)
+
+
+@pytest.mark.parametrize("side", [None, 16])
+def test_a_picture_of_another_size_is_named(tmp_path: Path, side: int | None) -> None:
+    """Reduced ones ended in a traceback, and the advice was what had been done: one suite."""
+    sizes = {"cameras": [{"resolution": 33}, {"resolution": 32}], "count": 12}
+    content = CONTENT | {"random": CONTENT["random"] | sizes}
+    scenes = render_dataset(Suite.parse(content, "test"), tmp_path / "two", Variant("none", "no"))
+    assert scenes["rendered"] == 12
+    dataset = malus.open_dataset(tmp_path / "two")
+    assert dataset.scene(dataset.scenes[0]).shape == (32, 32)
+    told = r"scene [0-9a-f]{16}: expected 32 × 32 pixels, .*, found 33 × 33; render all in one res"
+    with pytest.raises(InputError, match=told):
+        read_examples(dataset, "train", 0, silent, side)
