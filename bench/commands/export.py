@@ -29,9 +29,12 @@ FORMATS = (
     type=click.Choice(["exr", "png"]),
     help="Of polanalyser's images: lossless floats, or 16 bits [default: exr].",
 )
+@click.option(
+    "--split", type=click.Choice(("train", "val", "test")), help="Only the scenes of this split."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print what was done as JSON.")
 def export_command(
-    dataset: Path, layout: str, out: Path, pixels: str | None, as_json: bool
+    dataset: Path, layout: str, out: Path, pixels: str | None, split: str | None, as_json: bool
 ) -> None:
     """Write DATASET in the format of other tools; conventions.json beside it says what is what.
 
@@ -60,9 +63,11 @@ def export_command(
 
     opened = open_dataset(dataset)
     missing = max(0, opened.record.planned - len(opened))
+    opened.check_begun()
+    chosen = opened if split is None else opened.of_split(split)
     console = plain_console(stderr=True)
     count = with_progress(
-        console, "scenes", lambda show: export(opened, layout, out, pixels or "exr", show)
+        console, "scenes", lambda show: export(chosen, layout, out, pixels or "exr", show)
     )
     if as_json:
         print_json({"out": str(out), "scenes": count, "missing": missing})

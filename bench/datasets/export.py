@@ -109,7 +109,7 @@ def export(
 
     Parameters
     ----------
-    dataset : Dataset, or the path or URL of its folder
+    dataset : Dataset, of a split too (`Dataset.of_split`), or the path or URL of its folder
     layout : one of `FORMATS`:
         numpy: one .npz a scene; png: angle and degree of polarisation; polanalyser: one image a
         polariser angle; webdataset: shards; hdf5: one file; rgb2pol, pol, polaranything: the

@@ -85,6 +85,20 @@ def test_a_split_is_exported_alone(drawn: Dataset, tmp_path: Path, layout: str) 
         np.testing.assert_array_equal(stokes[test[0]], single)
 
 
+def test_the_command_exports_a_split(drawn: Dataset, tmp_path: Path) -> None:
+    """By the numbers of the whole dataset, by which `malus score` reads predictions."""
+    numbers = {scene: f"{number:04}" for number, scene in enumerate(drawn.scenes)}
+    out = ["--format", "pol", "--out", str(tmp_path / "out")]
+    assert run_malus("export", str(drawn.path), *out, "--split", "test").returncode == 0
+    names = json.loads((tmp_path / "out" / "names.json").read_text("utf-8"))
+    assert names == {scene: numbers[scene] for scene in drawn.splits["test"]}
+    pictures = {path.stem for path in (tmp_path / "out" / "pol045").iterdir()}
+    assert pictures == set(names.values())
+    refused = run_malus("export", str(drawn.path), *out, "--split", "val")
+    assert refused.returncode == 2
+    assert "expected a scene in it" in " ".join(refused.stderr.split())
+
+
 def test_a_dataset_of_a_split_is_scored_as_that_split(drawn: Dataset, tmp_path: Path) -> None:
     """Pictures were taken by their numbers in the split: those of other scenes, in silence."""
     test = drawn.splits["test"]
