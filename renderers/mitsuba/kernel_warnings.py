@@ -15,7 +15,16 @@ from typing import TextIO, cast
 _FROM_DRJIT = re.compile(r"\b(?:jitc?_\w+|validate)\(\): ?.*")
 """Every message of Dr.Jit's core begins with the function that it comes from."""
 
-_HARMLESS = ("jit_flush_malloc_cache(): ", "jit_find_library(): ", "jitc_llvm_init(): ")
+_HARMLESS = (
+    "jit_flush_malloc_cache(): ",
+    "jit_find_library(): ",
+    "jitc_llvm_init(): ",
+    # The kernel cache, by default ~/.drjit: where it is full, not writable or holds a damaged file,
+    # kernels are compiled anew.
+    "jit_kernel_write(): ",
+    "jit_kernel_load(): discarding cache file ",
+    "jit_cache_sweep(): ",
+)
 """Messages that do not concern the numbers, but speed or a library of another variant."""
 
 

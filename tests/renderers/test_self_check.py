@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -95,6 +98,7 @@ def test_a_variant_whose_renders_are_wrong_is_not_chosen(
     [
         ("jit_eval(): more than one OptiX shader binding table was used. Disabling this", True),
         ("jit_flush_malloc_cache(): Dr.Jit exhausted the available memory", False),
+        ('jit_kernel_load(): discarding cache file "/x/1.bin": checksum mismatch.', False),
         ("scenes 3 of 8", False),
     ],
 )
@@ -111,6 +115,31 @@ def test_what_the_renderer_warns_of_is_an_error(
     else:
         render()
     assert message in capsys.readouterr().err  # nothing is swallowed
+
+
+def test_a_full_kernel_cache_changes_neither_variant_nor_numbers(
+    vectorised: Variant, tmp_path: Path
+) -> None:
+    program = f"""
+import resource, sys
+limit = int(sys.argv[1])
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+from malus.renderers.self_check import SCENES, rendered, works
+from malus.renderers.variant import Variant
+on_trial = Variant({vectorised.name!r}, "on trial", {vectorised.llvm!r})
+truth = rendered(on_trial, SCENES["metal"], seed=1)
+print(works(on_trial), truth.image.tobytes().hex())
+"""
+    printed = {}
+    # A file of 100 bytes holds no kernel; 1 GB is no limit.
+    for limit in ("100", "1000000000"):
+        environment = os.environ | {"DRJIT_CACHE_DIR": str(tmp_path / limit)}
+        words = [sys.executable, "-c", program, limit]
+        done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+        assert ("jit_kernel_write(): " in done.stderr) == (limit == "100")
+        printed[limit] = done.stdout
+    assert printed["100"] == printed["1000000000"]
+    assert printed["100"].startswith("True ")
 
 
 def measured_reference(
