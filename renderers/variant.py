@@ -12,6 +12,7 @@ import functools
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -140,17 +141,36 @@ def _driver() -> str:
 
 def _self_check_in_subprocess(variant: str, llvm: str) -> bool | None:
     """Whether small renders come out right; None where they did not end, as on a busy machine."""
+    # It imports from where this process does: with -m alone, `numpy.py` or another `malus` in the
+    # working folder would come first, and the variant fail for them.
+    paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
     try:
         process = subprocess.run(
-            [sys.executable, "-m", "malus.renderers.self_check", variant, llvm],
+            [sys.executable, "-P", "-m", "malus.renderers.self_check", variant, llvm],
             capture_output=True,
             text=True,
             timeout=120,
             check=False,
+            env=os.environ | {"PYTHONPATH": paths},
         )
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return process.returncode == 0
+    # A process that was killed, as where memory is short, says nothing of the variant.
+    return None if process.returncode == -signal.SIGKILL else process.returncode == 0
+
+
+def forget_failures() -> None:
+    """Let every variant be tried again that failed before: what made it fail may be mended.
+
+    Examples
+    --------
+    >>> forget_failures()
+    """
+    answers = _read_cache()
+    kept = {key: passed for key, passed in answers.items() if passed}
+    if kept != answers:
+        _write_cache(kept)
+        choose.cache_clear()
 
 
 def _read_cache() -> dict[str, bool]:

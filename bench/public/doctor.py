@@ -12,6 +12,7 @@ from malus.renderers.variant import (
     BROKEN_LLVM,
     SCALAR,
     choose,
+    forget_failures,
     installed_llvm,
     llvm_version,
     missing_llvm,
@@ -21,6 +22,8 @@ from malus.renderers.variant import (
 
 def doctor() -> dict[str, Any]:
     """Examine this machine: Python, packages, LLVM libraries, and the variant that renders.
+
+    Variants that failed before are tried again.
 
     Returns
     -------
@@ -37,6 +40,7 @@ def doctor() -> dict[str, Any]:
     >>> doctor()["variant"].endswith("_polarized")
     True
     """
+    forget_failures()
     variant = choose()
     libraries = [
         {"path": str(path), "version": llvm_version(path), "aborts": _aborts(llvm_version(path))}

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from malus.bench.public.doctor import doctor
 from malus.renderers import render, variant
 from malus.renderers.families.family import render_family
 from malus.scenes import Camera, Dielectric, InputError, Sampling, Scene, Sphere, Uniform
@@ -68,6 +69,48 @@ def test_a_probe_that_came_to_no_end_is_made_again(
     monkeypatch.setattr(variant.subprocess, "run", endless)
     assert variant._probe(variant.LLVM, library) is False
     assert variant._read_cache() == {}
+
+
+def test_a_probe_that_was_killed_is_made_again(
+    no_libraries: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernel kills where memory is short; nothing else sends this signal."""
+
+    class Killed:
+        returncode = -9
+
+    monkeypatch.setattr(variant.subprocess, "run", lambda *_, **__: Killed)
+    library = no_libraries / "libLLVM-19.so"
+    library.write_bytes(b"")
+    assert variant._probe(variant.LLVM, library) is False
+    assert variant._read_cache() == {}
+
+
+def test_files_of_the_working_folder_do_not_hide_a_variant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside a checkout called malus, or a script called random.py, nothing else is imported."""
+    for name in ("malus", "numpy", "random", "types"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('imported')")
+    monkeypatch.chdir(tmp_path)
+    best = variant.choose()
+    assert variant._self_check_in_subprocess(best.name, best.llvm or "") is True
+
+
+def test_a_failure_is_tried_again_once_the_doctor_is_asked(
+    no_libraries: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library = no_libraries / "libLLVM-19.so"
+    library.write_bytes(b"")
+    monkeypatch.setattr(variant, "_self_check_in_subprocess", lambda *_: False)
+    assert variant._probe(variant.LLVM, library) is False
+    monkeypatch.setattr(variant, "_self_check_in_subprocess", lambda *_: True)
+    assert variant._probe(variant.LLVM, library) is False  # remembered
+    with monkeypatch.context() as patched:
+        patched.setattr(variant, "_cuda", lambda: None)
+        patched.setenv("DRJIT_LIBLLVM_PATH", str(library))
+        assert doctor()["llvm"] == str(library)
+    variant.choose.cache_clear()
 
 
 def test_a_cache_that_is_damaged_is_no_cache(no_libraries: Path) -> None:
