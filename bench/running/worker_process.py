@@ -195,7 +195,8 @@ class WorkerProcess:
         self._connection, worker_end = context.Pipe()
         self._begun = 0
         self._told = tempfile.TemporaryFile()  # noqa: SIM115 - closed when the process is ready
-        with _start_lock, _errors_to(self._told.fileno()) as error_stream, main_hidden() as main:
+        errors_to_file = _errors_to(self._told.fileno())
+        with _start_lock, _safe_path(), errors_to_file as error_stream, main_hidden() as main:
             process = context.Process(target=serve, args=(worker_end, error_stream, main))
             try:
                 process.start()
@@ -286,6 +287,23 @@ def _is_ready(connection: Connection | None) -> bool:
         return connection.poll(_START_SECONDS) and connection.recv() == READY
     except (EOFError, ConnectionResetError):
         return False
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Let a process that is started import nothing from the working folder before it has this path.
+
+    A file there that is called `types.py` or `queue.py` would end it. It gets this process's path.
+    """
+    former = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if former is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = former
 
 
 class _Inherited:

@@ -64,6 +64,17 @@ def test_a_cell_of_a_notebook_has_workers(tmp_path: Path) -> None:
     assert told(tmp_path, "-c", cell) == "[0, 1, 2]\n"
 
 
+def test_files_of_the_working_folder_do_not_keep_a_worker_from_starting(tmp_path: Path) -> None:
+    """As of a command: it imports nothing from there, and its workers do not either."""
+    room, work = tmp_path / "room", tmp_path / "work"
+    room.mkdir()
+    work.mkdir()
+    for name in ("types", "pickle", "socket", "malus", "numpy"):
+        (work / f"{name}.py").write_text("raise SystemExit('imported')")
+    program = room / script(room, WORK + "import os\nprint(os.environ.get('PYTHONSAFEPATH'))")
+    assert told(work, str(program)) == "[0, 1, 2]\nNone\n"  # as it was, for its own processes
+
+
 def test_a_program_under_a_debugger_has_workers(tmp_path: Path) -> None:
     name = script(tmp_path, WORK)
     assert "[0, 1, 2]\n" in told(tmp_path, "-m", "pdb", "-c", "continue", name, program="q\n")
