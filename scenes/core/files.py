@@ -45,7 +45,7 @@ def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
     try:
         temporary = _temporary_folder(final.parent)
         write(temporary)
-        temporary.chmod(0o755)
+        temporary.chmod(_permissions(0o777))
         if final.is_dir() and not final.is_symlink():
             # A folder that is not empty cannot be replaced by renaming: it steps aside first.
             aside = _temporary_folder(final.parent)
@@ -148,7 +148,7 @@ def replace_file(final: Path, write: Callable[[Path], object]) -> None:
         os.close(handle)
         temporary = Path(name)
         write(temporary)
-        temporary.chmod(0o644)
+        temporary.chmod(_permissions(0o666))
         os.replace(temporary, final)
     except OSError as error:
         if temporary is not None and not _is_of_writing(error, temporary):
@@ -319,6 +319,18 @@ def _temporary(folder: Path, beginning: str = TEMPORARY) -> list[Path]:
 
 def _temporary_folder(parent: Path) -> Path:
     return Path(tempfile.mkdtemp(dir=parent, prefix=_prefix()))
+
+
+def _permissions(most: int) -> int:
+    """Permissions of what this process makes: `most` but for its umask, as Linux tells it.
+
+    `os.umask` tells it only by setting another, for all threads.
+    """
+    with contextlib.suppress(OSError, ValueError):
+        for line in Path("/proc/self/status").read_text("utf-8", "replace").splitlines():
+            if line.startswith("Umask:"):
+                return most & ~int(line.split()[1], 8)
+    return most & ~0o022
 
 
 def _prefix() -> str:
