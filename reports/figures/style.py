@@ -124,10 +124,13 @@ def _method_style(method: str, families: Sequence[str]) -> MethodStyle:
 def style() -> Iterator[None]:
     """Settings for everything drawn inside the `with` block, whoever changed them before.
 
+    So has a `matplotlibrc` of the user's: LaTeX, sizes and colours of other figures.
     Matplotlib names the parts of an SVG by how NumPy prints numbers, and colour-science changes
     that for the thread that imports it.
     """
-    with mpl.rc_context(RC), np.printoptions(legacy=False):
+    with mpl.rc_context(), np.printoptions(legacy=False):
+        mpl.rcdefaults()
+        mpl.rcParams.update(RC)
         yield
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
@@ -178,6 +179,20 @@ def test_figures_are_well_formed_reproducible_and_keep_text_as_text(table: pd.Da
     assert "refractive index η" in words
     assert "range of the paper’s Figure 5" in words
     assert "date" not in text.lower().split("<defs>")[0]
+
+
+def test_settings_of_the_user_do_not_reach_figures(table: pd.DataFrame) -> None:
+    """A `matplotlibrc` for papers asks for LaTeX, which need not be there, and for other sizes."""
+    plain = svg(figure5(table, "unpolarised")), png(figure5(table, "unpolarised"))
+    own = {
+        "text.usetex": True,
+        "font.weight": "bold",
+        "axes.facecolor": "red",
+        "savefig.pad_inches": 1,
+    }
+    with mpl.rc_context({**own, "savefig.bbox": "tight", "savefig.transparent": True}):
+        assert (svg(figure5(table, "unpolarised")), png(figure5(table, "unpolarised"))) == plain
+        assert mpl.rcParams["font.weight"] == "bold"  # they are the user's again
 
 
 def test_png_has_200_dots_an_inch(table: pd.DataFrame) -> None:
