@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import io
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -82,6 +84,8 @@ def main() -> None:
     """Run the command line; a user's mistake ends in one line and exit code 2, not a traceback."""
     try:
         _check_output()
+        # A notebook's, which this environment need not have; malus draws into files.
+        os.environ.pop("MPLBACKEND", None)
         signal.signal(signal.SIGTERM, _terminate)
         cli.main(standalone_mode=False)
     except (click.exceptions.Abort, KeyboardInterrupt):
@@ -110,9 +114,14 @@ def main() -> None:
 
 
 def _check_output() -> None:
-    """Refuse a closed standard output: the next file that is opened would get what is printed."""
+    """Refuse a closed standard output, and let it take what its encoding lacks, as `?`.
+
+    The next file that is opened would get what is printed.
+    """
     if sys.stdout is None:
         _stop("expected standard output, found it closed; write to a file or /dev/null", BAD_INPUT)
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a test's is none
+        sys.stdout.reconfigure(errors="replace")
 
 
 def _terminate(number: int, frame: object) -> None:

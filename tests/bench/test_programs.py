@@ -140,3 +140,22 @@ def test_a_closed_standard_output_is_told(arguments: list[str]) -> None:
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith("malus: expected standard output, found it closed")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_what_an_encoding_lacks_is_a_question_mark(encoding: str) -> None:
+    """Old locales have no dashes; the table ended in a traceback."""
+    environment = os.environ | {"PYTHONIOENCODING": encoding}
+    command = [sys.executable, "-m", "malus", "list", "materials"]
+    done = subprocess.run(command, capture_output=True, env=environment, check=True)
+    assert b"?" in done.stdout
+
+
+def test_the_drawing_window_of_a_notebook_is_not_asked_for() -> None:
+    """Programs that a notebook starts inherit its backend, which their environment may not have."""
+    program = "import sys, malus.bench.cli as cli\nsys.argv[1:] = ['list', 'shapes']\ncli.main()\n"
+    program += "import matplotlib; print(matplotlib.__name__)"
+    environment = os.environ | {"MPLBACKEND": "module://matplotlib_inline.backend_inline"}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert (done.returncode, done.stdout.split()[-1]) == (0, "matplotlib"), done.stderr
