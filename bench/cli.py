@@ -138,7 +138,7 @@ def _stopped(words: Sequence[str]) -> str:
 
 def _reason(error: OSError | MemoryError | ImportError) -> str:
     if isinstance(error, ImportError) and UNMAPPED not in str(error):
-        raise error
+        return _unmet(error)
     if not isinstance(error, OSError):
         detail = f" ({error})" if str(error) else ""
         return f"expected enough memory, found too little; ask for less at once{detail}"
@@ -146,6 +146,25 @@ def _reason(error: OSError | MemoryError | ImportError) -> str:
     if error.errno == errno.ENOSPC and not error.filename:
         return f"expected room for standard output or temporary files, found {reason}; make room"
     return f"{reason}{f' {error.filename}' if error.filename else ''}"
+
+
+def _unmet(error: ImportError) -> str:
+    """What to install where a package that malus needs is missing or does not fit.
+
+    Raises
+    ------
+    ImportError
+        The error itself, where none is: it is a fault of malus.
+    """
+    try:
+        from malus.bench.public.requirements import unmet_requirements
+    except ImportError:  # what reads requirements is missing, too
+        raise error from None
+    unmet = unmet_requirements()
+    if not unmet or "malus" in unmet:
+        raise error
+    packages = " ".join(f"'{need}'" for need in unmet.values())
+    return f"expected the packages that malus needs, found {error}; pip install {packages}"
 
 
 def _command_path(mistake: click.ClickException) -> str:

@@ -69,6 +69,24 @@ def test_what_is_missing_is_told_also_where_nothing_can_be_imported(
     assert "OpenEXR missing: pip install 'OpenEXR>=3.4'" in done.stdout.splitlines()
 
 
+@pytest.mark.usefixtures("unfit")
+def test_every_command_names_what_it_cannot_import(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "malus.bench.public.lists", None)
+    done = run_malus("list", "shapes")
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("malus: expected the packages that malus needs, found ")
+    assert line.endswith("pip install 'pandas>=3' 'OpenEXR>=3.4' 'h5py>=3.10'")
+
+
+def test_an_import_that_no_package_explains_is_a_fault_of_malus(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "malus.bench.public.lists", None)
+    with pytest.raises(ImportError, match="lists"):
+        run_malus("list", "shapes")
+
+
 def test_a_checkout_without_metadata_needs_what_nobody_knows(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
