@@ -167,7 +167,7 @@ def forget_failures() -> None:
     >>> forget_failures()
     """
     answers = _read_cache()
-    kept = {key: passed for key, passed in answers.items() if passed}
+    kept: dict[str, bool] = {key: passed for key, passed in answers.items() if passed}
     if kept != answers:
         _write_cache(kept)
         choose.cache_clear()
@@ -218,7 +218,7 @@ def choose(backend: str = "auto") -> Variant:
     Parameters
     ----------
     backend : 'auto', 'cuda', 'llvm' or 'scalar'
-        'auto' reads the environment variable MALUS_BACKEND first.
+        'auto' reads the environment variable MALUS_BACKEND first; an empty one is none.
 
     Raises
     ------
@@ -230,18 +230,19 @@ def choose(backend: str = "auto") -> Variant:
     >>> choose("scalar").name
     'scalar_spectral_polarized'
     """
-    if backend == "auto":
-        backend = os.environ.get("MALUS_BACKEND", "auto")
+    where = "backend"
+    if backend == "auto" and os.environ.get("MALUS_BACKEND"):
+        where, backend = "MALUS_BACKEND", os.environ["MALUS_BACKEND"]
     if backend == "auto":
         return _cuda() or _llvm() or _scalar()
     if backend == "scalar":
         return Variant(SCALAR, "asked for")
     if backend not in BACKENDS:
-        raise InputError("backend", "auto, cuda, llvm or scalar", backend, "choose one of these")
+        raise InputError(where, "auto, cuda, llvm or scalar", backend, "choose one of these")
     variant = _cuda() if backend == "cuda" else _llvm()
     if variant is None:
         hint = "`malus doctor` says what is here, and what a check of it finds"
-        raise InputError("backend", f"a working {backend}", "none", hint)
+        raise InputError(where, f"a working {backend}", "none", hint)
     return variant
 
 

@@ -142,6 +142,17 @@ def test_one_scene_is_rendered_by_the_backend_that_is_asked_for() -> None:
         render(scene, sampling, backend="metal")
 
 
+def test_a_backend_from_the_environment_is_named_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who set it gave no --backend; set to nothing it is not set, as other variables are."""
+    best = variant.choose()
+    choose = variant.choose.__wrapped__  # type: ignore[attr-defined]
+    monkeypatch.setenv("MALUS_BACKEND", "metal")
+    with pytest.raises(InputError, match=r"^MALUS_BACKEND: expected auto, .* found metal"):
+        choose()
+    monkeypatch.setenv("MALUS_BACKEND", "")
+    assert choose() == best
+
+
 def test_variants_follow_one_another_in_one_process() -> None:
     """Dr.Jit looks for LLVM once: the scalar variant first must not hide it from what follows."""
     if not variant.choose().vectorised:
