@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
+import tomllib
 from email.message import Message
 from importlib.metadata import PackageNotFoundError
+from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 from runs import run_malus
 
 from malus.bench.public import requirements
@@ -99,3 +102,12 @@ def test_a_checkout_without_metadata_needs_what_nobody_knows(
     done = run_malus("doctor")
     assert done.returncode == 1
     assert "missing: pip install '.'" in done.stdout
+
+
+def test_no_numpy_is_allowed_that_pyarrow_refuses() -> None:
+    """pyarrow 26 is imported with NumPy 2.0 or newer; pip does not know it."""
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8"))
+    needs = map(Requirement, project["project"]["dependencies"])
+    (numpy,) = (need for need in needs if need.name == "numpy")
+    assert "1.26.4" not in numpy.specifier
+    assert "2.0.2" in numpy.specifier  # `malus run` gives the same table with it
