@@ -23,6 +23,8 @@ from malus.scenes.core.named_file import digest_of
 KINDS = ("uniform", "log_uniform", "integers", "choice", "folder")
 BANDS = 100
 """Most intervals that a range is cut into, where splits share no value of it."""
+OPTION = "option"
+"""Key of what a choice has chosen, in the path of a value inside it."""
 DIGITS = 6
 """Significant digits of a drawn number: enough, and the same on every machine."""
 
@@ -48,6 +50,8 @@ class Distribution:
         The templates of a choice.
     weights : sequence of float
         Of the options where they differ.
+    integers : int
+        How many whole numbers a range of them has; 0 elsewhere.
     """
 
     value: Callable[[float], Any]
@@ -212,7 +216,7 @@ def drawn(template: Any, pick: Pick, path: str = "") -> Any:
     node = distribution(template)
     if node is not None:
         value = node.value(pick(path, node))
-        return drawn(value, pick, joined(path, "option")) if "choice" in template else value
+        return drawn(value, pick, joined(path, OPTION)) if "choice" in template else value
     if isinstance(template, Mapping):
         values = {}
         for key, part in template.items():
@@ -254,7 +258,23 @@ def variants(template: Any) -> Iterator[Any]:
     [{'alpha': 0.1}, {'alpha': 0.3}]
     """
     for number in range(2 * _most_values(template)):
-        yield drawn(template, lambda _, node, number=number: node.probe(number))  # type: ignore[misc]
+        yield drawn(template, _Probes(number))
+
+
+class _Probes:
+    """Picks the number-th value worth a test; inside a choice the next only after all options."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+        self._options: dict[str, int] = {}
+
+    def __call__(self, path: str, node: Distribution) -> float:
+        """The number in 0..1 for the distribution at a path."""
+        outer = [n for inside, n in self._options.items() if f"{path}.".startswith(inside)]
+        if node.options:
+            self._options[f"{joined(path, OPTION)}."] = node.intervals
+        place, end = divmod(self._number, 2)
+        return node.probe(2 * (place // math.prod(outer)) + end)
 
 
 def _most_values(template: Any) -> int:

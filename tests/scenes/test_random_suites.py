@@ -19,7 +19,7 @@ from malus.scenes import (
 )
 from malus.scenes.random_suite.clutter import Clutter, place
 from malus.scenes.random_suite.sequence import Numbers
-from malus.scenes.random_suite.templates import distribution
+from malus.scenes.random_suite.templates import distribution, variants
 
 
 def test_a_larger_count_keeps_the_first_scenes_to_the_bit() -> None:
@@ -95,6 +95,25 @@ def test_draws_pass_a_kolmogorov_smirnov_test(splits: dict[str, Any] | None) -> 
         assert values[name].max() <= high
         test = stats.kstest(values[name], "uniform", (low, high - low))
         assert test.pvalue > 0.05, (name, test)
+
+
+def test_every_value_inside_a_choice_is_tried_before_anything_is_rendered() -> None:
+    """Of two choices inside a choice of two, one value each was tried: a wrong one came later."""
+
+    def values(template: Any) -> set[Any]:
+        if not isinstance(template, dict):
+            return {template}
+        parts = template.get("choice") or template.get("uniform") or list(template.values())
+        return set().union(*map(values, parts))
+
+    inner = [{"a": {"choice": [1, 2]}}, {"a": {"uniform": [3.0, 4.0]}}, {"a": {"choice": [5, 6]}}]
+    nested = {"b": {"choice": [*inner, {"choice": [7, {"choice": [8, 9, 10]}]}]}}
+    tried = set().union(*map(values, variants(nested)))
+    assert tried == values(nested)
+    wrong = {"alpha": 0.1, "albedo": {"choice": [0.5, 7]}}
+    right = {"alpha": {"uniform": [0.1, 0.2]}, "albedo": {"choice": [0.2, 0.3]}}
+    with pytest.raises(InputError, match=r"surfaces\.0.*albedo"):
+        suite(surfaces=[{"choice": [wrong, right]}])
 
 
 def test_items_are_drawn_by_their_weights() -> None:
