@@ -28,7 +28,11 @@ from malus.scenes.maps import MapNames
 from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.materials.measured import Measured, open_pbrdf
 from malus.scenes.materials.surface import Body, Surface
-from malus.scenes.random_suite.random_scenes import RandomScenes, SceneDraws
+from malus.scenes.random_suite.random_scenes import (
+    RandomScenes,
+    SceneDraws,
+    least_and_most_pixels,
+)
 from malus.scenes.random_suite.splits import DRAWN_MATERIALS, Splits, refuse_own_values
 from malus.scenes.scene import DEPTH_AMONG_OBJECTS, Sampling, Scene, Wavelengths
 from malus.scenes.sensor import Sensor, located
@@ -180,17 +184,14 @@ class Suite(Model):
     @model_validator(mode="after")
     def _sensor_fits(self) -> Self:
         if self.sensor is not None:
-            for resolution in self._resolutions():
-                self.sensor.check_fits(self.wavelengths_nm, resolution)
+            self.sensor.check_fits(self.wavelengths_nm, self.least_and_most_pixels[0])
         return self
 
-    def _resolutions(self) -> set[int]:
-        """Pixels a side of all cameras; of drawn ones those that ranges and choices end with."""
-        own = {self.camera.resolution}
-        if self.draws is None:
-            return own
-        cameras = [content["camera"] for _, content in self.draws.examples()]
-        return {int(camera.get("resolution", self.camera.resolution)) for camera in cameras}
+    @property
+    def least_and_most_pixels(self) -> tuple[int, int]:
+        """Pixels a side of the smallest and of the largest picture, which differ where drawn."""
+        cameras = self.random.cameras if self.random else ()
+        return least_and_most_pixels(self.camera.resolution, cameras)
 
     @property
     def scene_count(self) -> int:
@@ -293,8 +294,7 @@ def load_suite(name_or_path: str | Path) -> Suite:
     folder = Path(where).parent
     if suite.sensor is not None:
         sensor = located(suite.sensor, folder, where)
-        for resolution in suite._resolutions():
-            sensor.check_fits(suite.wavelengths_nm, resolution)
+        sensor.check_fits(suite.wavelengths_nm, suite.least_and_most_pixels[0])
         suite = suite.model_copy(update={"sensor": sensor})
     shapes = tuple(_with_mesh(shape, folder) for shape in suite.shapes)
     lights = tuple(_with_map(light, folder) for light in suite.lights)

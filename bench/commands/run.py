@@ -164,9 +164,11 @@ def _run_with(
 def _announce(suite: Suite, variant: Variant, console: Console) -> None:
     """Say what begins now."""
     console.print(": ".join(filter(None, (suite.name, suite.description))))
+    sides = " to ".join(f"{side}²" for side in dict.fromkeys(suite.least_and_most_pixels))
+    most = "" if suite.sampling.target is None else "at most "
     console.print(
-        f"variant {variant.name} ({variant.reason}), {suite.camera.resolution}² pixels, "
-        f"{suite.sampling.samples} samples a pixel"
+        f"variant {variant.name} ({variant.reason}), {sides} pixels, "
+        f"{most}{suite.sampling.samples} samples a pixel"
     )
 
 

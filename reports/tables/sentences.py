@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -18,6 +18,7 @@ from malus.reports.tables.rows import (
     overall_rows,
     unverified_surfaces,
 )
+from malus.scenes.random_suite.random_scenes import least_and_most_pixels
 
 PAPER = f"The paper's Figure 5: NMSE in {PAPER_RANGE} for every material and surface."
 SKILL = (
@@ -178,13 +179,14 @@ def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
         for name, many in [*((name, "") for name in axes), ("body", "bodies")]
     )
     bands = suite["wavelengths_nm"]
+    most = "at most " if sampling.get("target") else ""  # then only as many as the noise asks for
     yield (
         f"{counted(table['scene'].nunique(), 'scene')}: {counts}; {counted(len(bands), 'band')}"
-        f" from {bands[0]:g} to {bands[-1]:g} nm; {suite['camera']['resolution']} pixels square."
+        f" from {bands[0]:g} to {bands[-1]:g} nm; {_sides(suite)} pixels square."
     )
     yield (
         f"Renderer {suite['renderer']}, variant {run['variant']['name']}"
-        f" ({run['variant']['reason']}), {sampling['samples']} samples a pixel,"
+        f" ({run['variant']['reason']}), {most}{sampling['samples']} samples a pixel,"
         f" seed {sampling['seed']}."
     )
     yield interpolation(run)
@@ -198,6 +200,13 @@ def what_was_run(table: pd.DataFrame, run: dict[str, Any]) -> Iterator[str]:
             f"{taken} of {run['families']} families were taken over from an earlier run: their"
             " time is not among the stages."
         )
+
+
+def _sides(suite: Mapping[str, Any]) -> str:
+    """Pixels a side of the cameras of a suite, also of one that draws them."""
+    random = suite.get("random") or {}
+    sides = least_and_most_pixels(suite["camera"]["resolution"], random.get("cameras", ()))
+    return " to ".join(map(str, dict.fromkeys(sides)))
 
 
 def doubts(table: pd.DataFrame) -> Iterator[str]:

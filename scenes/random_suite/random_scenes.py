@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
@@ -328,6 +328,25 @@ class SceneDraws:
             return number if path == own_path else numbers(joined(f"{name}{axis}", path))
 
         return drawn(template, pick)
+
+
+def least_and_most_pixels(own: int, cameras: Iterable[Any] = ()) -> tuple[int, int]:
+    """Pixels a side of the smallest and of the largest picture.
+
+    Parameters
+    ----------
+    own : int
+        Of the suite's camera, for those that are drawn without.
+    cameras : templates of a random suite
+
+    Examples
+    --------
+    >>> least_and_most_pixels(128), least_and_most_pixels(128, [{"resolution": 16}, {}])
+    ((128, 128), (16, 128))
+    """
+    drawn = (camera for template in cameras for camera in variants(template))
+    sides = [int(camera.get("resolution", own)) for camera in drawn] or [own]
+    return min(sides), max(sides)
 
 
 def _placed(thing: Mapping[str, Any], where: str) -> Placed:

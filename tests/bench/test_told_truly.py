@@ -12,9 +12,12 @@ import fsspec
 import numpy as np
 import pandas as pd
 import pytest
+from random_suites import AXES, BASE
 from runs import formula_dataset
 
 import malus
+from malus.bench.commands.console import plain_console
+from malus.bench.commands.run import _announce
 from malus.bench.datasets.card import card
 from malus.bench.datasets.export import export
 from malus.bench.datasets.layouts import layout_predictions
@@ -27,6 +30,7 @@ from malus.reconstruct.photos.knowledge import Knowledge
 from malus.renderers.datasets import hdf5
 from malus.renderers.datasets.dataset_record import DatasetRecord
 from malus.renderers.datasets.shards import SHARDS
+from malus.renderers.variant import Variant
 from malus.reports import write_report
 from malus.reports.figures.figure5 import figure5, figure5_by_light
 from malus.reports.summary import summary
@@ -34,9 +38,26 @@ from malus.reports.tables import sample
 from malus.reports.tables.colour_errors import table1
 from malus.reports.tables.headline import headline_tiles
 from malus.reports.tables.paper_table import paper_table
-from malus.scenes import Camera, InputError, load_suite
+from malus.scenes import Camera, InputError, Suite, load_suite
 from malus.scenes.core.model import content_id
 from malus.scenes.core.remote import as_path
+
+
+def test_the_size_and_samples_of_drawn_pictures_are_told_as_they_are(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The suite's own resolution was told, which no scene had, and samples that no pixel took."""
+    cameras = [{"resolution": side, "weight": 2} for side in (24, 16)]
+    changes = {"random": AXES | {"cameras": cameras}, "sampling": {"samples": 32, "target": 0.1}}
+    made = Suite.parse(BASE | changes, "test")
+    sides = {scene.camera.resolution for scene in made.scenes()}
+    assert made.least_and_most_pixels == (min(sides), max(sides))
+    _announce(made, Variant("llvm", "it renders"), plain_console(soft_wrap=True))
+    assert "16² to 24² pixels, at most 32 samples a pixel" in capsys.readouterr().out
+    run = sample.run() | {"suite": made.model_dump(mode="json")}
+    text = summary(sample.table(), run)
+    assert "16 to 24 pixels square." in text
+    assert "at most 32 samples a pixel" in text
 
 
 def test_a_report_says_first_what_failed(tmp_path: Path) -> None:
