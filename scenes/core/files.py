@@ -56,6 +56,8 @@ def replace_folder(final: Path, write: Callable[[Path], None]) -> None:
             raise
         raise _not_written(final, "folder", error) from error
     finally:
+        if aside is not None and (aside / final.name).exists() and not final.exists():
+            os.rename(aside / final.name, final)  # stopped between: else neither would be left
         for left in (temporary, aside):
             if left is not None:
                 shutil.rmtree(left, ignore_errors=True)
@@ -106,6 +108,10 @@ def add_to_folder(final: Path, write: Callable[[Path], object]) -> list[str]:
     try:
         write(temporary)
         names = sorted(path.name for path in temporary.iterdir())
+        for name in names:  # before any is moved
+            if (final / name).is_dir():
+                hint = "move it away, or choose another folder"
+                raise InputError(str(final / name), "a file, or none", "a folder", hint)
         for name in names:
             os.replace(temporary / name, final / name)
     except BaseException as error:
