@@ -24,7 +24,7 @@ from malus.reports.tables.rows import ResultsLike, distinct
 from malus.reports.tables.skills import by_light_and_body
 from malus.scenes.core.files import write_whole
 
-_BODY = "(_polarised_body)?"
+_BODY = "(_(polarised|none|mixed|unknown)_body)?"
 _DRAWN = rf"(figure5{_BODY}(_by_light)?|(angles|figure9){_BODY}|ladder)\.(svg|csv|png)"
 _NAMES = re.compile(rf"{_DRAWN}|{re.escape(PAGE)}|summary\.md|metrics\.json|(errors|table1)\.csv")
 

@@ -203,6 +203,17 @@ def test_a_report_keeps_nothing_of_an_earlier_one(table: pd.DataFrame, tmp_path:
     assert not list((tmp_path / "study").glob("*.png"))
 
 
+def test_a_report_of_any_body_leaves_no_file_to_the_next(
+    table: pd.DataFrame, tmp_path: Path
+) -> None:
+    """Figures of metals stood for ever beside the page of dielectrics."""
+    run, bodies = sample.run(), ("polarised", "none", "mixed", "unknown")
+    every = [table.assign(body=body, scene=table["scene"] + body) for body in bodies]
+    write_report(SimpleNamespace(table=pd.concat(every, ignore_index=True), run=run), tmp_path)
+    written = {path.name for path in write_report(SimpleNamespace(table=table, run=run), tmp_path)}
+    assert {path.name for path in tmp_path.iterdir()} == written
+
+
 def test_the_viewers_colour_maps_are_those_of_matplotlib() -> None:
     tables = json.loads(asset("colour_maps.json"))
     for name, theirs in (
