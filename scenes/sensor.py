@@ -21,7 +21,7 @@ from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.colour_science import colour_science
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import Model
-from malus.scenes.core.named_file import NamedFile, digest_of
+from malus.scenes.core.named_file import NamedFile
 from malus.scenes.core.registry import lookup, table
 from malus.scenes.polarisation import FROM_VERTICAL_DEG, tell_stokes
 
@@ -241,7 +241,7 @@ class Sensor(Model):
         if resolution < least:
             expected = f"a resolution of {least} or more for its mosaic"
             raise InputError("sensor", expected, str(resolution), "use more resolution")
-        if not isinstance(self.sensitivities, SensitivityFile) or self.sensitivities.digest:
+        if not isinstance(self.sensitivities, SensitivityFile) or self.sensitivities.was_found:
             self.channels(wavelengths_nm)
 
     @property
@@ -371,13 +371,12 @@ def located(sensor: Sensor, folder: Path, where: str) -> Sensor:
     Raises
     ------
     InputError
-        If that file is no table of sensitivities, or not of as many channels as the sensor has.
+        If that file is no table of sensitivities, not of as many channels as the sensor has, or has
+        another digest than the sensor names.
     """
     named = sensor.sensitivities
     if not isinstance(named, SensitivityFile):
         return sensor
-    path = folder / named.path
-    found = SensitivityFile(path=str(path), digest=digest_of(path, named.file_kind))
-    result = sensor.model_copy(update={"sensitivities": found})
+    result = sensor.model_copy(update={"sensitivities": named.located(folder)})
     result._file_curves(f"{where}, key sensor")
     return result

@@ -58,6 +58,11 @@ class NamedFile(Model):
         """The path that is read: the one in the scene, unless a dataset keeps a copy."""
         return self._file or Path(self._folder or self.found_in, self.file_name or "")
 
+    @property
+    def was_found(self) -> bool:
+        """Whether the file was looked up here; that of data that were only parsed was not."""
+        return self._folder is not None
+
     def located(self, folder: Path) -> Self:
         """The same part with the digest of its file, whose path counts from a folder.
 

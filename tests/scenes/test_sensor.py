@@ -90,8 +90,8 @@ def test_noise_follows_from_seed_and_frame_alone() -> None:
     assert np.array_equal(frame.raw[:2], two.raw)
     others = [expose(three, sensor, bands, seed=seed).raw for seed in ((7, 4), (8, 3))]
     assert not any(np.array_equal(frame.raw, other) for other in others)
-    one, same = (expose(three, sensor, bands, seed=seed).raw for seed in (7, (7,)))
-    assert np.array_equal(one, same)  # one number, as everywhere else
+    one, *same = (expose(three, sensor, bands, seed=s).raw for s in (7, (7,), np.int64(7)))
+    assert all(np.array_equal(one, each) for each in same)  # one number, as everywhere else
     alike = expose(field(0.5, 0.5, 16, 2), sensor, bands[:2]).raw.astype(float)
     # Uncorrelated: of 256 pixels to 0.06; the mosaic is taken out.
     noise = [
@@ -216,6 +216,13 @@ def test_curves_of_a_file(tmp_path: Path) -> None:
     assert found is not None
     assert isinstance(found.sensitivities, SensitivityFile)
     assert found.sensitivities.digest
+    digest = found.sensitivities.digest
+    named = suite.read_text().replace('.csv"', f'.csv", digest = "{digest}"')
+    suite.write_text(named)  # it was looked for in the current folder, before the suite's
+    assert load_suite(suite).sensor == found
+    suite.write_text(named.replace(digest, "0" * 16))
+    with pytest.raises(InputError, match=f"digest {'0' * 16}, found {digest}; leave the digest"):
+        load_suite(suite)
     other = path.read_text("utf-8").replace("400,0,0,2", "400,0,0,1")
     path.write_text(other, "utf-8")
     with pytest.raises(InputError, match="digest"):
