@@ -91,9 +91,9 @@ _PROFILE = "the name of a profile, as of a test set"
 def score_published(
     truth: Path | str,
     layout: str,
-    predictions: Path | str | None = None,
-    methods: Sequence[str] = (),
     *,
+    methods: Sequence[str] = (),
+    predictions: Path | str | None = None,
     metrics: Sequence[str] = (),
     component_range: tuple[float, float] | None = None,
     name: str = "predictions",
@@ -106,8 +106,8 @@ def score_published(
     ----------
     truth : path of the test set's folder
     layout : 'pol' or 'rgb2pol', of the test set and of the predictions
-    predictions : path of a folder of the same names, optional
     methods : names of methods
+    predictions : path of a folder of the same names, optional
     metrics : names of profiles, such as `profile:polarscale`
     component_range : (smallest, largest), of `rgb2pol`
         What the smallest and largest code of s1 and s2 stand for; 1 is the largest code of s0.

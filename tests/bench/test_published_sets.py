@@ -61,8 +61,8 @@ def test_skill_is_one_minus_the_missing_part(tmp_path: Path, layout: str) -> Non
         WRITERS[layout](tmp_path / "truth", name, stokes_of(name))
         WRITERS[layout](tmp_path / "mine", name, stokes_of(name) * [1, 0.9, 0.9])
     results = score_published(
-        tmp_path / "truth", layout, tmp_path / "mine", component_range=RANGES[layout],
-        metrics=["profile:polarscale"],
+        tmp_path / "truth", layout, predictions=tmp_path / "mine",
+        metrics=["profile:polarscale"], component_range=RANGES[layout],
     )  # fmt: skip
     rows = results.headlines[results.headlines.metric == "skill"]
     skill = rows.groupby("method").value.mean()
@@ -88,7 +88,7 @@ def test_the_mask_of_a_set_counts(tmp_path: Path) -> None:
     write(tmp_path / "truth" / "mask" / "a.png", mask)
     wrong_outside = np.where(mask[..., None, None] > 0, stokes, stokes * [1, -1, -1])
     as_pol(tmp_path / "mine", "a", wrong_outside)
-    results = score_published(tmp_path / "truth", "pol", tmp_path / "mine")
+    results = score_published(tmp_path / "truth", "pol", predictions=tmp_path / "mine")
     skill = results.headlines.query("metric == 'skill' and method == 'predictions'").value
     assert skill.item() == pytest.approx(1.0, abs=1e-5)
 
@@ -111,10 +111,10 @@ def test_wrong_sets_are_named(tmp_path: Path) -> None:
         score_published(tmp_path / "truth", "rgb2pol", component_range=(-1, 1))
     (tmp_path / "mine").mkdir()
     with pytest.raises(InputError, match=r"pol000/a\.png, found none"):
-        score_published(tmp_path / "truth", "pol", tmp_path / "mine")
+        score_published(tmp_path / "truth", "pol", predictions=tmp_path / "mine")
     as_pol(tmp_path / "mine", "a", stokes_of("a")[:8])
     with pytest.raises(InputError, match="pictures of one size"):
-        score_published(tmp_path / "truth", "pol", tmp_path / "mine")
+        score_published(tmp_path / "truth", "pol", predictions=tmp_path / "mine")
 
 
 def test_the_command_scores_a_published_set(tmp_path: Path) -> None:
@@ -148,7 +148,9 @@ def test_methods_count_once_and_predictions_are_no_method(tmp_path: Path) -> Non
     twice = score_published(tmp_path / "truth", "pol", methods=["eq8", "eq8"]).table
     assert len(twice[twice.method == "eq8"]) == 1
     with pytest.raises(InputError, match="another name than a method's, found unpolarised"):
-        score_published(tmp_path / "truth", "pol", tmp_path / "mine", name="unpolarised")
+        score_published(
+            tmp_path / "truth", "pol", predictions=tmp_path / "mine", name="unpolarised"
+        )
 
 
 @pytest.mark.parametrize("wrong", [(1, -1), (0, 0), (math.nan, 1), (-1, math.nan), (-math.inf, 1)])
