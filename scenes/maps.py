@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator
 
-from malus.scenes.materials.surface import Patterned, Surface
+from malus.scenes.materials.surface import Surface, surfaces_on
 from malus.scenes.scene import Scene
 
 MapName = Literal[
@@ -160,8 +160,3 @@ def different_surfaces(scene: Scene) -> tuple[Surface, ...]:
     """
     parts = (part for placed in scene.objects for part in surfaces_on(placed.surface))
     return tuple({part.id: part for part in parts}.values())
-
-
-def surfaces_on(surface: Surface) -> tuple[Surface, ...]:
-    """The surfaces of an object: one, or those of its pattern."""
-    return surface.surfaces if isinstance(surface, Patterned) else (surface,)

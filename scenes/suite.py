@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -25,7 +25,6 @@ from malus.scenes.core.registry import FolderName
 from malus.scenes.core.validation import near
 from malus.scenes.lights.lights import Environment, Light
 from malus.scenes.maps import MapNames
-from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.materials.measured import Measured, open_pbrdf
 from malus.scenes.materials.surface import Body, Surface
 from malus.scenes.random_suite.random_scenes import (
@@ -38,7 +37,14 @@ from malus.scenes.scene import DEPTH_AMONG_OBJECTS, Sampling, Scene, Wavelengths
 from malus.scenes.sensor import Sensor, located
 from malus.scenes.shapes.patterns import ImageTexture
 from malus.scenes.shapes.shapes import MeshFile, Shape
-from malus.scenes.suite_surfaces import SuiteMaterial, SuiteSurface, scene_surface, stand_in
+from malus.scenes.suite_surfaces import (
+    ALL_MATERIALS,
+    ALL_SURFACES,
+    SuiteMaterial,
+    SuiteSurface,
+    scene_surface,
+    stand_in,
+)
 from malus.scenes.surroundings import Placed, Surroundings
 
 _AXES = ("shapes", "materials", "surfaces", "lights", "bodies", "surroundings", "views")
@@ -88,8 +94,12 @@ class Suite(Model):
     name: FolderName = Field(min_length=1, max_length=100)
     description: str = ""
     shapes: tuple[Shape, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
-    materials: tuple[SuiteMaterial, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
-    surfaces: tuple[SuiteSurface, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
+    materials: Annotated[tuple[SuiteMaterial, ...], ALL_MATERIALS] = Field(
+        default=(), min_length=1, exclude_if=_is_empty
+    )
+    surfaces: Annotated[tuple[SuiteSurface, ...], ALL_SURFACES] = Field(
+        default=(), min_length=1, exclude_if=_is_empty
+    )
     lights: tuple[Light, ...] = Field(default=(), min_length=1, exclude_if=_is_empty)
     bodies: tuple[Body, ...] = Field(default=_BODIES, min_length=1)
     surroundings: tuple[Surroundings, ...] = Field(default=(), exclude_if=_is_empty)
@@ -109,16 +119,6 @@ class Suite(Model):
     scalar: ScalarSizes | None = None
     maps: MapNames = Field(default=(), exclude_if=lambda names: not names)
     sensor: Sensor | None = Field(default=None, exclude_if=lambda sensor: sensor is None)
-
-    @field_validator("materials", mode="before")
-    @classmethod
-    def _all_materials(cls, value: Any) -> Any:
-        return tuple(materials()) if value == "all" else value
-
-    @field_validator("surfaces", mode="before")
-    @classmethod
-    def _all_surfaces(cls, value: Any) -> Any:
-        return tuple(surfaces()) if value == "all" else value
 
     @field_validator("methods", "metrics")
     @classmethod

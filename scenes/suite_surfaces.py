@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
@@ -78,6 +78,11 @@ SuiteMaterial = Annotated[
     | Annotated[Measured, Tag("measured")],
     Discriminator(_material_kind, "choice", f"{_NAME_OR_INDEX}, or {{ path = … }}"),
 ]
+
+
+ALL_MATERIALS = BeforeValidator(lambda value: tuple(materials()) if value == "all" else value)
+ALL_SURFACES = BeforeValidator(lambda value: tuple(surfaces()) if value == "all" else value)
+"""Let `"all"` stand for every material, or surface, that malus brings."""
 
 
 class Roughness(Model):

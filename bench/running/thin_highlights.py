@@ -9,7 +9,7 @@ from malus.scenes.camera import Camera
 from malus.scenes.lights.lights import Distant
 from malus.scenes.lights.sky import parts
 from malus.scenes.materials.measured import Measured
-from malus.scenes.materials.surface import Conductor, Dielectric, Patterned, Surface
+from malus.scenes.materials.surface import surfaces_on
 from malus.scenes.scene import Scene
 from malus.scenes.shapes.shapes import Plane
 
@@ -43,16 +43,10 @@ def highlight_samples(scene: Scene, samples: int) -> float:
         placed.scale * surface.isotropic_alpha
         for placed in scene.objects
         if not isinstance(placed.shape, Plane)
-        for surface in _surfaces(placed.surface)
+        for surface in surfaces_on(placed.surface)
+        if not isinstance(surface, Measured)  # whose roughness is no number
     )
     return math.pi * (min(radii, default=math.inf) * _radius_px(scene.camera)) ** 2 * samples
-
-
-def _surfaces(surface: Surface) -> tuple[Dielectric | Conductor, ...]:
-    """Those of a pattern, or the one; none whose roughness is no number."""
-    if isinstance(surface, Patterned):
-        return surface.surfaces
-    return () if isinstance(surface, Measured) else (surface,)
 
 
 def thin_highlights(scenes: Iterable[Scene], samples: int) -> int:

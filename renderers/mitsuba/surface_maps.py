@@ -23,8 +23,8 @@ from malus.renderers.mitsuba.wavefront import stage
 from malus.renderers.variant import Variant, mitsuba
 from malus.scenes.core.arrays import AnyArray, Float32Array, IntArray, UInt32Array
 from malus.scenes.core.errors import InputError
-from malus.scenes.maps import MapName, different_surfaces, surfaces_on
-from malus.scenes.materials.surface import Patterned, Surface
+from malus.scenes.maps import MapName, different_surfaces
+from malus.scenes.materials.surface import Patterned, Surface, surfaces_on
 from malus.scenes.scene import Scene
 from malus.scenes.shapes.shapes import MeshFile, Plane
 from malus.scenes.surroundings import Placed

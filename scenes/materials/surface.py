@@ -328,6 +328,11 @@ Surface = Annotated[
 ]
 
 
+def surfaces_on(surface: Surface) -> tuple[Dielectric | Conductor | Measured, ...]:
+    """The surfaces of an object: one, or those of its pattern."""
+    return surface.surfaces if isinstance(surface, Patterned) else (surface,)
+
+
 def has_metal(surface: Surface) -> bool:
     """Whether a surface, or any part of it, is a metal given by its index.
 
@@ -336,8 +341,7 @@ def has_metal(surface: Surface) -> bool:
     >>> has_metal(Conductor(material="gold", alpha=0.1))
     True
     """
-    parts = surface.surfaces if isinstance(surface, Patterned) else (surface,)
-    return any(isinstance(part, Conductor) for part in parts)
+    return any(isinstance(part, Conductor) for part in surfaces_on(surface))
 
 
 def anisotropic(surface: Surface) -> bool:
@@ -348,6 +352,5 @@ def anisotropic(surface: Surface) -> bool:
     >>> anisotropic(Conductor(material="gold", alpha=(0.1, 0.4)))
     True
     """
-    if isinstance(surface, Patterned):
-        return any(map(anisotropic, surface.surfaces))
-    return isinstance(surface, Conductor) and isinstance(surface.alpha, tuple)
+    parts = surfaces_on(surface)
+    return any(isinstance(part, Conductor) and isinstance(part.alpha, tuple) for part in parts)

@@ -7,14 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from malus.scenes.camera import Camera
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import PARSED, Model
-from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.materials.surface import Body, Surface
 from malus.scenes.random_suite.clutter import Clutter, place, rested
 from malus.scenes.random_suite.sequence import Numbers
@@ -35,7 +34,13 @@ from malus.scenes.random_suite.templates import (
     with_files,
 )
 from malus.scenes.scene import Scene, Wavelengths
-from malus.scenes.suite_surfaces import SuiteMaterial, SuiteSurface, scene_surface
+from malus.scenes.suite_surfaces import (
+    ALL_MATERIALS,
+    ALL_SURFACES,
+    SuiteMaterial,
+    SuiteSurface,
+    scene_surface,
+)
 from malus.scenes.surroundings import Placed
 
 Templates = tuple[Any, ...]
@@ -80,22 +85,12 @@ class RandomScenes(Model):
     count: int = Field(ge=1, le=10_000_000)
     seed: int = Field(default=1, ge=0, lt=1 << 53)
     shapes: Templates = Field(min_length=1)
-    materials: Templates = Field(min_length=1)
-    surfaces: Templates = Field(min_length=1)
+    materials: Annotated[Templates, ALL_MATERIALS] = Field(min_length=1)
+    surfaces: Annotated[Templates, ALL_SURFACES] = Field(min_length=1)
     bodies: Templates = Field(default=("unpolarised",), min_length=1)
     lights: Templates = Field(min_length=1)
     cameras: Templates = Field(default=({},), min_length=1)
     surroundings: Templates = Field(default=(EMPTY,), min_length=1)
-
-    @field_validator("materials", mode="before")
-    @classmethod
-    def _all_materials(cls, value: Any) -> Any:
-        return tuple(materials()) if value == "all" else value
-
-    @field_validator("surfaces", mode="before")
-    @classmethod
-    def _all_surfaces(cls, value: Any) -> Any:
-        return tuple(surfaces()) if value == "all" else value
 
     @field_validator(*AXES.values())
     @classmethod

@@ -15,7 +15,7 @@ from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.core.named_file import NamedFile
 from malus.scenes.materials.measured import Measured
-from malus.scenes.materials.surface import Patterned, RoughSurface
+from malus.scenes.materials.surface import RoughSurface, surfaces_on
 from malus.scenes.random_suite.templates import distributions, variants
 from malus.scenes.scene import Scene
 
@@ -253,13 +253,7 @@ def values_of(scene: Scene, axis: Disjoint) -> set[str]:
         return {scene.camera.id}
     if axis == "shape":
         return {_name(placed.shape) for placed in scene.objects if placed.shape.kind != "plane"}
-    parts = [
-        part
-        for placed in scene.objects
-        for part in (
-            placed.surface.surfaces if isinstance(placed.surface, Patterned) else (placed.surface,)
-        )
-    ]
+    parts = [part for placed in scene.objects for part in surfaces_on(placed.surface)]
     if axis == "material":
         return {_name(p) if isinstance(p, Measured) else p.material_label for p in parts}
     return {p.id if isinstance(p, Measured) else _surface_name(p) for p in parts}

@@ -7,15 +7,14 @@ import io
 import logging
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from malus.scenes.core.arrays import Float64Array, IntArray
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError, reading
-from malus.scenes.shapes.ply import holds_strips, read_ply
+from malus.scenes.shapes.ply import MeshArrays, holds_strips, read_ply
 from malus.scenes.shapes.polygons import UncutFace, cut_polygons
 from malus.scenes.shapes.text_meshes import (
     WrongCorner,
@@ -44,16 +43,6 @@ _REWRITTEN = {"obj": obj_with_triangles, "off": off_with_triangles, "stl": stl_b
 """Formats of which trimesh would read another mesh."""
 
 _NOWHERE = logging.NullHandler()
-
-
-@dataclass(frozen=True)
-class MeshArrays:
-    """A file's vertices (n, 3), faces (m, 3), and its normals (n, 3) and uv (n, 2), if any."""
-
-    vertices: Float64Array
-    faces: IntArray
-    normals: Float64Array | None
-    uv: Float64Array | None
 
 
 def read_mesh_file(file: Path) -> MeshArrays:
@@ -88,9 +77,7 @@ def _parts_of_ply(file: Path) -> list[MeshArrays]:
         strips = True
     with _reading(file, "ply"):
         mesh = read_ply(file.read_bytes())
-    if not len(mesh.faces):
-        return []
-    return [MeshArrays(mesh.vertices, mesh.faces, mesh.normals, mesh.uv)]
+    return [mesh] if len(mesh.faces) else []
 
 
 def _parts_of_scene(file: Path, kind: str) -> list[MeshArrays]:

@@ -13,7 +13,8 @@ from scipy.sparse.csgraph import connected_components
 from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.shapes.geometry import TriangleMesh, fitted, unit_vectors
-from malus.scenes.shapes.mesh_files import MeshArrays, read_mesh_file
+from malus.scenes.shapes.mesh_files import read_mesh_file
+from malus.scenes.shapes.ply import MeshArrays
 from malus.scenes.shapes.shapes import Axis, Crease, Shading
 
 

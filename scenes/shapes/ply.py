@@ -48,8 +48,8 @@ class Element:
 
 
 @dataclass(frozen=True)
-class PlyMesh:
-    """Vertices (n, 3), triangles (m, 3), and normals (n, 3) and uv (n, 2), where the file has some.
+class MeshArrays:
+    """A file's vertices (n, 3), triangles (m, 3), and its normals (n, 3) and uv (n, 2), if any.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def holds_strips(head: bytes) -> bool:
     return re.search(rb"\nelement[ \t]+tristrips[ \t]+0*[1-9]", _header(head)[0]) is not None
 
 
-def read_ply(content: bytes) -> PlyMesh:
+def read_ply(content: bytes) -> MeshArrays:
     """The triangles of a PLY file: of polygons, and of strips, which turn every other triangle.
 
     Raises
@@ -100,7 +100,7 @@ def read_ply(content: bytes) -> PlyMesh:
     triangles = [faces, _strips(columns.get("tristrips", {}))]
     normals = _numbers(vertex, ("nx", "ny", "nz"))
     uv = [_numbers(vertex, names) for names in _UV_NAMES]
-    return PlyMesh(
+    return MeshArrays(
         vertices,
         np.concatenate(triangles),
         normals,
