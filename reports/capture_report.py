@@ -8,8 +8,8 @@ from typing import Any
 import pandas as pd
 
 from malus.reports.page import Section
-from malus.reports.sections import figures, image_viewer, made_by, maps, of_study
-from malus.reports.source import Source, read_study
+from malus.reports.sections import colour, figures, image_viewer, made_by, maps, of_run
+from malus.reports.source import Source
 from malus.reports.tables import captures, sentences, text_tables
 from malus.reports.tables.colour_errors import table1, table1_text
 from malus.reports.tables.formats import markdown
@@ -19,10 +19,7 @@ from malus.reports.templates.render import render
 
 def of_captures(source: Source) -> list[Section]:
     """All sections of the page of captures that have data, then the studies given with it."""
-    sections = (_headline, image_viewer, maps, figures, _colour, _errors, _provenance)
-    made = [section for section in (make(source) for make in sections) if section]
-    studies = [section for folder in source.beside for section in of_study(read_study(folder))]
-    return [*made[:-1], *studies, made[-1]]
+    return of_run(source, (_headline, image_viewer, maps, figures, colour, _errors, _provenance))
 
 
 def _headline(source: Source) -> Section:
@@ -34,16 +31,6 @@ def _headline(source: Source) -> Section:
         doubts=list(captures.doubts(source.run)),
     )
     return Section("headline", "In short", content)
-
-
-def _colour(source: Source) -> Section | None:
-    colours = table1_text(source.colours)
-    if not colours:
-        return None
-    explanation = sentences.CAPTURED_TABLE1
-    return Section(
-        "colour", "Table I", render("colour.html", explanation=explanation, colours=colours)
-    )
 
 
 def _errors(source: Source) -> Section:

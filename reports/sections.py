@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 from markupsafe import Markup
 
+from malus.reports.figures.drawings import Drawing
 from malus.reports.page import Section
 from malus.reports.source import Source, StudyTables, read_study
 from malus.reports.tables import sentences, text_tables
@@ -22,7 +23,7 @@ from malus.reports.tables.formats import counted, duration, listed
 from malus.reports.tables.headline import headline_body, headline_tiles, price_tiles
 from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.readings import by_dataset, verdicts
-from malus.reports.tables.rows import PAPER_METHOD, body_text
+from malus.reports.tables.rows import PAPER_METHOD, body_text, is_of_captures
 from malus.reports.tables.skills import mapped, skill_maps
 from malus.reports.templates.render import render
 from malus.reports.viewer.error_maps import gallery
@@ -58,32 +59,14 @@ def maps(source: Source) -> Section | None:
 
 def figures(source: Source) -> Section | None:
     """Every figure with the numbers behind it."""
-    if not source.drawings:
-        return None
-    content = render(
-        "figures.html",
-        explanation="",
-        tiles=[],
-        lines=[],
-        drawings=source.drawings,
-        origin="",
-    )
-    return Section("figures", "Errors", content)
+    return _figures("figures", "Errors", source.drawings) if source.drawings else None
 
 
 def ladder(source: Source) -> Section | None:
     """The error budget, where methods were told less than everything."""
     if not source.ladders:
         return None
-    content = render(
-        "figures.html",
-        explanation=sentences.LADDER,
-        tiles=[],
-        lines=[],
-        drawings=source.ladders,
-        origin="",
-    )
-    return Section("ladder", "Where the error comes from", content)
+    return _figures("ladder", "Where the error comes from", source.ladders, sentences.LADDER)
 
 
 def colour(source: Source) -> Section | None:
@@ -91,7 +74,9 @@ def colour(source: Source) -> Section | None:
     colours = table1_text(source.colours)
     if not colours:
         return None
-    content = render("colour.html", explanation=sentences.TABLE1, colours=colours)
+    is_captured = is_of_captures(source.table)
+    explanation = sentences.CAPTURED_TABLE1 if is_captured else sentences.TABLE1
+    content = render("colour.html", explanation=explanation, colours=colours)
     return Section("colour", "Table I", content)
 
 
@@ -192,9 +177,13 @@ def _address(folder: str) -> str:
     return Path(folder).absolute().as_uri() if Path(folder).is_dir() else ""
 
 
-def of_run(source: Source) -> list[Section]:
-    """All sections of a run's page: those that have data, then the studies given with it."""
-    sections = [section for section in (make(source) for make in SECTIONS) if section]
+MakeSection = Callable[[Source], Section | None]
+"""Makes a section of a run's page; None without its data."""
+
+
+def of_run(source: Source, makers: Sequence[MakeSection] = ()) -> list[Section]:
+    """All sections of a page that have data, by default `SECTIONS`; studies before the last."""
+    sections = [section for make in makers or SECTIONS if (section := make(source))]
     studies = [section for folder in source.beside for section in of_study(read_study(folder))]
     return [*sections[:-1], *studies, sections[-1]]
 
@@ -204,37 +193,43 @@ def of_study(study: StudyTables) -> list[Section]:
     sections = []
     if study.precision is not None:
         text = sentences.PRECISION
-        sections.append(_figures(study, "precision", "Error against run time", text))
+        sections.append(_of_study(study, "precision", "Error against run time", text))
     if study.readings is not None:
         first, *others = verdicts(by_dataset(study.readings))
-        sections.append(_figures(study, "readings", "The paper's numbers", first, others))
+        sections.append(_of_study(study, "readings", "The paper's numbers", first, lines=others))
     if study.mismatch is not None:
         text, tiles = sentences.PRICES, price_tiles(study.mismatch)
-        sections.append(_figures(study, "prices", "What assumptions cost", text, tiles=tiles))
+        sections.append(_of_study(study, "prices", "What assumptions cost", text, tiles=tiles))
     if study.separation is not None:
         text = sentences.SEPARATION
-        sections.append(_figures(study, "separation", "Separation of the lobes", text))
+        sections.append(_of_study(study, "separation", "Separation of the lobes", text))
     if study.stress is not None:
         sections.append(_stress(study.stress, study.run))
     return sections
 
 
+def _of_study(study: StudyTables, name: str, title: str, text: str, **more: Any) -> Section:
+    """A section of a study that has a figure; `more` are further parts of `_figures`."""
+    return _figures(name, title, study.drawings, text, origin=_origin(study.run), **more)
+
+
 def _figures(
-    study: StudyTables,
     name: str,
     title: str,
-    explanation: str,
+    drawings: Sequence[Drawing],
+    explanation: str = "",
     lines: Sequence[str] = (),
     tiles: Iterable[tuple[str, str]] = (),
+    origin: str = "",
 ) -> Section:
-    """A section of a study that has a figure."""
+    """A section of figures, each with the numbers behind it."""
     content = render(
         "figures.html",
         explanation=explanation,
         tiles=list(tiles),
         lines=lines,
-        drawings=study.drawings,
-        origin=_origin(study.run),
+        drawings=drawings,
+        origin=origin,
     )
     return Section(name, title, content)
 
@@ -275,7 +270,7 @@ def _machine(run: dict[str, Any]) -> str:
     return ", ".join(str(value) for value in run["machine"].values())
 
 
-SECTIONS: tuple[Callable[[Source], Section | None], ...] = (
+SECTIONS: tuple[MakeSection, ...] = (
     headline, image_viewer, maps, figures, colour, ladder, skill, noise, pairs, savings, provenance,
 )  # fmt: skip
 """Functions of the sections of a run, in the order of the page; the last one comes last of all."""

@@ -59,7 +59,6 @@ def write_sheet(path: Path, tiles: Sequence[Tile], columns: int, side: int, lett
     sheet = draw_sheet(tiles, columns, side, letters)
     buffer = io.BytesIO()
     sheet.save(buffer, "JPEG", quality=82, subsampling=0, optimize=True, progressive=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, lambda temporary: temporary.write_bytes(buffer.getvalue()))
 
 

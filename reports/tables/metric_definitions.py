@@ -5,7 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
+
+from malus.scenes.core.arrays import Float64Array
+
+Number = TypeVar("Number", float, Float64Array)
 
 Better = Literal["higher", "lower", "nearer 1", "nearer 0", ""]
 """Which values are better; empty where none is."""
@@ -68,10 +72,14 @@ class MetricDefinition:
         >>> definition_of("nmse").best([0.2, 0.1]), definition_of("gain").best([0.2, 1.1])
         (0.1, 1.1)
         """
+        return max(values, key=self.goodness)
+
+    def goodness(self, value: Number) -> Number:
+        """A value, or an array of values, turned so that larger is better."""
         ideal = {"nearer 1": 1.0, "nearer 0": 0.0}.get(self.better)
         if ideal is not None:
-            return min(values, key=lambda value: abs(value - ideal))
-        return max(values) if self.better == "higher" else min(values)
+            return -abs(value - ideal)
+        return value if self.better == "higher" else -value
 
 
 def _of(source: str, asked_for: str, *lines: tuple[str, str, str, Better, str]) -> list[

@@ -62,7 +62,7 @@ class PairedDifference:
         a, b = first[both], second[both]
         equal = a == b  # two infinite ratios are, though their difference is no number
         with np.errstate(invalid="ignore"):
-            gains = _goodness(a, metric) - _goodness(b, metric)
+            gains = metric.goodness(a) - metric.goodness(b)
             difference = np.where(equal, 0.0, a - b)
             mean = float(difference.mean()) if len(a) else math.nan
         return cls(
@@ -90,14 +90,6 @@ class PairedDifference:
         unit = f" {self.metric.unit}" if self.metric.unit else ""
         amount = number_with_error(self.difference, self.half_width)
         return f"better in {self.better} of {self.scenes} scenes, difference {amount}{unit}"
-
-
-def _goodness(values: Float64Array, metric: MetricDefinition) -> Float64Array:
-    """Values turned so that larger ones are better."""
-    ideal = {"nearer 1": 1.0, "nearer 0": 0.0}.get(metric.better)
-    if ideal is not None:
-        return -np.abs(values - ideal)
-    return values if metric.better == "higher" else -values
 
 
 def half_width(differences: Float64Array, confidence: float = CONFIDENCE) -> float:
@@ -172,7 +164,8 @@ def ranked_pairs(table: pd.DataFrame) -> TextTable:
         if name != "nmse" and definition.unit != "dB":
             continue
         wide = _by_scene(table, name)
-        goodness = pd.Series(_goodness(wide.mean().to_numpy(np.float64), definition), wide.columns)
+        means = wide.mean().to_numpy(np.float64)
+        goodness = pd.Series(definition.goodness(means), wide.columns)
         complete = wide.notna().sum() == wide.notna().sum().max()
         order = list(goodness[complete].sort_values(ascending=False).index)
         others = [(method, order[0]) for method in wide.columns[~complete]]

@@ -14,6 +14,7 @@ from malus.reports.tables.rows import (
     TRIVIAL,
     body_text,
     by_kind_of_light,
+    complete_mean,
     distinct,
     not_finite,
     overall_rows,
@@ -53,7 +54,7 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     result = pd.DataFrame({"scenes": tried["scene"].nunique()})
     result["inapplicable"] = inapplicable.reindex(result.index, fill_value=0)
     # An estimate that is not finite has no error: without it a method would seem better.
-    result["nmse_mean"] = nmse["value"].agg(lambda values: values.mean(skipna=False))
+    result["nmse_mean"] = nmse["value"].agg(complete_mean)
     result["nmse_max"] = nmse["value"].agg(lambda values: values.max(skipna=False))
     result["noise"] = nmse["noise"].mean()
     result["skill_median"] = skill.median()

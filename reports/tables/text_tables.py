@@ -11,7 +11,14 @@ import numpy as np
 import pandas as pd
 
 from malus.reports.tables.formats import NO_NUMBER, error_text, markdown, scientific, skill_text
-from malus.reports.tables.rows import PAPER_NMSE, TRIVIAL, distinct, overall_rows, scored_methods
+from malus.reports.tables.rows import (
+    PAPER_NMSE,
+    TRIVIAL,
+    complete_mean,
+    distinct,
+    overall_rows,
+    scored_methods,
+)
 from malus.reports.tables.skills import by_light_and_body, negative_skills, unreported_skills
 
 
@@ -102,7 +109,7 @@ def points(numbers: pd.DataFrame) -> TextTable:
 
 def range_of_means(rows: pd.DataFrame, by: str) -> str:
     """Smallest and largest mean of the groups of a column, as text."""
-    means = rows.groupby(by)["value"].agg(lambda values: values.mean(skipna=False))
+    means = rows.groupby(by)["value"].agg(complete_mean)
     if not np.isfinite(means).all():
         return error_text(math.nan)
     return f"{scientific(means.min(skipna=False))} … {scientific(means.max(skipna=False))}"
