@@ -35,6 +35,7 @@ from malus.bench.datasets.export_training import (
 )
 from malus.bench.datasets.export_views import WORDS as NEISF_WORDS
 from malus.bench.datasets.export_views import objects_of, view_names, write_neisf
+from malus.bench.datasets.layouts import FROM_HORIZONTAL_DEG, scene_numbers
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
@@ -56,9 +57,6 @@ WriteScene = Callable[[Path, Truth], None]
 
 WriteAll = Callable[[Dataset, Path, Progress], None]
 """Writes all scenes of a dataset to a folder."""
-
-ANGLES_FROM_HORIZONTAL_DEG = (0.0, 45.0, 90.0, 135.0)
-"""Polariser angles of a polarisation camera, as polanalyser counts them."""
 
 WORDS, MAX_WORDS_BYTES = "conventions.json", 1 << 20
 MAX_NAMES_BYTES = 1 << 28
@@ -246,10 +244,9 @@ def _numbered(opened: Dataset, layout: str, folder: Path, progress: Progress) ->
 
 
 def _names(opened: Dataset) -> dict[str, str]:
-    """The number of every scene in the whole dataset, as text: `malus score` reads them so."""
-    numbers = {scene: number for number, scene in enumerate(opened.whole.scenes)}
-    width = max(4, len(str(len(numbers) - 1)))
-    return {scene: f"{numbers[scene]:0{width}}" for scene in opened.scenes}
+    """The number of every scene in the whole dataset, by which `malus score` finds it."""
+    numbers = scene_numbers(opened.whole)
+    return {scene: numbers[scene] for scene in opened.scenes}
 
 
 def write_numpy(folder: Path, truth: Truth) -> None:
@@ -316,7 +313,7 @@ def write_polanalyser(folder: Path, truth: Truth, pixels: str = "exr") -> None:
     for band, wavelength in enumerate(truth.scene.wavelengths_nm):
         images = folder / f"{wavelength:.10g}nm"
         images.mkdir()
-        for index, angle in enumerate(ANGLES_FROM_HORIZONTAL_DEG):
+        for index, angle in enumerate(FROM_HORIZONTAL_DEG):
             radiance = polarisation.polarised(
                 stokes[:, :, band], angle + polarisation.FROM_VERTICAL_DEG
             )

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from malus.bench.datasets.layouts import red_first
+from malus.bench.datasets.layouts import FROM_HORIZONTAL_DEG, red_first
 from malus.reconstruct.photos.png16 import to_16bit
 from malus.renderers.truth import Truth
 from malus.scenes import polarisation
@@ -21,8 +21,6 @@ from malus.scenes.core.arrays import Float64Array, FloatArray
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import write_whole
 from malus.scenes.scene import Scene
-
-FROM_HORIZONTAL_DEG = (0, 45, 90, 135)
 
 NAMES = "names.json"
 """File that tells what every scene is called in a layout."""
@@ -43,7 +41,6 @@ def save_png(path: Path, codes: NDArray[np.uint16]) -> None:
     """Write one or three channels of 16 bits as PNG."""
     import imagecodecs
 
-    path.parent.mkdir(parents=True, exist_ok=True)
     grey = codes.ndim == 3 and codes.shape[2] == 1
     content = np.ascontiguousarray(codes[..., 0] if grey else codes)
     encoded = imagecodecs.png_encode(content)

@@ -130,7 +130,6 @@ def _write_view(folder: Path, name: str, dataset: Dataset, scene_id: str) -> Non
     stokes = np.broadcast_to(colours(truth), (*truth.mask.shape, 3, 3))
     for k in range(3):
         path = folder / f"images_s{k}" / f"{name}.exr"
-        path.parent.mkdir(parents=True, exist_ok=True)
         planes = {channel: stokes[:, :, c, k] for c, channel in enumerate("RGB")}
         floats = {channel: plane.astype(np.float32) for channel, plane in planes.items()}
         write_whole(path, partial(write_exr, channels=floats))

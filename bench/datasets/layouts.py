@@ -37,6 +37,9 @@ from malus.scenes.core.remote import is_here
 LARGEST_ANGLE_DEG = 90.0
 """Angle that the largest code of `AoLP_16bit` stands for; the smallest is its opposite."""
 
+FROM_HORIZONTAL_DEG = (0, 45, 90, 135)
+"""Polariser angles of a polarisation camera, as makers and networks count them."""
+
 _HINT = "the help of `malus score` tells the layouts"
 
 
@@ -87,7 +90,7 @@ LAYOUTS: Mapping[str, Layout] = {
         ("AoLP_16bit/{name}.png", "DoLP_16bit/{name}.png"), _of_angle_and_degree
     ),
     "pol": Layout(
-        tuple(f"pol{angle:03}/{{name}}.png" for angle in (0, 45, 90, 135)), _of_polarisers
+        tuple(f"pol{angle:03}/{{name}}.png" for angle in FROM_HORIZONTAL_DEG), _of_polarisers
     ),
 }
 """Layouts by name."""
@@ -171,6 +174,12 @@ def red_first(wavelengths_nm: Sequence[float]) -> IntArray:
     return np.argsort(wavelengths_nm)[::-1]
 
 
+def scene_numbers(dataset: Dataset) -> dict[str, str]:
+    """Number of every scene of a whole dataset, as text of one length: `0000`, `0001`, …"""
+    width = max(4, len(str(len(dataset.scenes) - 1)))
+    return {scene: f"{number:0{width}}" for number, scene in enumerate(dataset.scenes)}
+
+
 def check_is_here(folder: Path) -> None:
     """Refuse a store elsewhere: pictures of published layouts are read from files.
 
@@ -194,9 +203,7 @@ def layout_predictions(dataset: Dataset, folder: Path, layout: str) -> LayoutPre
     chosen = lookup(layout, LAYOUTS, "layout", f"one of {', '.join(LAYOUTS)}")
     check_is_here(folder)
     ids = list(dataset.scenes)
-    width = max(4, len(str(len(ids) - 1)))
-    numbered = {scene: f"{number:0{width}}" for number, scene in enumerate(ids)}
-    for names in ({scene: scene for scene in ids}, numbered):
+    for names in ({scene: scene for scene in ids}, scene_numbers(dataset)):
         first = chosen.files[0]
         if any((folder / first.format(name=name)).is_file() for name in names.values()):
             return LayoutPredictions(folder, {}, dataset, chosen, names)

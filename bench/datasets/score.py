@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,8 +27,8 @@ from malus.bench.running.results import (
     Record,
     Results,
     describe,
-    given_command,
     inapplicable,
+    origin,
     record,
     table_of,
     write_results,
@@ -274,12 +272,11 @@ def _run_record(
     """Content of `run.json`: where the truths come from, and how they were scored."""
     record = dataset.record
     suite = dict(record.suite or {"name": printable(dataset.path.name)})
-    return given_command() | {
+    return origin() | {
         "suite": suite | {"methods": methods},
         "dataset": {"folder": str(dataset.path), "sha256": dataset.sha256},
-        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        # Nothing was rendered here: the renderer's version is that of the dataset.
         "versions": record.versions | versions("malus", "numpy", "scipy", "pandas"),
-        "machine": {"system": platform.platform(), "processor": platform.machine()},
         "variant": record.variant,
         "seconds": {"total": round(seconds, 3)},
         "families": 0,

@@ -21,7 +21,7 @@ from pydantic import Field
 from malus.bench.running.results import Results
 from malus.reports.tables.other_images import TOLERANCES
 from malus.scenes.core.errors import InputError, reading
-from malus.scenes.core.files import write_whole
+from malus.scenes.core.files import write_text
 from malus.scenes.core.model import Model, content_id
 
 GatedMetric = Literal["gain", "rotation", "facing_skill", "skill"]
@@ -275,7 +275,7 @@ def write_baseline(path: Path, baseline: Baseline) -> None:
         given = {k: v for k, v in rule.model_dump().items() if v != "*"}
         lines += ["", "[[rules]]", *_pairs(given)]
     text = "\n".join(lines) + "\n"
-    write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    write_text(path, text)
 
 
 def _inline(content: dict[str, Any]) -> str:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import groupby
-from pathlib import Path
 from xml.etree import ElementTree
 
 from rich.table import Table
 
 from malus.bench.gates.gate import FALSE_ALARM, Comparison, passed
 from malus.scenes.core.errors import printable
-from malus.scenes.core.files import write_whole
 
 _MOST_LINES = 30
 """Largest number of changes that are listed; the JUnit file has them all."""
@@ -126,11 +124,6 @@ def _sentence(c: Comparison) -> str:
         f"{c.outcome}: {c.before:.5f} in the baseline, {c.after:.5f} now, "
         f"change {c.change:+.5f} ± {c.error:.5f}, limit {c.limit:.5f}"
     )
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a report whole or not at all."""
-    write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def _method_and_metric(comparison: Comparison) -> tuple[str, str]:

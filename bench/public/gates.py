@@ -22,6 +22,7 @@ from malus.bench.running.output_folder import CAPTURES
 from malus.bench.running.parts import PLAN
 from malus.bench.running.results import Results, read_results
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import write_text
 from malus.scenes.core.remote import as_path, is_here
 from malus.scenes.core.result_files import EXAMPLES, HEADLINES, PARTS, RUN, TABLE
 
@@ -126,9 +127,9 @@ def gate(
     held = baseline if isinstance(baseline, Baseline) else read_baseline(Path(baseline))
     compared = GateResult(tuple(comparison.gate(_results(results), held)))
     if junit is not None:
-        gate_report.write_text(Path(junit), compared.junit())
+        write_text(Path(junit), compared.junit())
     if summary is not None:
-        gate_report.write_text(Path(summary), compared.markdown())
+        write_text(Path(summary), compared.markdown())
     return compared
 
 

@@ -20,7 +20,7 @@ from malus.bench.running.plan import FamilyPlan
 from malus.reconstruct.methods import source_of
 from malus.renderers.variant import Variant, made_by
 from malus.scenes.core.errors import InputError, kind_of, printable
-from malus.scenes.core.files import open_regular, read_json, write_whole
+from malus.scenes.core.files import open_regular, read_json, write_text, write_whole
 from malus.scenes.core.model import content_id
 from malus.scenes.core.named_file import digest_of
 from malus.scenes.core.result_files import PARTS
@@ -148,7 +148,7 @@ def write_plan(
     ]
     header = {"suite": suite.name, "suite_id": suite.id, "methods": dict(methods)}
     text = json.dumps(header | {"families": listed}, indent=1)
-    write_whole(folder / PLAN, lambda path: path.write_text(text + "\n", encoding="utf-8"))
+    write_text(folder / PLAN, text + "\n")
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ class Parts:
             return
         record = {"family": label, "failures": [asdict(failure) for failure in failures]}
         text = json.dumps(record, indent=1)
-        write_whole(path, lambda temporary: temporary.write_text(text + "\n", encoding="utf-8"))
+        write_text(path, text + "\n")
 
     def _path(self, name: str) -> Path:
         return self.folder / PARTS / f"{name}.parquet"

@@ -22,7 +22,7 @@ import numpy as np
 from malus.bench.scoring.metric_value import MetricColumns, MetricValue, Place
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError, first_line
-from malus.scenes.core.files import open_regular, write_whole
+from malus.scenes.core.files import open_regular, write_text, write_whole
 from malus.scenes.core.remote import as_path
 from malus.scenes.core.result_files import HEADLINES, RUN, TABLE
 from malus.scenes.core.versions import versions
@@ -201,7 +201,7 @@ def write_results(out: Path, results: Results) -> None:
 def write_run(out: Path, run: dict[str, Any]) -> None:
     """Write run.json, the record of how results came about."""
     text = json.dumps(run, indent=2, sort_keys=True, allow_nan=False)
-    write_whole(out / RUN, lambda path: path.write_text(text + "\n", encoding="utf-8"))
+    write_text(out / RUN, text + "\n")
 
 
 def origin() -> dict[str, Any]:

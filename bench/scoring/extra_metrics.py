@@ -25,6 +25,7 @@ from malus.bench.scoring.polarisation_error import (
     ssim,
 )
 from malus.bench.scoring.profiles import PROFILES
+from malus.reconstruct.methods import TRIVIAL
 from malus.renderers.truth import Truth
 from malus.scenes.colour import compared_colours
 from malus.scenes.core.arrays import Float64Array, FloatArray
@@ -207,7 +208,7 @@ METRICS: dict[str, Metric] = {
 """Further metrics by name."""
 
 
-GUESS = "unpolarised"
+GUESS = TRIVIAL.name
 """The method that guesses I(ϑ) = I/2; profiles stand beside its values."""
 
 

@@ -42,7 +42,7 @@ from malus.scenes import (
 )
 from malus.scenes.core.arrays import FloatArray
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.files import write_whole
+from malus.scenes.core.files import write_text
 from malus.scenes.lights.lights import Light
 from malus.scenes.materials.surface import Distribution
 from malus.scenes.scene import Sampling
@@ -131,7 +131,7 @@ class Assumption:
 def findings(folder: Path, resolution: int, samples: int, backend: str) -> Findings:
     """Run the study and write its table into a folder."""
     table = mismatch_table(Effort.of(resolution, samples, backend))
-    write_whole(folder / "mismatch.csv", lambda path: path.write_text(as_csv(table), "utf-8"))
+    write_text(folder / "mismatch.csv", as_csv(table))
     cells = price_cells(prices(table))
     lines = (f"{line[0]}, {line[1]}: {line[4]} (pairs: {line[6]})" for line in cells.lines)
     return Findings(("price of each assumption, loss of skill:", *lines, f"written to {folder}"))

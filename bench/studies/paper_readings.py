@@ -31,7 +31,7 @@ from malus.reports.tables.formats import as_csv
 from malus.reports.tables.readings import by_dataset, verdicts
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import Float64Array
-from malus.scenes.core.files import write_whole
+from malus.scenes.core.files import write_text
 from malus.scenes.lights.lights import Distant, Light, Uniform
 from malus.scenes.materials.materials import materials, surfaces
 from malus.scenes.materials.surface import Dielectric
@@ -78,7 +78,7 @@ class _Scored:
 def findings(folder: Path, every: int, resolution: int, backend: str) -> Findings:
     """Run the study and write its table into a folder."""
     table = paper_readings(choose(backend), every, resolution)
-    write_whole(folder / "readings.csv", lambda path: path.write_text(as_csv(table), "utf-8"))
+    write_text(folder / "readings.csv", as_csv(table))
     return Findings((*verdicts(by_dataset(table)), f"written to {folder}"))
 
 

@@ -94,10 +94,10 @@ def _precision(folder: Path, backend: str) -> Findings:
     from malus.bench.studies.precision import precision
     from malus.renderers.variant import choose
     from malus.reports.tables.formats import as_csv
-    from malus.scenes.core.files import write_whole
+    from malus.scenes.core.files import write_text
 
     table = precision(choose(backend))
-    write_whole(folder / "precision.csv", lambda path: path.write_text(as_csv(table), "utf-8"))
+    write_text(folder / "precision.csv", as_csv(table))
     return Findings((f"written to {folder}",), table=table, cells=_precision_cells)
 
 

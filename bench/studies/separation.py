@@ -18,7 +18,7 @@ from malus.renderers.families.family import render_family
 from malus.renderers.variant import Variant, choose
 from malus.reports.tables.formats import as_csv
 from malus.reports.tables.separation import separation_cells
-from malus.scenes.core.files import write_whole
+from malus.scenes.core.files import write_text
 from malus.scenes.materials.surface import Dielectric
 from malus.scenes.scene import Sampling, Scene
 
@@ -26,7 +26,7 @@ from malus.scenes.scene import Sampling, Scene
 def findings(folder: Path, every: int, resolution: int, backend: str) -> Findings:
     """Run the study and write its table into a folder."""
     table = separation_table(choose(backend), every, resolution)
-    write_whole(folder / "separation.csv", lambda path: path.write_text(as_csv(table), "utf-8"))
+    write_text(folder / "separation.csv", as_csv(table))
     cells = separation_cells(table)
     lines = (": ".join((line[0], ", ".join(line[2:]))) for line in cells.lines)
     return Findings((", ".join(cells.heads[2:]), *lines, f"written to {folder}"))

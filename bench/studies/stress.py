@@ -32,7 +32,7 @@ from malus.reconstruct.facets.breakpoints import Measure
 from malus.reports.tables.formats import as_csv
 from malus.reports.tables.text_tables import stress_cells
 from malus.scenes.core.cores import usable_cores
-from malus.scenes.core.files import write_whole
+from malus.scenes.core.files import write_text
 
 LARGEST_ERROR = 1e-8
 """Largest error of ρ with which a case passes, by default settings."""
@@ -210,8 +210,8 @@ def stress_table(
 
 def write_table(out: Path, table: pd.DataFrame) -> None:
     """Write the table as stress.csv and stress.md to a folder."""
-    write_whole(out / "stress.csv", lambda path: path.write_text(as_csv(table), "utf-8"))
-    write_whole(out / "stress.md", lambda path: path.write_text(markdown(table), encoding="utf-8"))
+    write_text(out / "stress.csv", as_csv(table))
+    write_text(out / "stress.md", markdown(table))
 
 
 def markdown(table: pd.DataFrame) -> str:

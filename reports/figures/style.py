@@ -21,6 +21,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
+from malus.reports.tables.rows import TRIVIAL
 from malus.scenes.core.errors import printable
 
 INK = "#23232b"
@@ -35,7 +36,6 @@ _SVG_DPI = 72
 PALETTE = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _FIRST_METHODS = ("eq8", "visible", "half_vector", "shadowed")
-_TRIVIAL = "unpolarised"
 _BODY = "+body"
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -97,7 +97,7 @@ def method_styles(methods: Sequence[str]) -> dict[str, MethodStyle]:
     >>> method_styles(["eq8"])["eq8"].colour
     '#d55e00'
     """
-    named = dict.fromkeys(method.removesuffix(_BODY) for method in methods if method != _TRIVIAL)
+    named = dict.fromkeys(method.removesuffix(_BODY) for method in methods if method != TRIVIAL)
     families = list(_FIRST_METHODS)
     for family in named:
         if family in families:
@@ -111,7 +111,7 @@ def method_styles(methods: Sequence[str]) -> dict[str, MethodStyle]:
 
 
 def _method_style(method: str, families: Sequence[str]) -> MethodStyle:
-    if method == _TRIVIAL:
+    if method == TRIVIAL:
         return MethodStyle(SOFT, "x", "--", True)
     number = families.index(method.removesuffix(_BODY))
     body = method.endswith(_BODY)

@@ -177,6 +177,11 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     replace_file(path, write)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file as `write_whole` does."""
+    write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
 def replace_text(final: Path, text: str) -> None:
     """Write a text file under a temporary name, then rename it: whole or not at all."""
     replace_file(final, lambda temporary: temporary.write_text(text, encoding="utf-8"))
