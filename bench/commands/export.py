@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from malus.bench.commands.options import FOLDER, command
+from malus.bench.commands.options import FOLDER, command, split_option
 
 FORMATS = (
     "numpy", "png", "polanalyser", "webdataset", "hdf5", "rgb2pol", "pol", "polaranything",
@@ -29,9 +29,7 @@ FORMATS = (
     type=click.Choice(["exr", "png"]),
     help="Of polanalyser's images: lossless floats, or 16 bits [default: exr].",
 )
-@click.option(
-    "--split", type=click.Choice(("train", "val", "test")), help="Only the scenes of this split."
-)
+@split_option
 @click.option("--json", "as_json", is_flag=True, help="Print what was done as JSON.")
 def export_command(
     dataset: Path, layout: str, out: Path, pixels: str | None, split: str | None, as_json: bool

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from malus.bench.commands.options import LOCAL, command
+from malus.bench.commands.options import LOCAL, command, together
 
 
 class Direction(click.ParamType[tuple[float, float, float]]):
@@ -29,46 +29,40 @@ class Direction(click.ParamType[tuple[float, float, float]]):
         return x, y, z
 
 
-def knowledge_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that say what is known besides the picture; filter and capture share them."""
-    options = [
-        click.option(
-            "--normals", type=LOCAL, help="Normals: .npy, .exr, or a picture of (n + 1)/2."
-        ),
-        click.option("--mask", type=LOCAL, help="A picture, light where the object is."),
-        click.option(
-            "--labels",
-            type=LOCAL,
-            help="A picture of several objects: black is none, every other value is one.",
-        ),
-        click.option(
-            "--light", type=Direction(), help="Towards a distant light: x right, y up, z to you."
-        ),
-        click.option("--material", help="A material of `malus list materials`."),
-        click.option("--alpha", type=float, help="Roughness, 0 to 1."),
-        click.option("--preset", help="water, glass, foliage, skin or plastic."),
-        click.option(
-            "--illuminant",
-            type=click.Choice(["neutral", "gray-world", "shades-of-grey", "highlights"]),
-            help="How the colour of the light is told [default: neutral; of the method paper,"
-            " gray-world].",
-        ),
-        click.option(
-            "--separation",
-            type=click.Choice(["chromaticity", "suv", "ratio"]),
-            help="How glare is told from the body's colour [default: ratio; of the method paper,"
-            " chromaticity, of paper-mallick, suv].",
-        ),
-        click.option(
-            "--net-size",
-            type=int,
-            help="Longer side of the picture that the method net works on, in pixels"
-            " [default: by its training].",
-        ),
-    ]
-    for option in reversed(options):
-        function = option(function)
-    return function
+knowledge_options = together(
+    click.option("--normals", type=LOCAL, help="Normals: .npy, .exr, or a picture of (n + 1)/2."),
+    click.option("--mask", type=LOCAL, help="A picture, light where the object is."),
+    click.option(
+        "--labels",
+        type=LOCAL,
+        help="A picture of several objects: black is none, every other value is one.",
+    ),
+    click.option(
+        "--light", type=Direction(), help="Towards a distant light: x right, y up, z to you."
+    ),
+    click.option("--material", help="A material of `malus list materials`."),
+    click.option("--alpha", type=float, help="Roughness, 0 to 1."),
+    click.option("--preset", help="water, glass, foliage, skin or plastic."),
+    click.option(
+        "--illuminant",
+        type=click.Choice(["neutral", "gray-world", "shades-of-grey", "highlights"]),
+        help="How the colour of the light is told [default: neutral; of the method paper,"
+        " gray-world].",
+    ),
+    click.option(
+        "--separation",
+        type=click.Choice(["chromaticity", "suv", "ratio"]),
+        help="How glare is told from the body's colour [default: ratio; of the method paper,"
+        " chromaticity, of paper-mallick, suv].",
+    ),
+    click.option(
+        "--net-size",
+        type=int,
+        help="Longer side of the picture that the method net works on, in pixels"
+        " [default: by its training].",
+    ),
+)
+"""Options that say what is known besides the picture; filter and capture share them."""
 
 
 def knowledge_of(shape: tuple[int, ...], given: dict[str, Any]) -> Any:

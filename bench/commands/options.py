@@ -137,40 +137,50 @@ def command(name: str) -> Callable[[Callable[..., Any]], Command]:
 
 backend_option = click.option("--backend", default="auto", help="auto, cuda, llvm or scalar.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
+split_option = click.option(
+    "--split", type=click.Choice(("train", "val", "test")), help="Only the scenes of this split."
+)
+
+AnyFunction = Callable[..., Any]
+Decorator = Callable[[AnyFunction], AnyFunction]
 
 
-def size_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that replace a suite's own samples, resolution and seed."""
-    options = (
-        click.option("--samples", type=int, help="Samples a pixel, instead of the suite's."),
-        click.option("--resolution", type=int, help="Pixels a side, instead of the suite's."),
-        click.option("--seed", type=int, help="Seed, instead of the suite's."),
-    )
-    for option in reversed(options):
-        function = option(function)
-    return function
+def together(
+    *options: Callable[[AnyFunction], AnyFunction],
+) -> Callable[[AnyFunction], AnyFunction]:
+    """A decorator that adds several options, which the help has in this order."""
+
+    def decorated(function: AnyFunction) -> AnyFunction:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return decorated
 
 
-def metric_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that ask for further metrics, alone or as a published profile."""
-    options = (
-        click.option(
-            "--metric",
-            "metrics",
-            multiple=True,
-            help="A further metric; `malus list metrics` tells them.",
-        ),
-        click.option(
-            "--profile",
-            "profiles",
-            multiple=True,
-            type=click.Choice(("polaranything", "rgb2pol", "polarscale")),
-            help="All metrics of a published benchmark, with the trivial guess beside them.",
-        ),
-    )
-    for option in reversed(options):
-        function = option(function)
-    return function
+size_options = together(
+    click.option("--samples", type=int, help="Samples a pixel, instead of the suite's."),
+    click.option("--resolution", type=int, help="Pixels a side, instead of the suite's."),
+    click.option("--seed", type=int, help="Seed, instead of the suite's."),
+)
+"""Options that replace a suite's own values."""
+
+metric_options = together(
+    click.option(
+        "--metric",
+        "metrics",
+        multiple=True,
+        help="A further metric; `malus list metrics` tells them.",
+    ),
+    click.option(
+        "--profile",
+        "profiles",
+        multiple=True,
+        type=click.Choice(("polaranything", "rgb2pol", "polarscale")),
+        help="All metrics of a published benchmark, with the trivial guess beside them.",
+    ),
+)
+"""Options that ask for further metrics, alone or as a published profile."""
 
 
 def asked_metrics(metrics: Sequence[str], profiles: Sequence[str]) -> tuple[str, ...]:
@@ -184,16 +194,8 @@ def asked_metrics(metrics: Sequence[str], profiles: Sequence[str]) -> tuple[str,
     return (*metrics, *(f"profile:{name}" for name in profiles))
 
 
-def work_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of time and of earlier failures."""
-    options = (
-        click.option(
-            "--timeout", type=float, default=3600, help="Seconds a family may take [3600]."
-        ),
-        click.option(
-            "--retry-failed", is_flag=True, help="Try again what failed in an earlier run."
-        ),
-    )
-    for option in reversed(options):
-        function = option(function)
-    return function
+work_options = together(
+    click.option("--timeout", type=float, default=3600, help="Seconds a family may take [3600]."),
+    click.option("--retry-failed", is_flag=True, help="Try again what failed in an earlier run."),
+)
+"""Options of time and of earlier failures."""

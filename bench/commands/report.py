@@ -46,17 +46,15 @@ def report_command(
       malus report results/fig5
       malus report results/fig5 --table latex
     """
+    from malus.scenes.core.errors import InputError
+
     if form is not None:
         if png or beside:
-            from malus.scenes.core.errors import InputError
-
             option = "--png" if png else "--with"
             raise InputError(option, "no --table beside it", "--table", "a table has no figures")
         _print_table(results, form, metrics)
         return
     if metrics:
-        from malus.scenes.core.errors import InputError
-
         raise InputError("--metric", "--table beside it", "no --table", "give both or neither")
     from malus.bench.running.inside_worker import import_all
     from malus.bench.running.worker_process import WorkerProcess

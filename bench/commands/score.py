@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from malus.bench.commands.options import FOLDER, asked_metrics, command, json_option, metric_options
+from malus.bench.commands.options import (
+    FOLDER,
+    asked_metrics,
+    command,
+    json_option,
+    metric_options,
+    split_option,
+)
 
 if TYPE_CHECKING:
     from malus.bench.running.results import Results
@@ -35,9 +42,7 @@ if TYPE_CHECKING:
     nargs=2,
     help="Of a test set in the layout rgb2pol: what the codes of s1 and s2 stand for, as -1 1.",
 )
-@click.option(
-    "--split", type=click.Choice(("train", "val", "test")), help="Only the scenes of this split."
-)
+@split_option
 @click.option("--name", help="What the predictions are called in tables [default: predictions].")
 @click.option("--out", type=FOLDER, help="Folder of the results [default: results/scores].")
 @json_option
