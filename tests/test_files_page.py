@@ -7,6 +7,7 @@ import json
 import os
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
@@ -14,6 +15,8 @@ from documents import FILES, execute
 
 from malus.bench import read_results
 from malus.bench.scoring.extra_metrics import METRICS
+from malus.reports import write_report
+from malus.reports.tables import sample
 from malus.scenes import load_suite
 from malus.scenes.suite import Suite
 
@@ -39,7 +42,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     suite |= {"bodies": ["unpolarised"], "materials": ["water"], "surfaces": ["carbon"]}
     suite["camera"]["resolution"], suite["sampling"]["samples"] = 12, 4
     from malus.bench import run
-    from malus.reports import write_report
 
     write_report(run(Suite.parse(suite, "test"), folder), folder)
     return folder
@@ -56,6 +58,16 @@ def list_in_order(table: pd.DataFrame) -> list[str]:
     """Columns as the page groups them; a column that it lacks comes last and fails the test."""
     page = first_cells(section(FILES, "Columns of the results table"))
     return sorted(table.columns, key=lambda name: page.index(name) if name in page else 99)
+
+
+def test_files_md_has_every_column_of_the_reports_tables(tmp_path: Path) -> None:
+    """Those of errors.csv stood nowhere but in a docstring."""
+    below = sample.laddered().query("knowledge != 'everything'")
+    table = pd.concat([sample.coloured(), below], ignore_index=True)
+    write_report(SimpleNamespace(table=table, run=sample.run()), tmp_path)
+    written = {column for path in tmp_path.glob("*.csv") for column in pd.read_csv(path).columns}
+    page = first_cells(section(FILES, "Columns of the report's tables"))
+    assert set(page) - {"column"} == written - {"body", "light", "method"}
 
 
 def test_files_md_has_every_metric(finished: Path) -> None:
