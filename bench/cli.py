@@ -131,8 +131,11 @@ def _terminate(number: int, frame: object) -> None:
 
 def _stopped(words: Sequence[str]) -> str:
     """What the same command does after a stop; most begin anew, as studies do without --rows."""
-    keeps = bool(words) and words[0] in KEEPING and not STUDIES.keys() & set(words[1:2])
-    keeps = keeps or any(word.startswith("--rows") for word in words)
+    keeps = any(word.startswith("--rows") for word in words)
+    if words and words[0] in KEEPING:
+        command = cli.commands[words[0]]
+        params = command.make_context(words[0], list(words[1:]), resilient_parsing=True).params
+        keeps = params.get("suite") not in STUDIES and not params.get("ablates")
     return STOPPED + (GOES_ON if keeps else BEGINS_ANEW)
 
 

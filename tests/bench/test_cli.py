@@ -150,6 +150,9 @@ def test_a_mistake_is_all_that_is_printed(option: tuple[str, str]) -> None:
     [
         (("run", "quick", "--out", "paper"), "goes on where it was"),
         (("run", "stress"), "begins anew"),
+        (("run", "--out", "results/new", "--seed=2", "stress"), "begins anew"),
+        (("train", "dataset", "--ablate"), "begins anew"),
+        (("train", "dataset", "--steps", "9"), "goes on where it was"),
         (("export", "data"), "begins anew"),
         ((), "begins anew"),
     ],
