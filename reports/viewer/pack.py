@@ -129,8 +129,8 @@ def fitted(examples: Sequence[Example], budget: int = BUDGET) -> tuple[list[Show
     kept: list[Shown] = []
     room = budget
     for shown in chosen:
-        room -= shown.size
-        if room >= 0:
+        if shown.size <= room:
+            room -= shown.size
             kept.append(shown)
     return kept, len(examples) - len(kept)
 

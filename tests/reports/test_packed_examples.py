@@ -52,6 +52,15 @@ def example(size: int, bands: int) -> Example:
     return Example("0", "a", wavelengths, mask, truth, {"eq8": estimate})
 
 
+def test_a_scene_that_is_too_large_costs_no_other_its_place() -> None:
+    """Where pictures are drawn in several sizes, one took the room of all that came after it."""
+    small, large = example(16, 1), example(64, 1)
+    size = fitted([small])[0][0].size
+    kept, left_out = fitted([small, large, small, small], budget=2 * size)
+    assert [shown.example is small for shown in kept] == [True, True]
+    assert left_out == 2
+
+
 def test_a_large_run_keeps_its_colours_and_counts_what_it_leaves_out() -> None:
     """Surroundings go first, then single bands, then scenes."""
     ways = []
