@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import PIL.Image
 import tifffile
@@ -17,6 +18,13 @@ from malus.scenes import MeshFile, polarisation
 
 SMOOTH = np.linspace(20, 230, 16 * 24).reshape(16, 24)[..., None].repeat(3, -1).astype(np.uint8)
 CODES_16 = np.random.default_rng(0).integers(0, 65536, (16, 24, 4), dtype=np.uint16)
+
+
+def save_16_bits(path: Path, values: np.ndarray) -> None:
+    """A 16-bit PNG of values in [0, 1], written by another library than the one that reads."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    codes = np.rint(values.clip(0, 1) * 65535).astype(np.uint16)
+    path.write_bytes(imagecodecs.png_encode(codes))
 
 
 def dome(side: int = 64) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ import OpenEXR
 import pytest
 from click.testing import CliRunner
 from made_up import made_up_truth, stored
+from pictures import save_16_bits
 from runs import formula_dataset
 
 from malus.bench.commands.score import score_command
@@ -36,19 +37,12 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return formula_dataset(tmp_path_factory.mktemp("dataset"), SIDE)
 
 
-def write(path: Path, values: np.ndarray) -> None:
-    """A 16-bit PNG of values in [0, 1], written by another library than the one that reads."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    codes = np.rint(values.clip(0, 1) * 65535).astype(np.uint16)
-    path.write_bytes(imagecodecs.png_encode(codes))
-
-
 def as_rgb2pol(folder: Path, name: str, truth: Truth) -> None:
     """Each component over its own range, black off the object; red is the third band."""
     for k in (1, 2):
         component = np.where(truth.mask[..., None], truth.stokes[..., k], 0)
         low, high = component.min(), component.max()
-        write(folder / name / f"s{k}.png", ((component - low) / (high - low))[..., ::-1])
+        save_16_bits(folder / name / f"s{k}.png", ((component - low) / (high - low))[..., ::-1])
 
 
 def as_polaranything(folder: Path, name: str, truth: Truth) -> None:
@@ -56,8 +50,8 @@ def as_polaranything(folder: Path, name: str, truth: Truth) -> None:
     s0, s1, s2 = np.moveaxis(truth.stokes[:, :, 0].astype(float), -1, 0)
     degree = np.hypot(s1, s2) / np.where(s0 > 0, s0, 1)
     angle = np.degrees(np.arctan2(s2, s1)) / 2
-    write(folder / "AoLP_16bit" / f"{name}.png", (angle + 90) / 180)
-    write(folder / "DoLP_16bit" / f"{name}.png", degree)
+    save_16_bits(folder / "AoLP_16bit" / f"{name}.png", (angle + 90) / 180)
+    save_16_bits(folder / "DoLP_16bit" / f"{name}.png", degree)
 
 
 def as_pol(folder: Path, name: str, truth: Truth) -> None:
@@ -67,7 +61,7 @@ def as_pol(folder: Path, name: str, truth: Truth) -> None:
     for degrees in (0, 45, 90, 135):
         double = 2 * np.radians(degrees)
         seen = stokes[..., 0] + stokes[..., 1] * np.cos(double) + stokes[..., 2] * np.sin(double)
-        write(folder / f"pol{degrees:03}" / f"{name}.png", (scale * seen / 2)[..., ::-1])
+        save_16_bits(folder / f"pol{degrees:03}" / f"{name}.png", (scale * seen / 2)[..., ::-1])
 
 
 WRITERS: dict[str, Callable[[Path, str, Truth], None]] = {
@@ -139,7 +133,7 @@ def test_problems_are_all_told(dataset: Dataset, tmp_path: Path) -> None:
         as_pol(tmp_path, truth.scene.id, truth)
     first, second = dataset.scenes[:2]
     (tmp_path / "pol045" / f"{first}.png").unlink()
-    write(tmp_path / "pol090" / f"{second}.png", np.zeros((SIDE, SIDE + 1, 3)))
+    save_16_bits(tmp_path / "pol090" / f"{second}.png", np.zeros((SIDE, SIDE + 1, 3)))
     with pytest.raises(PredictionErrors) as caught:
         score_dataset(dataset, [], tmp_path, layout="pol")
     told = [str(problem) for problem in caught.value.problems]

@@ -6,10 +6,10 @@ import json
 import math
 from pathlib import Path
 
-import imagecodecs
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from pictures import save_16_bits
 
 import malus
 from malus.bench.commands.score import score_command
@@ -18,13 +18,6 @@ from malus.scenes import InputError
 
 SIDE = 16
 NAMES = ("a", "b", "c")
-
-
-def write(path: Path, values: np.ndarray) -> None:
-    """A 16-bit PNG of values in [0, 1]."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    codes = np.rint(values.clip(0, 1) * 65535).astype(np.uint16)
-    path.write_bytes(imagecodecs.png_encode(codes))
 
 
 def stokes_of(name: str) -> np.ndarray:
@@ -41,13 +34,13 @@ def as_pol(folder: Path, name: str, stokes: np.ndarray) -> None:
     for degrees in (0, 45, 90, 135):
         double = 2 * np.radians(degrees)
         seen = stokes[..., 0] + stokes[..., 1] * np.cos(double) + stokes[..., 2] * np.sin(double)
-        write(folder / f"pol{degrees:03}" / f"{name}.png", seen / 2)
+        save_16_bits(folder / f"pol{degrees:03}" / f"{name}.png", seen / 2)
 
 
 def as_rgb2pol(folder: Path, name: str, stokes: np.ndarray) -> None:
-    write(folder / name / "s0.png", stokes[..., 0])
+    save_16_bits(folder / name / "s0.png", stokes[..., 0])
     for k in (1, 2):
-        write(folder / name / f"s{k}.png", (stokes[..., k] + 1) / 2)
+        save_16_bits(folder / name / f"s{k}.png", (stokes[..., k] + 1) / 2)
 
 
 WRITERS = {"pol": as_pol, "rgb2pol": as_rgb2pol}
@@ -85,7 +78,7 @@ def test_the_mask_of_a_set_counts(tmp_path: Path) -> None:
     as_pol(tmp_path / "truth", "a", stokes)
     mask = np.zeros((SIDE, SIDE))
     mask[4:12, 4:12] = 1
-    write(tmp_path / "truth" / "mask" / "a.png", mask)
+    save_16_bits(tmp_path / "truth" / "mask" / "a.png", mask)
     wrong_outside = np.where(mask[..., None, None] > 0, stokes, stokes * [1, -1, -1])
     as_pol(tmp_path / "mine", "a", wrong_outside)
     results = score_published(tmp_path / "truth", "pol", predictions=tmp_path / "mine")
