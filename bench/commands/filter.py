@@ -76,7 +76,7 @@ def knowledge_of(shape: tuple[int, ...], given: dict[str, Any]) -> Any:
 
 def in_words_of_options(text: str) -> str:
     """A text with options in place of the parameters that stand in backticks."""
-    return re.sub(r"`(\w+)`", r"--\1", text)
+    return re.sub(r"`(\w+)`", lambda name: f"--{name[1].replace('_', '-')}", text)
 
 
 @command("filter")

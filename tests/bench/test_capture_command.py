@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import click
 import imagecodecs
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from click.testing import CliRunner, Result
 from pictures import dome_stokes, write_capture
 
 from malus.bench.commands.capture import capture_command
+from malus.bench.commands.filter import in_words_of_options
 from malus.bench.running.capture_suite import CaptureSuite
 from malus.scenes import InputError
 
@@ -32,6 +34,14 @@ def captured(*arguments: object) -> Result:
 def right(*degrees: int) -> dict[str, float]:
     """Names that tell the angles."""
     return {f"pol_{angle:03d}.tif": float(angle) for angle in degrees}
+
+
+def test_parameters_are_told_by_the_names_of_their_options() -> None:
+    """A small object was said to need a larger --net_size, which there is not."""
+    renamed = {"methods", "as_json"}
+    for param in capture_command.params:
+        if isinstance(param, click.Option) and param.name not in renamed:
+            assert in_words_of_options(f"give `{param.name}`") == f"give {param.opts[0]}"
 
 
 def test_a_bad_fit_among_several_is_told_at_once(tmp_path: Path) -> None:
