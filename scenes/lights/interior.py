@@ -2,8 +2,9 @@
 
 A room is a box: walls, a floor and a ceiling of different levels, with rectangles on them, which
 are doors, shelves and pictures, windows that are several to many times as bright as the walls, and
-lamps that are 50 to 1000 times as bright as the walls and small. The map is scaled so that its mean
-over all directions is the light's `radiance`; a uniform light of that radiance has the same power.
+lamps that are small and 50 to 1000 times as bright as a bright wall; dark walls have a quarter of
+its light. The map is scaled so that its mean over all directions is the light's `radiance`; a
+uniform light of that radiance has the same power.
 """
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ def _lamps(draw: Draw, level: Float64Array, toward: Float64Array) -> None:
         elevation = math.asin(1.0 - draw() * 0.9)
         azimuth = 2.0 * math.pi * draw()
         radius = math.radians(_log(draw, LEAST_LAMP_RADIUS_DEG, 9.0))
-        # Large lamps are dim: 50 to 1000 times a wall's level at equal power within a factor.
+        # Large lamps are dim: at equal power, within a factor, 50 to 1000 times a bright wall.
         brightness = _log(draw, 1.0, 6.0) * 150.0 * math.radians(3.0) ** 2 / radius**2
         level_axis = math.cos(elevation)
         axis = [level_axis * math.sin(azimuth), math.sin(elevation), level_axis * math.cos(azimuth)]

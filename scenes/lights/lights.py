@@ -300,8 +300,8 @@ class Sky(AllAround):
 class Interior(AllAround):
     """A room drawn at random, seen from its middle: walls, windows and lamps; y is up.
 
-    Its `radiance` is the mean over all directions. The lamps are 50 to 1000 times as bright as the
-    walls: see `malus.scenes.lights.interior`. `AllAround` says how it is turned.
+    Its `radiance` is the mean over all directions. The lamps are 50 to 1000 times as bright as a
+    bright wall: see `malus.scenes.lights.interior`. `AllAround` says how it is turned.
 
     Examples
     --------
