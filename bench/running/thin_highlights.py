@@ -30,7 +30,7 @@ def highlight_samples(scene: Scene, samples: int) -> float:
 
     Examples
     --------
-    >>> from malus.scenes import Sphere
+    >>> from malus.scenes import Dielectric, Sphere
     >>> rough = Dielectric(eta=1.5, alpha=0.01)
     >>> light, camera = Distant(incidence_deg=60), Camera(resolution=48)
     >>> scene = Scene(shape=Sphere(), surface=rough, light=light, camera=camera)
