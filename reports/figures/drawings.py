@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, NamedTuple
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 from markupsafe import Markup
@@ -74,6 +75,16 @@ def picture(draw: Callable[[], Figure], with_png: bool = False) -> Picture:
     return Picture(text, png(figure) if with_png else None)
 
 
+def drawn_by(name: str, *content: Any) -> Figure:
+    """What a function of this folder, such as `ladder.figure_ladder`, draws of its content.
+
+    It has a name here because it is loaded with Matplotlib, when there is something to draw.
+    """
+    module, function = name.split(".")
+    figure: Figure = getattr(import_module(f"{__package__}.{module}"), function)(*content)
+    return figure
+
+
 def drawings(table: pd.DataFrame) -> Iterator[Drawing]:
     """Figure 5, Figure 5 by light, error over the polariser angle and Figure 9, for every body.
 
@@ -104,7 +115,7 @@ def _figure5(rows: pd.DataFrame, body: str, told: str) -> Iterator[Drawing]:
         f" deviation over the dataset. {_note(body)}",
         numbers,
         by_method(numbers),
-        partial(_draw_figure5, rows, body),
+        partial(drawn_by, "figure5.figure5", rows, body),
     )
     numbers = both_panels(rows, by_light=True)
     yield Drawing(
@@ -114,7 +125,7 @@ def _figure5(rows: pd.DataFrame, body: str, told: str) -> Iterator[Drawing]:
         f" {told}{_note(body)}",
         numbers,
         by_method(numbers),
-        partial(_draw_figure5_by_light, rows, body),
+        partial(drawn_by, "figure5.figure5_by_light", rows, body),
     )
 
 
@@ -126,7 +137,7 @@ def _over_the_angle(rows: pd.DataFrame, body: str, told: str) -> Iterator[Drawin
         f"Mean and standard deviation over the {_scenes(body)}. {told}{_note(body)}",
         numbers,
         by_method(numbers),
-        partial(_draw_angles, rows, body),
+        partial(drawn_by, "angles.figure_angles", rows, body),
     )
     if len(rows_by_angle(rows, "delta_e76")):
         numbers = figure9_numbers(rows)
@@ -137,7 +148,7 @@ def _over_the_angle(rows: pd.DataFrame, body: str, told: str) -> Iterator[Drawin
             f" dashed: one just noticeable difference. {told}{_note(body)}",
             numbers,
             by_method(numbers),
-            partial(_draw_figure9, rows, body),
+            partial(drawn_by, "angles.figure9", rows, body),
         )
 
 
@@ -170,38 +181,8 @@ def ladders(table: pd.DataFrame) -> Iterator[Drawing]:
         * bool(numbers.groupby("body")["scenes"].nunique().max() > 1),
         numbers,
         budget(numbers),
-        partial(_draw_ladder, numbers),
+        partial(drawn_by, "ladder.figure_ladder", numbers),
     )
-
-
-def _draw_figure5(rows: pd.DataFrame, body: str) -> Figure:
-    from malus.reports.figures.figure5 import figure5
-
-    return figure5(rows, body)
-
-
-def _draw_figure5_by_light(rows: pd.DataFrame, body: str) -> Figure:
-    from malus.reports.figures.figure5 import figure5_by_light
-
-    return figure5_by_light(rows, body)
-
-
-def _draw_angles(rows: pd.DataFrame, body: str) -> Figure:
-    from malus.reports.figures.angles import figure_angles
-
-    return figure_angles(rows, body)
-
-
-def _draw_figure9(rows: pd.DataFrame, body: str) -> Figure:
-    from malus.reports.figures.figure9 import figure9
-
-    return figure9(rows, body)
-
-
-def _draw_ladder(numbers: pd.DataFrame) -> Figure:
-    from malus.reports.figures.ladder import figure_ladder
-
-    return figure_ladder(numbers)
 
 
 def _scenes(body: str) -> str:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from malus.reports.figures.drawings import Drawing
+from malus.reports.figures.drawings import Drawing, drawn_by
 from malus.reports.tables.formats import counted
 from malus.reports.tables.prices import price_cells, prices
 from malus.reports.tables.readings import by_dataset, reading_cells
 from malus.reports.tables.separation import by_colour, separation_cells
 from malus.reports.tables.text_tables import points
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def precision_drawing(table: pd.DataFrame) -> Drawing:
@@ -26,7 +22,7 @@ def precision_drawing(table: pd.DataFrame) -> Drawing:
         "Error against seconds, both logarithmic; filled: on the Pareto front.",
         table,
         points(table),
-        partial(_draw_precision, table),
+        partial(drawn_by, "precision.figure_precision", table),
     )
 
 
@@ -41,7 +37,7 @@ def readings_drawing(table: pd.DataFrame) -> Drawing:
         " shaded band, the errors are as high and as flat as the paper's.",
         table,
         reading_cells(by_dataset(table)),
-        partial(_draw_readings, table),
+        partial(drawn_by, "readings.figure_readings", table),
     )
 
 
@@ -59,7 +55,7 @@ def prices_drawing(table: pd.DataFrame) -> Drawing:
         " the noise has no skill, and does not count.",
         numbers,
         price_cells(numbers),
-        partial(_draw_prices, numbers, method),
+        partial(drawn_by, "prices.figure_prices", numbers, method),
     )
 
 
@@ -72,29 +68,5 @@ def separation_drawing(table: pd.DataFrame) -> Drawing:
         " render; a point a scene, a bar the median.",
         by_colour(table),
         separation_cells(table),
-        partial(_draw_separation, table),
+        partial(drawn_by, "separation.figure_separation", table),
     )
-
-
-def _draw_precision(table: pd.DataFrame) -> Figure:
-    from malus.reports.figures.precision import figure_precision
-
-    return figure_precision(table)
-
-
-def _draw_readings(table: pd.DataFrame) -> Figure:
-    from malus.reports.figures.readings import figure_readings
-
-    return figure_readings(table)
-
-
-def _draw_prices(numbers: pd.DataFrame, method: str) -> Figure:
-    from malus.reports.figures.prices import figure_prices
-
-    return figure_prices(numbers, method)
-
-
-def _draw_separation(table: pd.DataFrame) -> Figure:
-    from malus.reports.figures.separation import figure_separation
-
-    return figure_separation(table)

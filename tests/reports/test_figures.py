@@ -18,9 +18,9 @@ import pytest
 from scipy.optimize import isotonic_regression
 
 from malus.reports import write_report
+from malus.reports.figures.angles import figure9
 from malus.reports.figures.drawings import drawings, ladders
 from malus.reports.figures.figure5 import figure5, figure5_by_light
-from malus.reports.figures.figure9 import figure9
 from malus.reports.figures.ladder import figure_ladder
 from malus.reports.figures.panels import spread
 from malus.reports.figures.style import PALETTE, method_styles, png, svg

@@ -13,10 +13,9 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from malus.reports.figures.angles import figure_angles
+from malus.reports.figures.angles import figure9, figure_angles
 from malus.reports.figures.drawings import drawings
 from malus.reports.figures.figure5 import figure5, figure5_by_light
-from malus.reports.figures.figure9 import figure9
 from malus.reports.figures.style import svg
 from malus.reports.sections import of_run
 from malus.reports.source import Source
