@@ -58,7 +58,7 @@ def results_table(results: Results) -> Table:
     table.add_column("light", overflow="fold")
     table.add_column("body", no_wrap=True)
     rows = list(headline(results))
-    longest = max((cell_len(printable(row["method"])) for row in rows), default=0)
+    longest = max(cell_len(name) for name in ("method", *(printable(r["method"]) for r in rows)))
     table.add_column("method", width=min(longest, _METHOD_WIDTH), overflow="fold")
     for name in ("NMSE", "skill", "worst", "unmixed"):
         table.add_column(name, justify="right", no_wrap=True)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from xml.etree import ElementTree
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from malus.bench.gates.gate import FALSE_ALARM, Comparison, passed
@@ -60,6 +61,9 @@ def differences(comparisons: Sequence[Comparison]) -> Iterator[Row]:
 
 
 _SENSITIVITY = ("method", "metric", "compared", "failed", "smallest visible change", "seen in")
+_BROKEN = ("method", "where", "change", "smallest visible change", "seen in")
+"""Columns whose cells may take several lines."""
+
 _DIFFERENCES = ("", "metric", "method", "where", "baseline", "now", "change", "limit")
 
 
@@ -72,9 +76,10 @@ def tables(comparisons: Sequence[Comparison]) -> Iterator[Table]:
 
 
 def _table(title: str, columns: Row, rows: Sequence[Row]) -> Table:
-    table = Table(title=title)
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in columns:
-        table.add_column(name)
+        # On a narrow terminal names are broken, so that no word and no number is cut.
+        table.add_column(name, no_wrap=name not in _BROKEN, overflow="fold")
     for row in rows:
         table.add_row(*(printable(cell) for cell in row))
     return table

@@ -6,6 +6,8 @@ import pytest
 
 from malus.bench.commands.console import plain_console
 from malus.bench.commands.printing import print_results
+from malus.bench.gates.gate import Comparison
+from malus.bench.gates.gate_report import tables
 from malus.bench.running.results import Results
 from malus.reports.tables import sample
 
@@ -35,3 +37,30 @@ def test_names_are_printed_as_they_are_and_move_no_cursor(
     for text in (printed.out, printed.err):  # half_vector is among the reasons, too
         assert RED in text
     assert r"eq8\u202e\x1b[2J" in printed.out
+
+
+def test_the_head_over_short_names_of_methods_is_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    table = sample.table()
+    table["method"] = table["method"].replace({name: name[:3] for name in set(table["method"])})
+    print_results(Results(table, sample.run()), plain_console(stderr=True))
+    assert " method " in capsys.readouterr().out
+
+
+def test_the_gate_cuts_no_word_of_a_narrow_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All letters of every cell, in the order of their lines, are printed at 80 columns."""
+    monkeypatch.setenv("COLUMNS", "80")
+    scenes = ("polarised", "distant 60° azimuth 90°", "obsidian")
+    worse = Comparison(
+        ("facing_skill", "half_vector+body", "everything", *scenes), "worse",
+        before=0.9414, after=0.9109, error=0.0001, limit=0.0101, visible=0.01,
+        paired=True,
+    )  # fmt: skip
+    for part in tables([worse]):
+        plain_console().print(part)
+    printed = capsys.readouterr().out
+    assert "…" not in printed
+    words = "facing_skill", "polarised", "distant", "azimuth", "obsidian", "-0.0305", "0.0001"
+    for word in words:
+        assert word in printed, word
