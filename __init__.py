@@ -54,8 +54,9 @@ if TYPE_CHECKING:
     from malus.bench.running.results import Results as Results, read_results as read_results
     from malus.bench.running.status import Status as Status, status as status
     from malus.bench.scoring.capture_score import score_capture as score_capture
-    from malus.bench.scoring.judge import Score as Score, score as score
+    from malus.bench.scoring.judge import Score as Score
     from malus.bench.scoring.observe import observe as observe
+    from malus.bench.scoring.score import score as score
     from malus.bench.studies.registry import run_study as run_study
     from malus.bench.studies.study import Findings as Findings, Study as Study
     from malus.reconstruct import (
@@ -183,8 +184,9 @@ _NAMES = {
     "malus.bench.running.results": "Results read_results",
     "malus.bench.running.status": "Status status",
     "malus.bench.scoring.capture_score": "score_capture",
-    "malus.bench.scoring.judge": "Score score",
+    "malus.bench.scoring.judge": "Score",
     "malus.bench.scoring.observe": "observe",
+    "malus.bench.scoring.score": "score",
     "malus.bench.studies.registry": "run_study",
     "malus.bench.studies.study": "Findings Study",
     "malus.reconstruct.photos.filter": "FilterOutput FilteredPicture filter_picture",

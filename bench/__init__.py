@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from malus.bench.running.results import Results, read_results
     from malus.bench.running.runner import run
-    from malus.bench.scoring.judge import score
     from malus.bench.scoring.observe import observe
+    from malus.bench.scoring.score import score
 
 __all__ = ["Results", "observe", "read_results", "run", "score"]
 
@@ -22,7 +22,7 @@ _MODULES = {
     "observe": "scoring.observe",
     "read_results": "running.results",
     "run": "running.runner",
-    "score": "scoring.judge",
+    "score": "scoring.score",
 }
 """Module of each name that is imported when it is first used."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +39,8 @@ from malus.bench.scoring.extra_metrics import (
     with_guess,
 )
 from malus.bench.scoring.judge import Judge, Metric
-from malus.reconstruct import Components, Inapplicable, Method, Observation, get_method
+from malus.bench.scoring.score import as_method
+from malus.reconstruct import Components, Inapplicable, Method, get_method
 from malus.reconstruct.methods import by_name, guarded
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
 from malus.renderers.datasets.dataset import Dataset, open_dataset
@@ -205,7 +205,7 @@ def _score(
             stokes = predictions.stokes(dataset.scene(scene_id))
             sums += ConventionSums.of(stokes, truth)
             pictures.add(stokes[..., 0], truth)
-            scored.append(_as_method(name, stokes, truth))
+            scored.append(as_method(name, _components(stokes), truth))
         records = list(_records(truth, scored, metrics)) if scored else []
         if sensor:
             records.append(_sensor_record(truth, dataset.frame(scene_id), metrics))
@@ -226,20 +226,8 @@ def _score(
     return Results(pd.concat(tables, ignore_index=True), run)
 
 
-def _as_method(name: str, stokes: FloatArray, truth: Truth) -> Method:
-    """A prediction in the form of a method, for the judge that scores methods.
-
-    The judge also asks what a method makes of the picture with another draw of the noise. What a
-    prediction would have made of it is unknown; its intensity at least is taken to follow the
-    picture, as that of every method does, and its s1 and s2 to stay.
-    """
-    function = partial(_predicted, stokes=stokes, picture=truth.image)
-    return Method(name, frozenset(), function, "images that were made elsewhere")
-
-
-def _predicted(observation: Observation, stokes: FloatArray, picture: FloatArray) -> Components:
-    intensity = stokes[..., 0] + (observation.image - picture)
-    return Components(intensity, stokes[..., 1], stokes[..., 2])
+def _components(stokes: FloatArray) -> Components:
+    return Components(stokes[..., 0], stokes[..., 1], stokes[..., 2])
 
 
 def _records(
@@ -259,7 +247,9 @@ def _sensor_record(truth: Truth, frame: SensorFrame, metrics: Sequence[Metric]) 
     Errors of DoLP, AoLP, s1 and s2 are those of well-lit pixels: in the dark they tell nothing.
     """
     ideal, stokes = sensor_truth(truth, frame), demosaiced_stokes(frame)
-    values = list(Judge(ideal).score(_as_method(SENSOR, stokes, ideal), metrics).values())
+    values = list(
+        Judge(ideal).score(as_method(SENSOR, _components(stokes), ideal), metrics).values()
+    )
     lit = truth.mask & well_lit(ideal, frame)
     if lit.any():
         values += polarisation_error(replace(ideal, mask=lit))(stokes[lit])

@@ -32,11 +32,10 @@ from malus.bench.scoring.pixel_kernels import (
     products,
 )
 from malus.bench.scoring.unmixed_pixels import MixedPixels, Unmixed
-from malus.reconstruct import Components, Method, get_method
-from malus.reconstruct.methods import guarded
+from malus.reconstruct import Components, Method
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import Float64Array, FloatArray
-from malus.scenes.core.errors import InputError, check_kind
+from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
 
 StokesMetric = Callable[[FloatArray], Iterable[MetricValue]]
@@ -98,6 +97,10 @@ class Score:
     converged: bool | None = None
     unmixed: Unmixed | None = None
     own_range: float = math.nan
+
+    def __repr__(self) -> str:
+        """The headline numbers, in one line."""
+        return f"Score(skill={self.skill:.4g}, nmse={self.nmse:.4g}, violations={self.violations})"
 
     @property
     def nmse(self) -> float:
@@ -353,45 +356,3 @@ def angle_form() -> QuadraticForm:
     """The matrix of the mean squared error over the paper's polariser angles."""
     a, b, c, d, e, f = angle_weights()[np.triu_indices(3)].tolist()
     return a, b, c, d, e, f
-
-
-def score(truth: Truth, method: Method | str) -> Score:
-    """Score one method, or the method of that name, on one truth.
-
-    Parameters
-    ----------
-    truth : Truth
-        What the method is told of, and judged by.
-    method : Method, or the name of one
-
-    Returns
-    -------
-    Score
-        Errors, skill and the noise in them.
-
-    Raises
-    ------
-    InputError
-        No truth or method, an unknown method, or one that returns no picture of the image's shape.
-    Inapplicable
-        The method cannot work on this scene.
-
-    Examples
-    --------
-    >>> import malus
-    >>> scene = malus.Scene(
-    ...     shape=malus.Sphere(),
-    ...     surface=malus.Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
-    ...     light=malus.Distant(incidence_deg=60),
-    ...     camera=malus.Camera(resolution=8),
-    ... )
-    >>> truth = malus.render(scene, renderer="torrance-sparrow")
-    >>> round(score(truth, "half_vector").skill, 6)
-    1.0
-    """
-    check_kind("truth", truth, Truth, "`malus.render` makes one")
-    if not isinstance(method, Method | str):
-        hint = "`malus list methods` shows those there are"
-        raise InputError("method", "a Method or the name of one", type(method).__name__, hint)
-    found = get_method(method) if isinstance(method, str) else guarded(method)
-    return Judge(truth).score(found)

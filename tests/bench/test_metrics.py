@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from malus.bench.scoring.extra_metrics import METRICS
-from malus.bench.scoring.judge import Judge, score
+from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.masked_pixels import MaskedPixels
 from malus.bench.scoring.metrics import Error, Residuals, cos_zenith, nmse_by, skill
 from malus.bench.scoring.observe import observe
 from malus.bench.scoring.pixel_kernels import MOST_BANDS, difference_sums
+from malus.bench.scoring.score import score
 from malus.reconstruct import Components, Method, Observation, get_method, methods
 from malus.renderers import render
 from malus.renderers.truth import Truth

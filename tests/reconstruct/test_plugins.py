@@ -12,7 +12,7 @@ import pytest
 from pictures import dome
 
 from malus.bench.running.parts import Failure
-from malus.bench.scoring.judge import score
+from malus.bench.scoring.score import score
 from malus.reconstruct import Components, Method, Observation, get_method, methods
 from malus.reconstruct.methods import _installed, _methods, guarded
 from malus.reconstruct.photos.estimate import estimate
