@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray, FloatArray, NumberArray
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import InputError
 from malus.scenes.lights.lights import Light
 from malus.scenes.materials.surface import Distribution
@@ -106,6 +107,8 @@ class Observation:
     >>> picture.require("eta").tolist()
     [1.5]
     """
+
+    __repr__ = brief_repr
 
     image: Image
     mask: BoolArray
@@ -241,6 +244,8 @@ class Components:
     (0.75, 0.25, 0.25)
     """
 
+    __repr__ = brief_repr
+
     image: Image
     s1: Image
     s2: Image
@@ -305,6 +310,16 @@ class Components:
     def phase(self) -> Image:
         """ψ of Equation 1: polariser angle of I_max, radians from the vertical, in [0, π)."""
         return polarisation.phase(self.stokes)
+
+    @property
+    def dolp(self) -> Image:
+        """Degree of linear polarisation (height, width, bands); 0 where there is no light."""
+        return polarisation.dolp(self.stokes)
+
+    @property
+    def aolp(self) -> Image:
+        """Angle of linear polarisation (height, width, bands): radians in [0, π), from +x."""
+        return polarisation.aolp(self.stokes)
 
     def polarised(self, angle_deg: float) -> Image:
         """Image (height, width, bands) through a polariser at ϑ, degrees: Equation 1."""

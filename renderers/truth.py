@@ -10,6 +10,7 @@ import numpy as np
 
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import AnyArray, BoolArray, FloatArray, NumberArray
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.maps import MapName
 from malus.scenes.scene import Scene
 from malus.scenes.sensor_frame import SensorFrame
@@ -70,6 +71,8 @@ class Truth:
     (8, 8, 1)
     """
 
+    __repr__ = brief_repr
+
     scene: Scene
     specular: FloatArray
     diffuse: FloatArray
@@ -115,6 +118,19 @@ class Truth:
     def image(self) -> FloatArray:
         """Unpolarised image (height, width, bands), as an ordinary camera takes it."""
         return self.specular[..., 0] + self.diffuse[..., 0]
+
+    @property
+    def dolp(self) -> FloatArray:
+        """Degree of linear polarisation (height, width, bands), 0 to 1; 0 where there is no light.
+
+        Noise raises it where little is polarised: see `standard_error`.
+        """
+        return polarisation.dolp(self.stokes)
+
+    @property
+    def aolp(self) -> FloatArray:
+        """Angle of linear polarisation (height, width, bands): radians in [0, π), from +x."""
+        return polarisation.aolp(self.stokes)
 
     @property
     def view_direction(self) -> FloatArray | None:

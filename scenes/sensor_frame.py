@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.scenes.core.arrays import Float64Array, FloatArray, IntArray
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import analyser
 from malus.scenes.sensor import Channels, Sensor
@@ -42,6 +43,8 @@ class SensorFrame:
     >>> frame.raw.shape, frame.raw[0, 0, 0].item()  # behind a polariser at 90 degrees
     ((1, 4, 4), 0)
     """
+
+    __repr__ = brief_repr
 
     sensor: Sensor
     raw: NDArray[np.uint16]

@@ -21,6 +21,7 @@ import numpy as np
 
 from malus.bench.scoring.metric_value import MetricColumns, MetricValue, Place
 from malus.scenes.core.arrays import AnyArray
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import InputError, first_line
 from malus.scenes.core.files import open_regular, write_text, write_whole
 from malus.scenes.core.remote import as_path
@@ -55,6 +56,8 @@ class Results:
     >>> results.headlines.query("metric == 'skill'").shape[0], results.run["suite"]["name"]
     (16, 'quick')
     """
+
+    __repr__ = brief_repr
 
     table: pd.DataFrame
     run: dict[str, Any]

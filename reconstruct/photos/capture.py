@@ -41,6 +41,7 @@ from malus.reconstruct.photos.picture import MAX_PIXELS, Picture
 from malus.reconstruct.photos.raw_frames import read_raw
 from malus.reconstruct.photos.read_picture import SUFFIXES
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import analyser
 
@@ -85,6 +86,10 @@ class Capture(NamedTuple):
     def wavelengths_nm(self) -> tuple[float, ...] | None:
         """Wavelengths of the channels where they are bands of a spectrum, such as `450nm`."""
         return tuple(float(name.removesuffix("nm")) for name in self.channels) or None
+
+    def __repr__(self) -> str:
+        """Shapes of its arrays, in one line."""
+        return brief_repr(self)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from malus.reconstruct.observation import Components
 from malus.reconstruct.photos.capture import Capture, read_capture
 from malus.reconstruct.photos.capture_angles import check_angles
 from malus.reconstruct.photos.movement import (
@@ -20,6 +21,7 @@ from malus.reconstruct.photos.movement import (
 )
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import Float32Array
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import InputError
 
 CLIPPED = 0.002
@@ -58,11 +60,18 @@ class CaptureFit:
     [1.0, 0.0, 0.0]
     """
 
+    __repr__ = brief_repr
+
     stokes: Float32Array
     residual: Float32Array
     relative_residual: float
     shifts: tuple[float, ...]
     warnings: tuple[str, ...]
+
+    @property
+    def components(self) -> Components:
+        """The Stokes vectors as `Components`, with DoLP, AoLP and the light through a polariser."""
+        return Components(self.stokes[..., 0], self.stokes[..., 1], self.stokes[..., 2])
 
 
 def fit_capture(capture: Capture | Path | str) -> CaptureFit:

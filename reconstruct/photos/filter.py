@@ -21,6 +21,7 @@ from malus.reconstruct.photos.read_picture import read_picture
 from malus.reconstruct.photos.write_picture import write_picture
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import AnyArray
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.cores import usable_cores
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import add_to_folder
@@ -85,6 +86,8 @@ class FilteredPicture:
     >>> picture.components.i_max.shape
     (2, 2, 1)
     """
+
+    __repr__ = brief_repr
 
     components: Components
     files: tuple[Path, ...]

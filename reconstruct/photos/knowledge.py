@@ -15,6 +15,7 @@ from malus.reconstruct.photos.masks_and_normals import read_labels, read_mask, r
 from malus.reconstruct.single_image.illuminant import ILLUMINANTS
 from malus.reconstruct.single_image.separation import check_separation
 from malus.scenes.core.arrays import BoolArray, Float32Array, IntArray
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.registry import lookup
 from malus.scenes.materials.materials import material
@@ -63,6 +64,8 @@ class Knowledge:
     >>> Knowledge(labels=np.array([[0, 1, 2]])).mask.tolist()
     [[False, True, True]]
     """
+
+    __repr__ = brief_repr
 
     normals: Float32Array | None = None
     mask: BoolArray | None = None

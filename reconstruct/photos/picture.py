@@ -16,6 +16,7 @@ from malus.reconstruct.photos.tone_curves import (
     srgb_transfer,
 )
 from malus.scenes.core.arrays import AnyArray, Float32Array, FloatArray
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import InputError
 
 MAX_PIXELS = 64_000_000
@@ -64,6 +65,8 @@ class Picture:
     >>> grey.suffix, grey.linear.shape
     ('.exr', (2, 3, 1))
     """
+
+    __repr__ = brief_repr
 
     linear: Float32Array
     kind: str

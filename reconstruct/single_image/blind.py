@@ -34,6 +34,7 @@ from malus.reconstruct.single_image.shading import BodyKind
 from malus.reconstruct.single_image.shape import GivenParameters
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import BoolArray
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import check_kind
 from malus.scenes.lights.lights import Distant
 
@@ -67,6 +68,8 @@ class ChainResult:
     >>> result.convergence is None, result.statements[-1], result.warnings
     (True, 'body taken for unpolarised', ())
     """
+
+    __repr__ = brief_repr
 
     observation: Observation
     body: BodyKind

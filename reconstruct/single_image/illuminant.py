@@ -15,6 +15,7 @@ from skimage.util import view_as_blocks
 from malus.reconstruct.observation import Image, Inapplicable, checked_picture
 from malus.reconstruct.single_image.value_range import all_finite
 from malus.scenes.core.arrays import BoolArray, Float64Array, FloatArray
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.registry import lookup
 from malus.scenes.materials.materials import FRAUNHOFER_C_NM, FRAUNHOFER_D_NM, FRAUNHOFER_F_NM
 
@@ -44,6 +45,10 @@ class Illuminant(NamedTuple):
 
     colour: Float64Array
     assumption: str
+
+    def __repr__(self) -> str:
+        """Shapes of its arrays, in one line."""
+        return brief_repr(self)
 
 
 def illuminants() -> dict[str, Callable[[Image, BoolArray | None], Illuminant]]:

@@ -27,6 +27,7 @@ from malus.reconstruct.single_image.separation_space import SourceSpace, source_
 from malus.reconstruct.single_image.separation_suv import suv_diffuse
 from malus.reconstruct.single_image.value_range import all_finite, finite_pixels, unit_scale
 from malus.scenes.core.arrays import BoolArray
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.registry import lookup
 
 GREY = 0.06
@@ -53,6 +54,10 @@ class Separation(NamedTuple):
 
     diffuse: Image
     specular: Image
+
+    def __repr__(self) -> str:
+        """Shapes of its arrays, in one line."""
+        return brief_repr(self)
 
 
 class SeparationMethod(NamedTuple):
@@ -196,11 +201,13 @@ def _light_colour(image: Image, illuminant: ArrayLike | None) -> Image:
     """Colour of the light (bands,), scaled to mean 1; white if None."""
     if illuminant is None:
         return np.ones(image.shape[-1], dtype=image.dtype)
-    colour = np.asarray(illuminant, dtype=image.dtype)
+    expected = f"{image.shape[-1]} positive values"
+    try:
+        colour = np.asarray(illuminant, dtype=image.dtype)
+    except (TypeError, ValueError):
+        raise ValueError(f"illuminant: expected {expected}, found {illuminant!r}") from None
     if colour.shape != image.shape[-1:] or not np.all(np.isfinite(colour) & (colour > 0)):
-        raise ValueError(
-            f"illuminant: expected {image.shape[-1]} positive values, found {colour.tolist()}"
-        )
+        raise ValueError(f"illuminant: expected {expected}, found {colour.tolist()}")
     return np.asarray(colour / colour.mean(dtype=np.float64), dtype=image.dtype)
 
 

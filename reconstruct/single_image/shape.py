@@ -38,6 +38,7 @@ from malus.reconstruct.single_image.shape_solver import (
 )
 from malus.reconstruct.single_image.value_range import finite_pixels, unit_scale
 from malus.scenes.core.arrays import BoolArray, Float64Array
+from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import InputError
 
 SMOOTHNESS = (3e-3, 3e-4, 3e-5, 3e-6, 3e-7)
@@ -84,6 +85,8 @@ class RecoveredShape:
     >>> shape.parameters.alpha, shape.convergence.converged
     (0.3, True)
     """
+
+    __repr__ = brief_repr
 
     normals: Image
     parameters: SurfaceParameters

@@ -75,6 +75,10 @@ class Dataset:
     sha256: str
     part_of: Dataset | None = None
 
+    def __repr__(self) -> str:
+        """Folder and number of scenes, in one line."""
+        return f"Dataset({str(self.path)!r}, {len(self)} scenes)"
+
     @property
     def whole(self) -> Dataset:
         """The dataset with the scenes of all splits, by whose order layouts number the scenes."""

@@ -103,6 +103,10 @@ class Samples:
     seed: int = 0
     epoch: int = field(default=0)
 
+    def __repr__(self) -> str:
+        """Number of samples and what they hold, in one line."""
+        return f"Samples({len(self)} samples, maps={self.maps}, crop={self.crop})"
+
     @classmethod
     def of(
         cls,
