@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import builtins
 import doctest
 import importlib
 import inspect
@@ -10,6 +11,7 @@ import pkgutil
 import subprocess
 import sys
 import textwrap
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -40,6 +42,35 @@ def test_the_examples_were_found() -> None:
     finder = doctest.DocTestFinder()
     examples = sum(len(t.examples) for module in MODULES for t in finder.find(module))
     assert examples >= 300  # a finder that misses folders would pass with fewer
+
+
+PASTED = {*malus.__all__, *dir(builtins), "malus", "np", "Path"}
+"""Names that the reference tells to import before an example is pasted."""
+
+
+def examples_of(name: str) -> Iterator[str]:
+    """Code of the examples of a public name, and of each of its members."""
+    value = getattr(malus, name)
+    members = vars(value) if inspect.isclass(value) else {}
+    for one in (value, *(m for name, m in members.items() if not name.startswith("_"))):
+        function = getattr(one, "fget", None) or getattr(one, "__func__", one)
+        text = getattr(function, "__doc__", None)
+        if isinstance(text, str) and (inspect.isroutine(function) or one is value):
+            yield "".join(e.source for e in doctest.DocTestParser().get_examples(text))
+
+
+@pytest.mark.parametrize("name", malus.__all__)
+def test_examples_may_be_pasted(name: str) -> None:
+    """Every name in them is imported by the reference's own lines, or made in the example."""
+    for code in examples_of(name):
+        nodes = list(ast.walk(ast.parse(code)))
+        imports = [n for n in nodes if isinstance(n, ast.Import | ast.ImportFrom)]
+        made = {a.asname or a.name.split(".")[0] for n in imports for a in n.names}
+        made |= {n.name for n in nodes if isinstance(n, ast.FunctionDef | ast.ClassDef)}
+        made |= {n.arg for n in nodes if isinstance(n, ast.arg)}
+        used = [n for n in nodes if isinstance(n, ast.Name)]
+        made |= {n.id for n in used if isinstance(n.ctx, ast.Store)}
+        assert {n.id for n in used} <= made | PASTED, code
 
 
 UNIONS = ("Light", "Shape")

@@ -217,12 +217,16 @@ def api_pages() -> dict[str, str]:
         page: "\n".join(
             [
                 f"# {title}\n",
-                f"{told} All of them are names of `import malus`.\n",
+                f"{told} All of them are names of `import malus`. {_EXAMPLES}\n",
                 *(f"::: malus.{name}\n" for name in names[page]),
             ]
         )
         for page, (title, told) in _API.items()
     }
+
+
+_EXAMPLES = """Examples may be pasted after `from malus import *`, `import numpy as np` and
+`from pathlib import Path`."""
 
 
 def _home(name: str) -> str:

@@ -115,7 +115,7 @@ def status(folder: Path | str) -> Status:
     --------
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
-    >>> _ = (folder / PLAN).write_text('{"suite": "a", "suite_id": "b", "methods": ["eq8"], '
+    >>> _ = (folder / "plan.json").write_text('{"suite": "a", "suite_id": "b", "methods": ["eq8"], '
     ...     '"families": [{"id": "0123456789abcdef", "label": "sphere", "scenes": 2}]}')
     >>> status(folder).left
     1

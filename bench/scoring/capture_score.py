@@ -66,6 +66,7 @@ def score_capture(
     --------
     A mirror of η = 1.5 at 60°, tilted to the top, which mirrors the same light everywhere:
 
+    >>> from malus.scenes import polarisation
     >>> normals = np.tile(np.array([0, np.sin(np.pi / 3), 0.5], np.float32), (4, 4, 1))
     >>> mirror = Knowledge(normals, eta=1.5, alpha=0.01, mirror=True)
     >>> stokes = np.array([0.5, 0.45, 0.0])

@@ -129,6 +129,7 @@ def fit_parameters(
 
     Examples
     --------
+    >>> from malus.reconstruct.single_image.shading import diffuse_shading, specular_shading
     >>> theta = np.linspace(0, 1.4, 400)
     >>> n = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
     >>> light = np.array([0.0, 0.0, 1.0])
