@@ -140,14 +140,14 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the nu
 split_option = click.option(
     "--split", type=click.Choice(("train", "val", "test")), help="Only the scenes of this split."
 )
+METHOD = "A method of `malus list methods`, or your own, module:object; may be repeated"
+"""What `--method` takes."""
 
 AnyFunction = Callable[..., Any]
 Decorator = Callable[[AnyFunction], AnyFunction]
 
 
-def together(
-    *options: Callable[[AnyFunction], AnyFunction],
-) -> Callable[[AnyFunction], AnyFunction]:
+def together(*options: Decorator) -> Decorator:
     """A decorator that adds several options, which the help has in this order."""
 
     def decorated(function: AnyFunction) -> AnyFunction:
@@ -170,7 +170,7 @@ metric_options = together(
         "--metric",
         "metrics",
         multiple=True,
-        help="A further metric; `malus list metrics` tells them.",
+        help="A further metric of `malus list metrics`; may be repeated.",
     ),
     click.option(
         "--profile",

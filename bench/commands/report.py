@@ -30,7 +30,8 @@ from malus.bench.commands.options import FOLDER, command
     "--metric",
     "metrics",
     multiple=True,
-    help="With --table: a metric to show [default: NMSE, skill and what the suite asked for].",
+    help="With --table: a metric to show; may be repeated [default: NMSE, skill and what the suite"
+    " asked for].",
 )
 @click.option("--png", is_flag=True, help="Write every figure as PNG too.")
 def report_command(

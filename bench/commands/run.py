@@ -13,6 +13,7 @@ from click.core import ParameterSource
 from malus.bench.commands.bench import print_findings
 from malus.bench.commands.options import (
     FOLDER,
+    METHOD,
     asked_metrics,
     backend_option,
     command,
@@ -44,7 +45,7 @@ SHARED = ("suite", "out", "backend", "timeout")
 @click.argument("suite", default="fig5")
 @click.option("--out", type=FOLDER, help="Folder or URL [default: results/SUITE].")
 @size_options
-@click.option("--method", "methods", multiple=True, help="Methods, instead of the suite's.")
+@click.option("--method", "methods", multiple=True, help=f"{METHOD} [the suite's].")
 @metric_options
 @backend_option
 @click.option(

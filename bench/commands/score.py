@@ -9,6 +9,7 @@ import click
 
 from malus.bench.commands.options import (
     FOLDER,
+    METHOD,
     asked_metrics,
     command,
     json_option,
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 @command("score")
 @click.argument("dataset", type=FOLDER, required=False)
-@click.option("--method", "methods", multiple=True, help="A method; may be given several times.")
+@click.option("--method", "methods", multiple=True, help=f"{METHOD}.")
 @metric_options
 @click.option("--predictions", type=FOLDER, help="Folder of somebody else's images.")
 @click.option(

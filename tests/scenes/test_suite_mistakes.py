@@ -29,7 +29,7 @@ from malus.scenes import InputError, load_suite
         ('kind = "uniform"', 'kind = "distant"', "incidence_deg"),
         ('name = "mine"', 'name = "mine"\ntypo = 1', "typo"),
         ("methods = [", "methods = [[", "TOML"),
-        ('"eq8"', '"os:system"', "methods of a run"),
+        ('"eq8"', '"os:system"', "give the run --method os:system"),
         ('name = "mine"', "", "name"),
     ],
 )

@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import malus
+from malus.scenes.polarisation import dolp
 
 COUNT, RESOLUTION, SAMPLES = 24, 64, 32
 
@@ -50,8 +51,7 @@ print(len(train), {name: array.shape for name, array in train[0].items() if name
 figure, axes = plt.subplots(2, 6, figsize=(9, 3.2), layout="constrained")
 for column in range(6):
     sample = train[column % len(train)]
-    s0, s1, s2 = np.moveaxis(sample["stokes"][:, :, 0], -1, 0)
-    degree = np.divide(np.hypot(s1, s2), s0, out=np.zeros_like(s0), where=s0 > 0)
+    degree = dolp(sample["stokes"][:, :, 0])
     axes[0, column].imshow(sample["image"][:, :, 0], cmap="gray")
     axes[1, column].imshow(degree, cmap="viridis", vmin=0, vmax=0.5)
 for ax in axes.flat:

@@ -23,17 +23,15 @@ scene = malus.Scene(
 truth = malus.render(scene, malus.Sampling(samples=SAMPLES))
 
 # %% [markdown]
-# `truth.stokes` holds three numbers a pixel and band, from which the picture through a polariser follows at any angle. The
-# angle counts from the vertical, anticlockwise.
+# `truth.stokes` holds three numbers a pixel and band, from which the picture through a polariser follows at any angle, and how
+# much of the light is polarised: the degree of linear polarisation, DoLP. The angle counts from the vertical, anticlockwise.
 
 # %%
-s0, s1, s2 = np.moveaxis(truth.stokes[:, :, 0], -1, 0)
-degree = np.divide(np.hypot(s1, s2), s0, out=np.zeros_like(s0), where=s0 > 0)
 pictures = {
     "ordinary picture": truth.image[:, :, 0],
     "polariser at 60°": 2 * truth.polarised(60)[:, :, 0],
     "polariser at 150°": 2 * truth.polarised(150)[:, :, 0],
-    "DoLP, 0 to 1": degree * truth.image.max(),
+    "DoLP, 0 to 1": truth.dolp[:, :, 0] * truth.image.max(),
 }
 figure, axes = plt.subplots(1, 4, figsize=(9, 2.5), layout="constrained")
 for ax, (title, picture) in zip(axes, pictures.items(), strict=True):
