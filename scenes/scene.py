@@ -18,6 +18,7 @@ from malus.scenes.materials.surface import (
     Patterned,
     Surface,
     anisotropic,
+    by_band,
     has_metal,
 )
 from malus.scenes.shapes.patterns import ImageTexture
@@ -75,6 +76,8 @@ class Scene(Model):
     def _surfaces_fit(self) -> Self:
         for placed in self.objects:
             placed.surface.albedos(self.wavelengths_nm)
+            if by_band(placed.surface):  # named ones of stored scenes are taken as they are
+                placed.surface.indices(self.wavelengths_nm)
             if self.surroundings and placed.surface.kind == "measured":
                 expected, hint = (
                     "measured surfaces only in scenes without surroundings",

@@ -289,7 +289,7 @@ def load_suite(name_or_path: str | Path) -> Suite:
     suite = Suite.parse(data, where)
     code = [name for name in suite.methods if ":" in name]
     if code:
-        hint = f"a suite names no code: leave it out, and give the run --method {code[0]}"
+        hint = "a suite names no code: leave it out, and name it as a method of the run"
         raise InputError(f"{where}, key methods", "names of methods", code[0], hint)
     folder = Path(where).parent
     if suite.sensor is not None:

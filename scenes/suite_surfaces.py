@@ -11,6 +11,7 @@ from malus.scenes.core.errors import InputError
 from malus.scenes.core.model import Model
 from malus.scenes.core.registry import lookup
 from malus.scenes.materials.albedo import Albedo
+from malus.scenes.materials.index import DielectricIndex, Extinction, MetalIndex
 from malus.scenes.materials.materials import materials, surface, surfaces
 from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.metals import metals
@@ -27,16 +28,16 @@ from malus.scenes.shapes.patterns import Pattern
 
 
 class RefractiveIndex(Model):
-    """A material given by its refractive index alone, the same in every band."""
+    """A material given by its refractive index alone: one for all bands, or one a band."""
 
-    eta: float = Field(gt=1, le=4)
+    eta: DielectricIndex
 
 
 class ComplexIndex(Model):
-    """A metal given by its complex index `eta` + i `k` alone, the same in every band."""
+    """A metal given by its complex index `eta` + i `k` alone, each for all bands or one a band."""
 
-    eta: float = Field(gt=0, le=20)
-    k: float = Field(ge=0, le=20)
+    eta: MetalIndex
+    k: Extinction
 
 
 def _material_name(name: str) -> str:

@@ -272,7 +272,7 @@ class Room:
         bands = self.described.wavelengths_nm
         surfaces = [bsdf.surface for bsdf in self.bsdfs]
         return [
-            (surface.indices((bands[band],))[0].item(), float(surface.albedos(bands)[band]))
+            (surface.indices(bands)[band].item(), float(surface.albedos(bands)[band]))
             for surface in surfaces
         ]
 

@@ -12,6 +12,13 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from malus.scenes.core.arrays import Float64Array, NumberArray
 from malus.scenes.core.model import Model
 from malus.scenes.materials.albedo import Albedo, reflectance
+from malus.scenes.materials.index import (
+    DielectricIndex,
+    Extinction,
+    MetalIndex,
+    index_by_band,
+    index_label,
+)
 from malus.scenes.materials.materials import material, surface
 from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.metals import metal
@@ -95,10 +102,10 @@ class RoughSurface(Model):
 class Dielectric(RoughSurface):
     """A rough dielectric over a body that scatters.
 
-    Exactly one of `material` (a name with dispersion) and `eta` (one relative index for every
-    band). `alpha` is the roughness of its facets, `albedo` the reflectance of the body below the
-    surface: a number, the name of a swatch, or one number a band. An `unpolarised` body is
-    Lambertian: the paper's assumption.
+    Exactly one of `material` (a name with dispersion) and `eta` (the relative index: a number for
+    all bands, or one a band). `alpha` is the roughness of its facets, `albedo` the reflectance of
+    the body below the surface: a number, the name of a swatch, or one number a band. An
+    `unpolarised` body is Lambertian: the paper's assumption.
 
     Examples
     --------
@@ -108,7 +115,7 @@ class Dielectric(RoughSurface):
 
     kind: Literal["dielectric"] = "dielectric"
     material: str | None = None
-    eta: float | None = Field(default=None, gt=1, le=4)
+    eta: DielectricIndex | None = None
     alpha: Alpha
     albedo: Albedo = 0.5
     body: Body = "polarised"
@@ -137,7 +144,7 @@ class Dielectric(RoughSurface):
     @property
     def material_label(self) -> str:
         """Name of the material in tables."""
-        return self.material or f"eta {self.eta:g}"
+        return self.material or f"eta {index_label(self.eta or math.nan)}"
 
     def indices(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """Relative refractive index of every band.
@@ -148,7 +155,7 @@ class Dielectric(RoughSurface):
         [1.5, 1.5]
         """
         if self.material is None:
-            return np.full(len(wavelengths_nm), self.eta, dtype=np.float64)
+            return index_by_band("eta", self.eta or math.nan, wavelengths_nm)
         return material(self.material).eta(np.asarray(wavelengths_nm))
 
     def albedos(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
@@ -183,7 +190,8 @@ class Dielectric(RoughSurface):
 class Conductor(RoughSurface):
     """A rough metal: all reflected light is specular, and there is no body.
 
-    Either `material`, a metal with dispersion, or one complex index `eta` + i `k` for every band.
+    Either `material`, a metal with dispersion, or a complex index `eta` + i `k`, each a number for
+    all bands or one a band.
     `alpha` is the roughness of its facets, or two of them, as of brushed metal: along the tangent
     dp/du of the shape, as Mitsuba has it, and across. On a sphere dp/du runs around its z axis, the
     world's; on a plane, along its x axis; on a mesh file, along the first texture coordinate. The
@@ -197,8 +205,8 @@ class Conductor(RoughSurface):
 
     kind: Literal["conductor"] = "conductor"
     material: str | None = None
-    eta: float | None = Field(default=None, gt=0, le=20)
-    k: float | None = Field(default=None, ge=0, le=20)
+    eta: MetalIndex | None = None
+    k: Extinction | None = None
     alpha: AnyAlpha
 
     @model_validator(mode="after")
@@ -223,7 +231,9 @@ class Conductor(RoughSurface):
     @property
     def material_label(self) -> str:
         """Name of the material in tables."""
-        return self.material or f"eta {self.eta:g} + {self.k:g}i"
+        if self.eta is None or self.k is None:
+            return str(self.material)
+        return f"eta {index_label(self.eta)} + {index_label(self.k)}i"
 
     def indices(self, wavelengths_nm: tuple[float, ...]) -> NDArray[np.complex128]:
         """Complex index n + ik of every band.
@@ -237,7 +247,8 @@ class Conductor(RoughSurface):
             return metal(self.material).eta(wavelengths_nm)
         assert self.eta is not None
         assert self.k is not None
-        return np.full(len(wavelengths_nm), complex(self.eta, self.k))
+        real = index_by_band("eta", self.eta, wavelengths_nm)
+        return real + 1j * index_by_band("k", self.k, wavelengths_nm)
 
     def albedos(self, wavelengths_nm: tuple[float, ...]) -> Float64Array:
         """Zeros (bands,): there is no diffuse light."""
@@ -342,6 +353,20 @@ def has_metal(surface: Surface) -> bool:
     True
     """
     return any(isinstance(part, Conductor) for part in surfaces_on(surface))
+
+
+def by_band(surface: Surface) -> bool:
+    """Whether the index of a surface, or of any part of it, is given as numbers, one a band.
+
+    Examples
+    --------
+    >>> by_band(Dielectric(eta=(1.52, 1.51), alpha=0.1)), by_band(Dielectric(eta=1.5, alpha=0.1))
+    (True, False)
+    """
+    if isinstance(surface, Patterned):
+        return any(map(by_band, surface.surfaces))
+    given = surface.eta, getattr(surface, "k", None)
+    return any(isinstance(number, tuple) for number in given)
 
 
 def anisotropic(surface: Surface) -> bool:

@@ -228,7 +228,10 @@ def _overlapping(materials: Sequence[tuple[Any, float]]) -> Iterator[tuple[str, 
     for number, (template, _) in enumerate(materials):
         if not isinstance(template, Mapping) or set(template) != {"eta"}:
             continue  # metals, whose indices are pairs, and materials with names
-        ends = [float(v["eta"]) for v in variants(template) if isinstance(v["eta"], float | int)]
+        first = (
+            v["eta"][0] if isinstance(v["eta"], tuple) else v["eta"] for v in variants(template)
+        )
+        ends = [float(eta) for eta in first if isinstance(eta, float | int)]
         low, high = min(ends, default=0.0), max(ends, default=0.0)
         if any(low < other_high and other_low < high for other_low, other_high in known):
             yield f"materials.{number}.eta", "material", f"{low:g} to {high:g}, as in others"

@@ -29,7 +29,7 @@ from malus.scenes import InputError, load_suite
         ('kind = "uniform"', 'kind = "distant"', "incidence_deg"),
         ('name = "mine"', 'name = "mine"\ntypo = 1', "typo"),
         ("methods = [", "methods = [[", "TOML"),
-        ('"eq8"', '"os:system"', "give the run --method os:system"),
+        ('"eq8"', '"os:system"', "name it as a method of the run"),
         ('name = "mine"', "", "name"),
     ],
 )
@@ -164,7 +164,7 @@ MISTAKES = [
         "nothing; add this key",
     ),
     ('kind = "uniform"', 'kind = "sky", sun = "yes"', "lights.0.sun", "true or false", "'yes'"),
-    ('"water"', '{ eta = "1.5" }', "materials.0.eta", "a number", "'1.5'"),
+    ('"water"', '{ eta = "1.5" }', "materials.0.eta", "a number, or one number a band", "'1.5'"),
     ("500, 600", '"500", 600', "wavelengths_nm.0", "a number", "'500'"),
     ("[500, 600]", "500", "wavelengths_nm", "a list", "500"),
     ('"water"', "", "materials", "at least 1 item(s)", "[]"),
