@@ -62,7 +62,7 @@ def score(truth: Truth, method: Method | Components | str) -> Score:
         return Judge(truth).score(as_method("estimate", estimate, truth))
     if not isinstance(method, Method | str):
         expected = "a Method, the name of one, or Components"
-        hint = "Stokes vectors are Components(*numpy.moveaxis(stokes, -1, 0))"
+        hint = "Stokes vectors are malus.Components(*numpy.moveaxis(stokes, -1, 0))"
         raise InputError("method", expected, type(method).__name__, hint)
     return Judge(truth).score(get_method(method) if isinstance(method, str) else guarded(method))
 

@@ -3,7 +3,7 @@
 # %% [markdown]
 # # A first scene
 #
-# A plastic ball under a lamp: what is polarised on it, and how well do two methods tell that from one ordinary picture?
+# A plastic ball under a lamp: what is polarised on it, and how well do three methods tell that from one ordinary picture?
 
 # %%
 import matplotlib.pyplot as plt
