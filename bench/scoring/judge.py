@@ -230,6 +230,7 @@ class Judge:
 
     Examples
     --------
+    >>> from malus.reconstruct import get_method
     >>> from malus.renderers import render
     >>> from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
     >>> scene = Scene(shape=Sphere(), surface=Dielectric(eta=1.5, alpha=0.3, body="unpolarised"),
