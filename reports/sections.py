@@ -23,11 +23,12 @@ from malus.reports.tables.formats import counted, duration, listed
 from malus.reports.tables.headline import headline_body, headline_tiles, price_tiles
 from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.readings import by_dataset, verdicts
-from malus.reports.tables.rows import PAPER_METHOD, body_text, is_of_captures
+from malus.reports.tables.rows import PAPER_METHOD, is_of_captures
 from malus.reports.tables.skills import mapped, skill_maps
 from malus.reports.templates.render import render
 from malus.reports.viewer.error_maps import gallery
 from malus.reports.viewer.viewer import example_scenes, viewer
+from malus.scenes.materials.surface import body_text
 
 
 def headline(source: Source) -> Section:

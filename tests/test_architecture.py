@@ -175,16 +175,25 @@ def test_conventions_are_coded_once() -> None:
                 assert not (angle and called & {"cos", "sin"}), f"{path}: {node.name}"
 
 
+def loaded_by(script: str, packages: set[str]) -> set[str]:
+    """Those of some packages that a new process has loaded after a script."""
+    found = f"import sys; {script}; print(*{packages} & {{*sys.modules}}, sep='\\n')"
+    done = subprocess.run([sys.executable, "-c", found], capture_output=True, text=True, check=True)
+    return packages & {*done.stdout.split()}
+
+
 def test_the_command_line_imports_nothing_heavy() -> None:
-    script = (
-        "import sys, malus.bench.cli as c; c.cli.main(['run', '--help'], standalone_mode=False);"
-        "print([m for m in ('mitsuba', 'drjit', 'numpy', 'pandas', 'matplotlib', 'colour',"
-        " 'trimesh', 'rich', 'pydantic', 'dask', 'numba') if m in sys.modules])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip().endswith("[]")
+    heavy = {"mitsuba", "drjit", "numpy", "pandas", "matplotlib", "colour"}
+    heavy |= {"trimesh", "rich", "pydantic", "dask", "numba"}
+    command = "import malus.bench.cli as c; c.cli.main(['run', '--help'], standalone_mode=False)"
+    assert not loaded_by(command, heavy)
+
+
+def test_what_scores_imports_no_tables() -> None:
+    """Workers send records: the process that starts them makes tables, and pages, of these."""
+    tables = {"pandas", "pyarrow", "jinja2", "PIL", "matplotlib", "malus.reports"}
+    imports = "from malus.bench.running.inside_worker import *; import_all(*SCORING)"
+    assert loaded_by(imports, {*tables, "numba"}) == {"numba"}
 
 
 def messages(path: Path) -> Iterator[str]:

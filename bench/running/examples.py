@@ -15,10 +15,10 @@ from malus.bench.running.plan import FamilyPlan
 from malus.bench.scoring.observe import observe
 from malus.reconstruct import Inapplicable, Method
 from malus.renderers.truth import Truth
-from malus.reports.tables.rows import body_text
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import open_regular, write_whole
 from malus.scenes.core.result_files import EXAMPLES
+from malus.scenes.materials.surface import body_text
 from malus.scenes.scene import Scene
 
 _OF = "method."

@@ -17,7 +17,6 @@ from malus.reports.tables.figure_numbers import angle_numbers, both_panels, ladd
 from malus.reports.tables.rows import (
     CAPTURED,
     PAPER_BODY,
-    body_text,
     by_kind_of_light,
     distinct,
     overall_rows,
@@ -26,6 +25,7 @@ from malus.reports.tables.rows import (
     told_of_groups,
 )
 from malus.reports.tables.text_tables import TextTable, budget, by_method
+from malus.scenes.materials.surface import body_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

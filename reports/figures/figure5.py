@@ -27,7 +27,6 @@ from malus.reports.tables.rows import (
     PAPER_METHOD,
     TRIVIAL,
     Coverage,
-    body_text,
     coverages,
     distinct,
     is_of_captures,
@@ -37,6 +36,7 @@ from malus.reports.tables.rows import (
     unverified_surfaces,
 )
 from malus.scenes.core.arrays import Float64Array
+from malus.scenes.materials.surface import body_text
 
 _AXES = {
     X_ETA: "refractive index η, mean over the bands (relative to air)",

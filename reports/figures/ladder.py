@@ -11,7 +11,8 @@ from matplotlib.ticker import FuncFormatter
 
 from malus.reports.figures.style import INK, PALETTE, SOFT, drawable, style
 from malus.reports.tables.formats import scientific
-from malus.reports.tables.rows import body_text, distinct, rows_of_body
+from malus.reports.tables.rows import distinct, rows_of_body
+from malus.scenes.materials.surface import body_text
 
 
 def figure_ladder(numbers: pd.DataFrame) -> Figure:

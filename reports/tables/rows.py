@@ -28,20 +28,6 @@ CAPTURED = "captured"
 """Body of a real object, of which nothing is known; its group stands in the column `light`."""
 
 
-_OTHER_BODIES = {"none": "no body (metal)", "mixed": "mixed bodies"}
-
-
-def body_text(body: str) -> str:
-    """A body as text for readers: a metal has none, and surfaces that differ may have several.
-
-    Examples
-    --------
-    >>> body_text("polarised"), body_text("none"), body_text("mixed")
-    ('polarised body', 'no body (metal)', 'mixed bodies')
-    """
-    return _OTHER_BODIES.get(body, f"{body} body")
-
-
 class ResultsLike(Protocol):
     """The results of a run: a table, and a record of how it came about."""
 

@@ -12,7 +12,6 @@ from malus.reports.tables.formats import NO_NUMBER, skill_text
 from malus.reports.tables.rows import (
     MOST_LIGHTS,
     TRIVIAL,
-    body_text,
     by_kind_of_light,
     complete_mean,
     distinct,
@@ -21,6 +20,7 @@ from malus.reports.tables.rows import (
     scored_methods,
     told_of_groups,
 )
+from malus.scenes.materials.surface import body_text
 
 _GROUP = ["body", "light", "method"]
 

@@ -49,6 +49,19 @@ Body = Literal["unpolarised", "polarised"]
 AnyBody = Literal["unpolarised", "polarised", "none"]
 """How the body below the surface scatters light; a conductor has none."""
 
+_OTHER_BODIES = {"none": "no body (metal)", "mixed": "mixed bodies"}
+
+
+def body_text(body: str) -> str:
+    """A body as text for readers: a metal has none, and surfaces that differ may have several.
+
+    Examples
+    --------
+    >>> body_text("polarised"), body_text("none"), body_text("mixed")
+    ('polarised body', 'no body (metal)', 'mixed bodies')
+    """
+    return _OTHER_BODIES.get(body, f"{body} body")
+
 
 class Facets(NamedTuple):
     """How a surface's facets stand: roughness along dp/du and across, and distribution."""
