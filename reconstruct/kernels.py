@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import importlib
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +23,26 @@ from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
 
 Loop = TypeVar("Loop", bound=Callable[..., Any])
+
+
+def _load_array_functions() -> None:
+    """Load what numba knows of arrays, which it loads with the first loop, less linear algebra.
+
+    It only looks whether SciPy has BLAS, and loads a third of SciPy for that. No loop here needs
+    it; where a function multiplies matrices, numba looks again.
+    """
+    with contextlib.suppress(ImportError, AttributeError):  # a numba that does not look there
+        from numba.np import linalg
+
+        look_for_blas = linalg.ensure_blas
+        linalg.ensure_blas = lambda: None
+        try:
+            importlib.import_module("numba.np.arraymath")
+        finally:
+            linalg.ensure_blas = look_for_blas
+
+
+_load_array_functions()
 
 
 def compiled(loop: Loop, any_order: bool = False) -> Loop:

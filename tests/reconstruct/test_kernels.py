@@ -131,3 +131,22 @@ def test_two_compilers_in_one_process(order: tuple[str, str]) -> None:
     values = [float(line) for line in done.stdout.split()]
     assert len(values) == 2
     assert all(value > 0.1 for value in values)
+
+
+PRODUCT = """
+import sys
+import numba, numpy as np
+from malus.reconstruct import kernels
+total = kernels.compiled(lambda values: np.sum(values))
+assert total(np.ones(3)) == 3
+print("scipy.linalg" in sys.modules)
+one = np.array([[1.0, 2.0], [3.0, 4.0]])
+print((numba.njit(lambda a: np.dot(a, a))(one) == one @ one).all())
+"""
+
+
+def test_loops_load_no_linear_algebra_and_products_of_matrices_work() -> None:
+    """Numba looks for BLAS with its first loop, which loads all of `scipy.linalg`."""
+    command = [sys.executable, "-c", PRODUCT]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True"]
