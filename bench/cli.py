@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import io
 import os
 import signal
@@ -39,6 +40,10 @@ UNMAPPED = "failed to map segment"
 
 BAD_INPUT, INTERRUPTED, TERMINATED = 2, 130, 143
 """Exit codes, besides 0 and the 1 of a command whose work failed in part."""
+
+SELDOM = 100_000
+"""New objects after which Python looks for garbage; by default 700. Nearly all are of modules and
+tables, which stay: looking among them every time takes a twentieth of a report."""
 
 STOPPED = "stopped; the same command "
 GOES_ON, BEGINS_ANEW = "goes on where it was", "begins anew"
@@ -82,6 +87,7 @@ for _command in (
 
 def main() -> None:
     """Run the command line; a user's mistake ends in one line and exit code 2, not a traceback."""
+    gc.set_threshold(SELDOM)
     try:
         _check_output()
         # A notebook's, which this environment need not have; malus draws into files.

@@ -196,6 +196,27 @@ def test_what_scores_imports_no_tables() -> None:
     assert loaded_by(imports, {*tables, "numba"}) == {"numba"}
 
 
+COLLECTIONS = """
+import gc
+from malus.bench.cli import main
+before = gc.get_stats()[0]["collections"]
+main()
+print("collected", gc.get_stats()[0]["collections"] - before)
+"""
+
+
+def test_a_command_looks_seldom_for_garbage() -> None:
+    """What it makes are modules and tables, which stay; by default it looks two hundred times."""
+    done = subprocess.run(
+        [sys.executable, "-c", COLLECTIONS, "list", "suites"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    times = int(done.stdout.rpartition("collected")[2])
+    assert times < 5, done.stdout
+
+
 def messages(path: Path) -> Iterator[str]:
     """Texts of a module that are no docstrings."""
     tree = ast.parse(path.read_text("utf-8"))
