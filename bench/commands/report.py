@@ -57,13 +57,14 @@ def report_command(
         return
     if metrics:
         raise InputError("--metric", "--table beside it", "no --table", "give both or neither")
-    from malus.bench.running.inside_worker import import_all
+    from malus.bench.running.inside_worker import DRAWING, import_all
     from malus.bench.running.worker_process import WorkerProcess
 
     with WorkerProcess() as worker:
         several_cores = (os.cpu_count() or 1) > 1
         if several_cores:  # it imports what draws figures while this process reads
-            worker.begin(import_all, "malus.reports.figures.figure5")
+            worker.begin(import_all, *DRAWING)
+        import_all(DRAWING[0])  # this process draws, too
         from malus.bench.public.report import report
 
         written = report(results, beside, png, worker if several_cores else None)

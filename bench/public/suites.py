@@ -13,7 +13,7 @@ from malus.bench.datasets.maps_and_frames import Additions
 from malus.bench.running import runner
 from malus.bench.running.cluster import engine
 from malus.bench.running.family_task import FamilyResult, FamilyTask
-from malus.bench.running.inside_worker import import_all
+from malus.bench.running.inside_worker import DRAWING, import_all
 from malus.bench.running.overrides import chosen_suite
 from malus.bench.running.plan import FamilyPlan, OmittedWork, plan_record, savings
 from malus.bench.running.plan import plan as families_of
@@ -294,10 +294,6 @@ def run(
     return _reported(results, folder) if report else results
 
 
-REPORT = ("malus.reports.write", "malus.reports.figures.figure5", "malus.reports.figures.angles")
-"""Modules that load all that most reports need: Matplotlib takes its time."""
-
-
 def _run_in(
     worker: WorkerProcess,
     suite: Suite,
@@ -311,10 +307,10 @@ def _run_in(
 
     def engine(tasks: Iterable[FamilyTask]) -> Iterator[tuple[FamilyTask, FamilyResult]]:
         if report:
-            Thread(target=import_all, args=REPORT, daemon=True).start()
+            Thread(target=import_all, args=DRAWING, daemon=True).start()
         yield from in_worker_process(variant, worker)(tasks)
         if report:
-            worker.begin(import_all, *REPORT)
+            worker.begin(import_all, *DRAWING)
 
     results = runner.run(suite, folder, variant, progress, engine, retry_failed)
     return _reported(results, folder, worker) if report else results

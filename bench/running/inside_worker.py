@@ -25,6 +25,13 @@ END, ITEM, ERROR, READY = "end", "item", "error", "ready"
 SCORING = ("malus.bench.running.scored_family", "malus.reconstruct.builtin_methods")
 """Modules that it needs to score a family."""
 
+DRAWING = (
+    "malus.reports.figures.undocumented",
+    "malus.reports.figures.figure5",
+    "malus.reports.figures.angles",
+)
+"""Modules that it needs to draw most figures of a report, in this order."""
+
 
 def import_all(*modules: str) -> None:
     """Import modules by their names."""
