@@ -120,6 +120,8 @@ def render_dataset(
         raise InputError("part", "no part beside `workers` or `scheduler`", part, hint)
     variant = chosen_variant(backend)
     chosen = chosen_suite(suite, variant, samples=samples, resolution=resolution, seed=seed)
+    if worker is not None and not on_cluster and chosen.renderer == "mitsuba":
+        worker.begin(mitsuba, variant)  # while this process plans
     planned = planned_dataset(chosen, variant, part)
     with ExitStack() as stack:
         if timeout is not None and worker is None:

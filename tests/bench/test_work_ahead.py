@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from malus.bench.datasets import render
 from malus.bench.running import truths
 from malus.bench.running.family_task import FamilyTask
 from malus.bench.running.plan import FamilyPlan, plan
 from malus.bench.running.runner import in_working_order
 from malus.bench.running.work import work
+from malus.bench.running.worker_process import WorkerProcess
 from malus.renderers.families.family import begin_family
 from malus.renderers.mitsuba import wavefront
 from malus.renderers.mitsuba.wavefront import STAGES
@@ -166,3 +170,26 @@ def test_what_is_rendered_meanwhile_changes_nothing(monkeypatch: pytest.MonkeyPa
         truth = wait().truth(scene)
         for name in ("specular", "diffuse", "standard_error"):
             np.testing.assert_array_equal(getattr(truth, name), getattr(expected, name))
+
+
+class Seen(Exception):
+    """The test has what it wanted."""
+
+
+def has_mitsuba() -> Iterator[bool]:
+    yield "mitsuba" in sys.modules
+
+
+def test_the_renderer_is_loaded_while_a_dataset_is_planned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes longer than most families; the process that renders did nothing meanwhile."""
+    with WorkerProcess() as worker:
+
+        def planned_dataset(*_: object) -> None:
+            assert list(worker.stream(has_mitsuba)) == [True]
+            raise Seen
+
+        monkeypatch.setattr(render, "planned_dataset", planned_dataset)
+        with pytest.raises(Seen):
+            render.render_dataset("quick", tmp_path / "dataset", worker=worker)
