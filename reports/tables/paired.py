@@ -10,6 +10,7 @@ from statistics import NormalDist
 import numpy as np
 import pandas as pd
 
+from malus.reports.tables.kept import kept
 from malus.reports.tables.metric_definitions import MetricDefinition, definition_of
 from malus.reports.tables.paper_table import default_metrics, number_with_error
 from malus.reports.tables.rows import distinct, overall_rows
@@ -152,6 +153,7 @@ def paired(table: pd.DataFrame, metric: str, first: str, second: str) -> PairedD
     return PairedDifference.of(a, b, definition_of(metric))
 
 
+@kept
 def ranked_pairs(table: pd.DataFrame) -> TextTable:
     """Is each method really better than the next? Neighbours in the ranking of every error.
 

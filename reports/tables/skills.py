@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from malus.reports.tables.formats import NO_NUMBER, skill_text
+from malus.reports.tables.kept import kept
 from malus.reports.tables.rows import (
     MOST_LIGHTS,
     TRIVIAL,
@@ -25,6 +26,7 @@ from malus.scenes.materials.surface import body_text
 _GROUP = ["body", "light", "method"]
 
 
+@kept
 def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     """NMSE and skill of every method per light and body.
 
@@ -70,6 +72,7 @@ def by_light_and_body(table: pd.DataFrame) -> pd.DataFrame:
     return result.reset_index()
 
 
+@kept
 def negative_skills(table: pd.DataFrame, method: str) -> pd.DataFrame:
     """Light × surface × body where a method's skill is below zero.
 

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from malus.reports.tables.formats import NO_NUMBER, error_text, markdown, scientific, skill_text
+from malus.reports.tables.kept import kept
 from malus.reports.tables.rows import (
     PAPER_NMSE,
     TRIVIAL,
@@ -179,6 +180,7 @@ def negatives(table: pd.DataFrame, method: str) -> TextTable:
     return TextTable(heads, lines)
 
 
+@kept
 def without_skill(table: pd.DataFrame) -> TextTable:
     """Lights, surfaces and bodies with scenes on which a method has no skill to report."""
     lines = [
