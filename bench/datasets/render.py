@@ -120,9 +120,7 @@ def render_dataset(
         raise InputError("part", "no part beside `workers` or `scheduler`", part, hint)
     variant = chosen_variant(backend)
     chosen = chosen_suite(suite, variant, samples=samples, resolution=resolution, seed=seed)
-    if worker is not None and not on_cluster and chosen.renderer == "mitsuba":
-        worker.begin(mitsuba, variant)  # while this process plans
-    planned = planned_dataset(chosen, variant, part)
+    planned = _planned(chosen, variant, part, None if on_cluster else worker)
     with ExitStack() as stack:
         if timeout is not None and worker is None:
             worker = stack.enter_context(WorkerProcess(timeout))
@@ -139,6 +137,15 @@ def render_dataset(
         write_documents(folder, chosen)
     size = done.pop("bytes")
     return done | {"seconds": round(time.perf_counter() - started, 3), "bytes": size}
+
+
+def _planned(
+    suite: Suite, variant: Variant, part: str | None, worker: WorkerProcess | None
+) -> PlannedDataset:
+    """Plan of a dataset; a process that will render it loads the renderer meanwhile."""
+    if worker is not None and suite.renderer == "mitsuba":
+        worker.begin(mitsuba, variant)
+    return planned_dataset(suite, variant, part)
 
 
 PARTS_A_THREAD = 4
