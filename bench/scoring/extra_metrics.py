@@ -1,7 +1,7 @@
 """Further metrics, computed only where a suite names them: colour, DoLP and AoLP, PSNR, SSIM.
 
 The noise beside a value is what a perfect method would score against this truth because of the
-truth's own Monte Carlo noise: errors below it mean nothing.
+truth's own Monte Carlo noise: errors below it mean nothing. By zenith angle it is the method's own.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from malus.bench.scoring.colour_error import delta_e
-from malus.bench.scoring.judge import Metric, StokesMetric
-from malus.bench.scoring.metric_value import MetricValue
+from malus.bench.scoring.judge import Metric
+from malus.bench.scoring.metric_value import MetricValue, StokesMetric
 from malus.bench.scoring.metrics import PixelSums, cos_zenith, peak, skills
 from malus.bench.scoring.polarisation_error import (
     PolarisationError,
@@ -69,7 +69,7 @@ def _colour_difference(truth: Truth, name: str, method: str) -> StokesMetric:
     true = compared_colours(relative.true, truth.scene.wavelengths_nm)
     noises = list(delta_e(relative.noisy, true, method))
 
-    def measure(stokes: FloatArray) -> Iterator[MetricValue]:
+    def measure(stokes: FloatArray, _change: FloatArray | None = None) -> Iterator[MetricValue]:
         differences = delta_e(relative.of(stokes), true, method)
         for (suffix, angle, sums), (_, _, noise) in zip(differences, noises, strict=True):
             yield MetricValue(name + suffix, sums.mean, noise.mean, angle_deg=angle)
@@ -88,7 +88,7 @@ def polarisation_error(truth: Truth) -> StokesMetric:
     circular = list(_circular(truth))
     noise = PolarisationError.of(relative.noisy, relative.true)
 
-    def measure(stokes: FloatArray) -> Iterator[MetricValue]:
+    def measure(stokes: FloatArray, _change: FloatArray | None = None) -> Iterator[MetricValue]:
         yield from polarisation_values(
             PolarisationError.of(relative.of(stokes), relative.true), noise
         )
@@ -126,7 +126,7 @@ def psnr_values(truth: Truth) -> StokesMetric:
     relative = _RelativeStokes(truth)
     noises = [squared_error(relative.noisy, relative.true, angle) for angle in PAPER_ANGLES_DEG]
 
-    def measure(stokes: FloatArray) -> Iterator[MetricValue]:
+    def measure(stokes: FloatArray, _change: FloatArray | None = None) -> Iterator[MetricValue]:
         estimated, all_angles = relative.of(stokes), PixelSums()
         for angle, noise in zip(PAPER_ANGLES_DEG, noises, strict=True):
             error = squared_error(estimated, relative.true, angle)
@@ -142,7 +142,7 @@ def ssim_values(truth: Truth) -> StokesMetric:
     noisy = _noisy(truth)[truth.mask]
     noises = [ssim(noisy, truth, angle) for angle in PAPER_ANGLES_DEG]
 
-    def measure(stokes: FloatArray) -> Iterator[MetricValue]:
+    def measure(stokes: FloatArray, _change: FloatArray | None = None) -> Iterator[MetricValue]:
         all_angles = PixelSums()
         for angle, noise in zip(PAPER_ANGLES_DEG, noises, strict=True):
             similarity = ssim(stokes, truth, angle)
@@ -160,8 +160,8 @@ ZENITHS_DEG = (0, 15, 30, 45, 60, 75, 90)
 def zenith_values(truth: Truth) -> StokesMetric:
     """NMSE and skill of the pixels in each bin of zenith angle, over the peak of all of them.
 
-    The noise is that of the guess I(ϑ) = I/2, which a method that keeps the image has to first
-    order. Bins without a pixel have no values.
+    The noise is what a draw of the truth's noise changes in the method's errors; where that is not
+    known, that of the guess I(ϑ) = I/2. Bins without a pixel have no values.
     """
     relative = _RelativeStokes(truth)
     bins = np.digitize(np.degrees(np.arccos(cos_zenith(truth))), ZENITHS_DEG[1:-1])
@@ -173,15 +173,16 @@ def zenith_values(truth: Truth) -> StokesMetric:
     def binned(difference: FloatArray) -> Float64Array:
         return np.bincount(bins, _squared(difference))[filled] / pixels[filled]
 
-    guess, noise = (
+    guess, of_guess = (
         binned(relative.true * polarised),
         binned((relative.noisy - relative.true) * polarised),
     )
     names = [f"zenith_{low}_{high}" for low, high in itertools.pairwise(ZENITHS_DEG)]
 
-    def measure(stokes: FloatArray) -> Iterator[MetricValue]:
+    def measure(stokes: FloatArray, change: FloatArray | None = None) -> Iterator[MetricValue]:
         error = binned(relative.of(stokes) - relative.true)
-        skill = skills(error - noise, guess - noise, noise, pixels[filled])
+        noise = of_guess if change is None else binned(relative.of(change))
+        skill = skills(error - noise, guess - of_guess, of_guess, pixels[filled])
         for k, bin_error, bin_noise, bin_skill in zip(filled, error, noise, skill, strict=True):
             yield MetricValue(f"nmse_{names[k]}", float(bin_error), float(bin_noise))
             yield MetricValue(f"skill_{names[k]}", float(bin_skill))

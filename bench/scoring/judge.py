@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from malus.bench.scoring.calibration import calibration_values
 from malus.bench.scoring.field_agreement import ALONG, ENERGY, ERROR, TRIVIAL, Agreement
 from malus.bench.scoring.masked_pixels import MaskedPixels
-from malus.bench.scoring.metric_value import MetricColumns, MetricValue, Place
+from malus.bench.scoring.metric_value import MetricColumns, MetricValue, Place, StokesMetric
 from malus.bench.scoring.metrics import (
     Error,
     Residuals,
@@ -34,12 +34,9 @@ from malus.bench.scoring.pixel_kernels import (
 from malus.bench.scoring.unmixed_pixels import MixedPixels, Unmixed
 from malus.reconstruct import Components, Method
 from malus.renderers.truth import Truth
-from malus.scenes.core.arrays import Float64Array, FloatArray
+from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG, angle_weights
-
-StokesMetric = Callable[[FloatArray], Iterable[MetricValue]]
-"""Function of the estimated Stokes vectors (pixels, bands, 3) of the mask's pixels."""
 
 Metric = Callable[[Truth], StokesMetric]
 """A further metric: computes once a truth what all methods share, see `extra_metrics`."""
@@ -306,11 +303,11 @@ class Judge:
     def _extra(self, estimate: Components, metrics: Sequence[Metric]) -> Iterator[MetricValue]:
         if not metrics:
             return
-        stokes = np.stack([estimate.image[0], estimate.s1[0], estimate.s2[0]], axis=-1)
+        stokes, change = self.pixels.stokes_of(estimate)
         for metric in metrics:
             if metric not in self._stokes_metrics:
                 self._stokes_metrics[metric] = metric(self.truth)
-            yield from self._stokes_metrics[metric](stokes)
+            yield from self._stokes_metrics[metric](stokes, change)
 
     def _calibration(self, estimate: Components) -> Iterator[MetricValue]:
         """Stated against actual errors, of a method that states them."""

@@ -89,6 +89,16 @@ class MaskedPixels:
         deviation = self._rows(deviations) if deviations else None
         return Components(image, s1, s2, valid, results[0].converged, deviation)
 
+    def stokes_of(self, estimate: Components) -> tuple[FloatArray, FloatArray]:
+        """Estimated Stokes vectors (pixels, bands, 3), and what the draw changes in their errors.
+
+        The draw changes the estimate and the truth: what both change by alike is no error.
+        """
+        both = np.stack([getattr(estimate, name) for name in _STOKES], axis=-1)
+        image, draw = self.observation.image, self.draw
+        drawn = np.stack([image[1] - image[0], *draw], axis=-1)
+        return both[0], np.subtract(both[1], both[0], dtype=np.float64) - drawn
+
     @functools.cached_property
     def as_rendered(self) -> BoolArray:
         """Mask (2, pixels) of the first row alone: the pixels without the draw of the noise."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
-from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.arrays import Float64Array, FloatArray
 
 Place = tuple[str, float | None, float | None]
 """What a number is: metric, band and angle; both are None where it is over all of them."""
@@ -21,6 +21,16 @@ class MetricValue(NamedTuple):
     noise: float = 0.0
     band_nm: float | None = None
     angle_deg: float | None = None
+
+
+class StokesMetric(Protocol):
+    """Function of the estimated Stokes vectors (pixels, bands, 3) of the mask's pixels."""
+
+    def __call__(
+        self, stokes: FloatArray, change: FloatArray | None = None, /
+    ) -> Iterable[MetricValue]:
+        """Values; `change` is what a draw of the noise changes in the errors, where it is known."""
+        ...
 
 
 class MetricColumns(NamedTuple):

@@ -19,8 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
-from malus.bench.scoring.judge import StokesMetric
-from malus.bench.scoring.metric_value import MetricValue
+from malus.bench.scoring.metric_value import MetricValue, StokesMetric
 from malus.bench.scoring.metrics import PixelSums, brightest
 from malus.bench.scoring.polarisation_error import angle_between, psnr
 from malus.scenes import polarisation
@@ -95,7 +94,7 @@ def _metric(
     true = pixels.scaled(stokes)
     noises = compare(pixels, pixels.scaled(stokes + noise), true)
 
-    def measure(estimated: FloatArray) -> Iterator[MetricValue]:
+    def measure(estimated: FloatArray, _change: FloatArray | None = None) -> Iterator[MetricValue]:
         whole = estimated if s3 is None else _with_s3(estimated, np.zeros_like(estimated[..., 0]))
         for name, value in compare(pixels, pixels.scaled(whole), true).items():
             yield MetricValue(name, value, noises.get(name, 0.0))
