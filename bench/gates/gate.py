@@ -13,7 +13,7 @@ comparison is paired and its error nearly nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Literal
@@ -33,7 +33,7 @@ differ between machines."""
 DETECTED = 2.0
 """Standard errors beyond the limit at which a change is detected 98 times in 100."""
 
-Outcome = Literal["same", "better", "worse", "changed", "missing", "not finite", "new"]
+Outcome = Literal["same", "better", "worse", "changed", "missing", "not finite", "not told", "new"]
 FAILURES: tuple[Outcome, ...] = ("worse", "changed", "missing", "not finite")
 _IDEAL = {"gain": 1.0, "rotation": 0.0}
 
@@ -47,8 +47,9 @@ class Comparison:
     key : metric, method, knowledge, body, light, surface
     outcome : str
         `worse` and `changed` are beyond the limit. A gain or rotation that moved towards its
-        ideal is `changed` and fails as well: unless it is intended, it may hide an error. A skill
-        that rose is `better` and passes.
+        ideal is `changed` and fails as well: unless it is intended, it may hide an error. So is a
+        value of more scenes than the baseline's. A skill that rose is `better` and passes, and so
+        does one that the noise of another seed leaves `not told`.
     before, after : float
         Values of the baseline and the run, NaN where there is none.
     error : float
@@ -58,7 +59,7 @@ class Comparison:
     paired : bool
         Whether both runs rendered the same images.
     reason : str
-        The reason for the tolerance.
+        The reason for the tolerance; without a limit, why nothing could be compared.
     """
 
     key: tuple[str, ...]
@@ -92,7 +93,9 @@ def gate(results: Results, baseline: Baseline) -> list[Comparison]:
     """
     origin = RunIdentity.of(results)
     _require_same_scenes(results, origin, baseline.origin)
-    measured = {v.key if isinstance(v, PooledMetric) else v: v for v in measure(results)}
+    measured = dict(
+        (v.key, v) if isinstance(v, PooledMetric) else (v, None) for v in measure(results)
+    )
     gated = [(value, rule) for value in baseline.values if (rule := baseline.rule(value))]
     if not gated:
         expected, hint = "values that one of its rules gates", "write them with `update`"
@@ -100,7 +103,9 @@ def gate(results: Results, baseline: Baseline) -> list[Comparison]:
     same_run = (origin.seed, origin.variant) == (baseline.origin.seed, baseline.origin.variant)
     z = _quantile(len(gated))
     comparisons = [
-        _compare(value, measured.get(value.key), rule, same_run, z) for value, rule in gated
+        _not_compared(value, measured, same_run)
+        or _compare(value, measured[value.key], rule, same_run, z)
+        for value, rule in gated
     ]
     return comparisons + list(_new(measured.values(), baseline))
 
@@ -125,21 +130,40 @@ def _quantile(comparisons: int) -> float:
     return NormalDist().inv_cdf(1.0 - 0.5 * FALSE_ALARM / max(comparisons, 1))
 
 
+_Measured = Mapping[tuple[str, ...], PooledMetric | None]
+"""Values of a run by key; None where one is not finite."""
+
+
+def _not_compared(before: PooledMetric, measured: _Measured, same_run: bool) -> Comparison | None:
+    """Say why a value is not compared; None where it is: over the same scenes."""
+    # Whether a render's noise leaves a skill to tell may differ with its seed.
+    may_differ = not same_run and before.metric == "facing_skill"
+    after = measured.get(before.key)
+    outcome: Outcome = "missing"
+    if after is None:
+        reason = "no scene has it"
+        if before.key in measured:
+            outcome, reason = "not finite", "a scene's value is not finite"
+        elif may_differ and measured.get(("gain", *before.key[1:])) is not None:
+            outcome, reason = "not told", "the noise of this seed hides the guess's error"
+        return Comparison(before.key, outcome, before.value, reason=reason)
+    if after.scenes == before.scenes or may_differ:
+        return None
+    found = f"{after.scenes} of {before.scenes} scenes have it"
+    if after.scenes > before.scenes:
+        outcome, found = "changed", f"of {after.scenes} scenes, in the baseline of {before.scenes}"
+    return Comparison(before.key, outcome, before.value, after.value, reason=found)
+
+
 def _compare(
     before: PooledMetric,
-    after: PooledMetric | tuple[str, ...] | None,
+    after: PooledMetric | None,
     rule: ToleranceRule,
     same_run: bool,
     z: float,
 ) -> Comparison:
-    """Compare two values; `after` is a key where it is not finite, None where it is missing."""
-    if not isinstance(after, PooledMetric):
-        outcome: Outcome = "missing" if after is None else "not finite"
-        return Comparison(before.key, outcome, before=before.value, reason=rule.reason)
-    # Whether a render's noise leaves a skill to tell may differ with its seed.
-    if after.scenes < before.scenes and (same_run or before.metric != "facing_skill"):
-        found = f"{after.scenes} of {before.scenes} scenes have it"
-        return Comparison(before.key, "missing", before.value, after.value, reason=found)
+    """Compare two values."""
+    assert after is not None  # of which `_not_compared` tells
     paired = same_run and math.isclose(before.signal, after.signal, rel_tol=SAME_SIGNAL)
     error = math.hypot(before.noise, after.noise) * (PAIRED_NOISE if paired else HIDDEN_NOISE)
     limit = rule.tolerance + z * error
@@ -167,13 +191,11 @@ def _outcome(before: PooledMetric, after: PooledMetric, limit: float) -> Outcome
     return "changed" if nearer else "worse"
 
 
-def _new(
-    measured: Iterable[PooledMetric | tuple[str, ...]], baseline: Baseline
-) -> Iterator[Comparison]:
+def _new(measured: Iterable[PooledMetric | None], baseline: Baseline) -> Iterator[Comparison]:
     """Values of the run that a rule matches and the baseline does not have."""
     reviewed = {value.key for value in baseline.values}
     for value in measured:
-        if isinstance(value, PooledMetric) and value.key not in reviewed and baseline.rule(value):
+        if value is not None and value.key not in reviewed and baseline.rule(value):
             yield Comparison(value.key, "new", after=value.value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import groupby
@@ -45,7 +46,8 @@ def sensitivity(comparisons: Sequence[Comparison]) -> Iterator[Row]:
         best = min(of_metric, key=lambda c: c.visible if c.visible == c.visible else float("inf"))
         failures = str(sum(c.failed for c in of_metric))
         where = ", ".join(best.key[3:])
-        yield method, metric, str(len(of_metric)), failures, f"{best.visible:.2g}", where
+        smallest = _NONE if math.isnan(best.visible) else f"{best.visible:.2g}"
+        yield method, metric, str(len(of_metric)), failures, smallest, where
 
 
 def differences(comparisons: Sequence[Comparison]) -> Iterator[Row]:
@@ -55,9 +57,19 @@ def differences(comparisons: Sequence[Comparison]) -> Iterator[Row]:
             continue
         metric, method, knowledge, *scenes = c.key
         where = ", ".join(scenes if knowledge == "everything" else (knowledge, *scenes))
-        change = f"{c.change:+.4f} ± {c.error:.4f}"
-        numbers = (f"{c.before:.4f}", f"{c.after:.4f}", change, f"{c.limit:.4f}")
+        if math.isnan(c.limit):
+            where = f"{where}: {c.reason}"
+        change = _NONE if math.isnan(c.error) else f"{c.change:+.4f} ± {c.error:.4f}"
+        before, after, limit = map(_number, (c.before, c.after, c.limit))
+        numbers = (before, after, change, limit)
         yield c.outcome, metric, method, where, *numbers
+
+
+_NONE = "–"
+
+
+def _number(value: float) -> str:
+    return _NONE if math.isnan(value) else f"{value:.4f}"
 
 
 _SENSITIVITY = ("method", "metric", "compared", "failed", "smallest visible change", "seen in")
@@ -108,8 +120,9 @@ def junit(comparisons: Sequence[Comparison]) -> str:
     """JUnit XML with one test case for each comparison."""
     compared = [c for c in comparisons if c.outcome != "new"]
     failures = str(sum(c.failed for c in compared))
+    skipped = str(sum(c.outcome == "not told" for c in compared))
     suite = ElementTree.Element(
-        "testsuite", name="malus gate", tests=str(len(compared)), failures=failures
+        "testsuite", name="malus gate", tests=str(len(compared)), failures=failures, skipped=skipped
     )
     for comparison in compared:
         metric, method, *where = (printable(part) for part in comparison.key)
@@ -117,7 +130,10 @@ def junit(comparisons: Sequence[Comparison]) -> str:
         case = ElementTree.SubElement(suite, "testcase", classname=f"malus.{method}", name=name)
         if comparison.failed:
             failure = ElementTree.SubElement(case, "failure", message=_sentence(comparison))
-            failure.text = f"tolerance: {comparison.reason}"
+            if not math.isnan(comparison.limit):
+                failure.text = f"tolerance: {comparison.reason}"
+        elif comparison.outcome == "not told":
+            ElementTree.SubElement(case, "skipped", message=_sentence(comparison))
     root = ElementTree.Element("testsuites")
     root.append(suite)
     ElementTree.indent(root)
@@ -125,6 +141,9 @@ def junit(comparisons: Sequence[Comparison]) -> str:
 
 
 def _sentence(c: Comparison) -> str:
+    if math.isnan(c.limit):
+        before, after = map(_number, (c.before, c.after))
+        return f"{c.outcome}: {before} in the baseline, {after} now: {c.reason}"
     return (
         f"{c.outcome}: {c.before:.5f} in the baseline, {c.after:.5f} now, "
         f"change {c.change:+.5f} ± {c.error:.5f}, limit {c.limit:.5f}"
