@@ -7,19 +7,19 @@ import importlib
 import importlib.metadata
 import importlib.util
 import os
+import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.machinery import PathFinder
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from malus.reconstruct.checked_components import checked_components
 from malus.reconstruct.observation import INPUTS, Components, Inapplicable, Observation
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.named_file import digest_of
@@ -214,21 +214,33 @@ def _loaded(where: str, reference: str) -> Method:
         loaded = getattr(_imported(module), attribute)
     except InputError:
         raise  # of a Method there that is none
-    except (ImportError, AttributeError, ValueError) as error:
-        hint = "check that it can be imported"
-        raise InputError(where, "package.module:object", str(error), hint) from None
+    except (Exception, SystemExit) as error:  # a module raises anything
+        if getattr(error, "code", None) == _STOPPED:
+            raise
+        found, hint = _why_not_imported(module, error), "check that it can be imported"
+        raise InputError(where, "package.module:object", found, hint) from None
     if not isinstance(loaded, Method):
         expected, hint = "a malus.reconstruct.Method", "guides/methods.md shows one"
         raise InputError(where, expected, type(loaded).__name__, hint)
     return guarded(loaded)
 
 
+def _why_not_imported(module: str, error: BaseException) -> str:
+    """What a module of one's own raised, and at which of its lines."""
+    message = " ".join(str(error).split())
+    if isinstance(error, ImportError | AttributeError | ValueError | SyntaxError):
+        return message  # which says it in words, and where a syntax is wrong
+    place = _last_place(traceback.extract_tb(error.__traceback__), str(_module_file(module)))
+    return f"{type(error).__name__}{f' ({place})' if place else ''}: {message}"
+
+
 def guarded(method: Method) -> Method:
     """A method of one's own: given arrays of its own, and refused what is no picture of the same.
 
     What it writes into changes no truth. It raises InputError where it returns no Components,
-    or arrays of another shape than the image's or of no real numbers; those of any real type are
-    single or double precision behind it. What else it raises has a note of the line in its file.
+    or arrays of another shape than the image's, of no real numbers or masked on the object; those
+    of any real type are single or double precision behind it. What else it raises has a note of the
+    line in its file; where it would end the program, it fails likewise.
 
     Examples
     --------
@@ -243,58 +255,41 @@ def guarded(method: Method) -> Method:
     return replace(method, reconstruct=functools.partial(_guarded, method))
 
 
+_STOPPED = 128 + signal.SIGTERM
+"""Code of the exit where somebody stops malus, meanwhile."""
+
+
 def _guarded(method: Method, observation: Observation) -> Components:
     """What a method of one's own makes of arrays of its own, which it may change."""
+    ended = None
     try:
-        returned: Any = method.reconstruct(observation.with_own_arrays())
+        returned = method.reconstruct(observation.with_own_arrays())
     except (InputError, Inapplicable):
         raise
     except Exception as error:
         if place := _place_in_method(error):
             error.add_note(place)
         raise
-    if not isinstance(returned, Components):
-        hint = "return malus.reconstruct.Components(image, s1, s2)"
-        raise InputError(f"method {method.name}", "Components", type(returned).__name__, hint)
-    shape = observation.image.shape
-    radiance: dict[str, Any] = {
-        name: _real(method, name, getattr(returned, name), shape)
-        for name in ("image", "s1", "s2", "deviation")
-        if name != "deviation" or returned.deviation is not None
-    }
-    if np.any(radiance.get("deviation", 0) < 0):
-        expected, hint = "a deviation of 0 or more", "it is a standard deviation, without a sign"
-        raise InputError(f"method {method.name}", expected, "negative values", hint)
-    if not isinstance(returned.converged, bool | np.bool_ | None):
-        found, hint = repr(returned.converged), "it says of the whole picture whether it did"
-        raise InputError(
-            f"method {method.name}", "converged to be True, False or None", found, hint
-        )
-    valid = returned.valid
-    if valid is not None:
-        valid = _real(method, "valid", valid, shape[:2]) != 0
-    return replace(returned, valid=valid, **radiance)
+    except SystemExit as leaving:
+        if leaving.code == _STOPPED:
+            raise
+        ended = RuntimeError(f"SystemExit, with {leaving.code!r}: it would end the whole program")
+        ended.add_note(_place_in_method(leaving))
+    if ended is not None:  # raised here, without the exit as its context
+        raise ended
+    return checked_components(method.name, returned, observation)
 
 
-def _place_in_method(error: Exception) -> str:
+def _place_in_method(error: BaseException) -> str:
     """File and line of a method of one's own at which it failed, or called what failed."""
     called = traceback.extract_tb(error.__traceback__)[1:]  # after the call in `_guarded`
-    own = [frame for frame in called if frame.filename == called[0].filename]
-    return f"{Path(own[-1].filename).name}, line {own[-1].lineno}" if own else ""
+    return _last_place(called, called[0].filename) if called else ""
 
 
-def _real(method: Method, name: str, values: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-    """One of a method's arrays, of that shape, in single or double precision."""
-    array = np.asarray(values)
-    if array.shape != shape or array.dtype.kind not in "fiub":
-        raise InputError(
-            f"method {method.name}",
-            f"{name} of shape {shape} and real numbers",
-            f"shape {array.shape} and type {array.dtype}",
-            "return image, s1 and s2 of the image's shape, and valid of the mask's",
-        )
-    double = array.dtype.kind != "f" or array.dtype.itemsize > 4
-    return array.astype(np.float64 if double else np.float32, copy=False)
+def _last_place(frames: Sequence[traceback.FrameSummary], file: str) -> str:
+    """The last line of a file among the frames of a traceback; empty where there is none."""
+    own = [frame for frame in frames if frame.filename == file]
+    return f"{Path(file).name}, line {own[-1].lineno}" if own else ""
 
 
 def by_name(called: Iterable[tuple[str, str]]) -> dict[str, str]:

@@ -35,8 +35,8 @@ ROOMS = {
     ),
     "reconstruct": (
         "observation fresnel kernels", "pixel_block quadrature", "facets", "lobe_models",
-        "known_light_kernels", "known_lights", "image", "single_image learned", "builtin_methods",
-        "methods", "photos",
+        "known_light_kernels", "known_lights", "image", "single_image learned",
+        "builtin_methods checked_components", "methods", "photos",
     ),
     "reports": (
         "tables templates", "figures viewer", "source page", "sections summary",

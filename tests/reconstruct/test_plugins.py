@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import pickle
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from pictures import dome
 
+from malus.bench.running.family_task import FamilyResult
 from malus.bench.running.parts import Failure
 from malus.bench.scoring.score import score
 from malus.reconstruct import Components, Method, Observation, get_method, methods
@@ -97,6 +99,65 @@ def test_a_failure_tells_the_line_of_ones_own_file(module: Path, name: str, reas
     assert Failure.of(caught.value, method=name).reason == reason
     # An error from another process keeps it.
     assert Failure.of(pickle.loads(pickle.dumps(caught.value))).reason == reason
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1 / 0", r"ZeroDivisionError \(broken_methods.py, line 1\): division by zero"),
+        ("\nabsent", r"NameError \(broken_methods.py, line 2\): name 'absent' is not defined"),
+        ("import sys\nsys.exit(3)", r"SystemExit \(broken_methods.py, line 2\): 3"),
+        ("def f(:", r"invalid syntax \(broken_methods.py, line 1\)"),
+        ("import absent_module", "No module named 'absent_module'"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_says_where(
+    module: Path, monkeypatch: pytest.MonkeyPatch, text: str, words: str
+) -> None:
+    (module / "broken_methods.py").write_text(text + "\n", "utf-8")
+    monkeypatch.delitem(sys.modules, "broken_methods", raising=False)
+    with pytest.raises(InputError, match=words) as caught:
+        get_method("broken_methods:mine")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_method_that_ends_the_program_fails_alone(module: Path) -> None:
+    text = FAILING + "\n\ndef leave(observation):\n    raise SystemExit(4)\n"
+    text += "mine = Method('mine', frozenset(), leave, 'ends the program')\n"
+    (module / "leaving_methods.py").write_text(text, "utf-8")
+    seen = Observation(np.ones((2, 2, 1)), np.ones((2, 2), bool))
+    result = FamilyResult()
+    method = get_method("leaving_methods:mine")
+    with result.guard(method=method):
+        method.reconstruct(seen)
+    line = text.splitlines().index("    raise SystemExit(4)") + 1
+    (failure,) = result.failures
+    assert failure.method == "mine"
+    assert f"(leaving_methods.py, line {line}): SystemExit, with 4" in failure.reason
+    # The stop of the whole run passes: `malus run` leaves so where it is terminated.
+    (module / "stopped_methods.py").write_text(text.replace("Exit(4)", "Exit(143)"), "utf-8")
+    with pytest.raises(SystemExit):
+        get_method("stopped_methods:mine").reconstruct(seen)
+
+
+def test_masked_values_are_no_numbers() -> None:
+    """A masked array scored like any other would have the numbers that it hides."""
+    image, mask = np.ones((2, 3, 1)), np.ones((2, 3), bool)
+    mask[0, 0] = False
+
+    def masked(*hidden: tuple[int, int]) -> Method:
+        s1 = np.ma.array(np.full_like(image, 0.25))
+        for row, column in hidden:
+            s1[row, column] = np.ma.masked
+        own = Components(image, s1, 0 * image)
+        return guarded(Method("masked", frozenset(), lambda seen: own, "masks some"))
+
+    seen = Observation(image, mask)
+    off_the_object = masked((0, 0)).reconstruct(seen).s1
+    assert type(off_the_object) is np.ndarray
+    assert (off_the_object[mask] == 0.25).all()
+    with pytest.raises(InputError, match=r"method masked: expected values of s1 .* 2 masked"):
+        masked((0, 0), (0, 1), (1, 2)).reconstruct(seen)
 
 
 @pytest.mark.parametrize(
