@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from malus.bench.running.examples import write_example
 from malus.bench.running.family_task import FamilyResult, raise_what_stops
 from malus.bench.running.results import Record, describe, inapplicable, record
@@ -160,6 +162,7 @@ def _records_of(
 
 def _example(truth: Truth, methods: Sequence[Method], part: str) -> dict[str, bytes]:
     """Content of the scene's file of example images, by file name."""
-    with tempfile.TemporaryDirectory() as folder:
+    # An estimate beyond single precision is kept as infinite.
+    with tempfile.TemporaryDirectory() as folder, np.errstate(over="ignore"):
         write_example(Path(folder), truth, methods, part)
         return {path.name: path.read_bytes() for path in Path(folder).rglob("*.npz")}

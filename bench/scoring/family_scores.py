@@ -170,6 +170,7 @@ class FamilyJudge:
         self.totals = np.stack([-totals[:, 0], totals[:, 2]], axis=1)
         self.draws[:, ENERGY], self.draws[:, TRIVIAL] = -self.draws[:, ALONG], self.draws[:, ERROR]
 
+    @np.errstate(over="ignore", invalid="ignore")  # what is no number is told as none
     def scores(self, estimate: Components) -> list[Score]:
         """Score an estimate of all scenes, one score a scene."""
         moments, totals = self._sums_of(estimate)

@@ -101,9 +101,9 @@ class Agreement:
         variance = (
             float(covariance[numerator, numerator])
             - 2.0 * ratio * float(covariance[numerator, denominator])
-            + ratio**2 * float(covariance[denominator, denominator])
+            + ratio * ratio * float(covariance[denominator, denominator])
         )
-        # max(variance, 0) would turn NaN into 0.
+        # max(variance, 0) would turn NaN into 0, and the power of a huge ratio raises.
         return ratio, math.sqrt(0.0 if variance < 0.0 else variance) / divisor
 
     def _error(self, index: int) -> float:

@@ -125,6 +125,7 @@ class Score:
         return self.residuals, self.noise, self.trivial, self.trivial_noise
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what is no number is told as none
 def values_of(scores: Sequence[Score]) -> list[MetricColumns]:
     """All rows of each score in the results table; the scores are of the same pixels.
 
@@ -195,6 +196,7 @@ def _errors(residuals: Sequence[Sequence[Residuals]]) -> Float64Array:
     each = nmse_by([one for four in residuals for one in four], _ANGLE_SETS)
     by_angles = each.reshape(-1, 4, *each.shape[1:])
     groups = np.concatenate([by_angles.mean(axis=3), by_angles[:, :, 0]], axis=2)
+    groups[np.isinf(groups)] = math.nan  # squares beyond double precision are no number either
     return np.moveaxis(groups, 1, 0)
 
 
@@ -276,6 +278,7 @@ class Judge:
         """
         return self.score_estimate(self.pixels.estimate(method), metrics)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def score_estimate(self, estimate: Components, metrics: Sequence[Metric] = ()) -> Score:
         """Score an estimate (2, pixels, bands) that a method made of this truth's masked pixels."""
         components = estimate.image, estimate.s1, estimate.s2

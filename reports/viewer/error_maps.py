@@ -141,6 +141,7 @@ def _table_or_none(example: Example) -> Markup | None:
         return None
 
 
+@np.errstate(invalid="ignore")  # pixels that are not finite are counted
 def _table(example: Example) -> Markup:
     step = -(-max(example.mask.shape) // (PHOTOGRAPH_SIDE if example.channels else SIDE))
     mask = example.mask[::step, ::step]

@@ -118,6 +118,20 @@ def test_any_type_of_real_numbers_is_scored(dtype: str) -> None:
     assert cast_ones == pytest.approx(ours, rel=tolerance, abs=tolerance)
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_an_error_beyond_all_numbers_is_no_number(dtype: str) -> None:
+    """Its square is infinite: one scored as infinite would be a value, and one that raises none."""
+    code = f"s1 = np.full(s1.shape, np.finfo('{dtype}').max, '{dtype}')"
+    run = results("eq8", write("huge", code, "huge", per_pixel=True))
+    assert not run.run["failures"]
+    rows = run.headlines[run.headlines.method == "huge"]
+    nmse, skill = (rows[rows.metric == name].value for name in ("nmse", "skill"))
+    assert np.isfinite(nmse).all() if dtype == "float32" else nmse.isna().all()
+    assert (skill < 0).all() if dtype == "float32" else skill.isna().all()
+    told = [row for row in headline(run) if row["method"] == "huge"]
+    assert all((row["nmse_mean"] is None) == (dtype == "float64") for row in told)
+
+
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
