@@ -58,3 +58,13 @@ def test_a_guess_is_significant_by_how_far_drawn_noise_strays() -> None:
     perfect = Error(1.0, 1.0)
     assert math.isnan(skill(perfect, hidden, pixels))
     assert skill(perfect, clear, pixels) == 1.0
+
+
+@pytest.mark.parametrize(("beyond", "is_told"), [(0.49, True), (0.51, False)])
+def test_a_skill_above_the_limit_that_is_documented_is_none(beyond: float, is_told: bool) -> None:
+    """Files.md: above 1.5 a method answers to the noise by more than its whole error."""
+    expected_noise = 1.0 + beyond
+    told = skill(Error(1.0, expected_noise), Error(1.0, 0.0), pixels=1000)
+    assert math.isfinite(told) == is_told
+    if is_told:
+        assert told == pytest.approx(1.0 + beyond, rel=1e-12)
