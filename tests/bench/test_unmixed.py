@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import made_up_truth
 from runs import run_malus
 
 from malus.bench.scoring.family_scores import FamilyJudge, FamilyPixels
 from malus.bench.scoring.judge import Judge, Score
 from malus.bench.scoring.observe import observe
-from malus.bench.scoring.unmixed_pixels import MOST_SPREAD_DEG
+from malus.bench.scoring.unmixed_pixels import MOST_SPREAD_DEG, mixed_pixels
 from malus.reconstruct import get_method
 from malus.reconstruct.observation import INPUTS
 from malus.renderers import Truth
@@ -137,3 +138,12 @@ def test_older_datasets_are_scored_without_it_and_told(
         table = (folder / "out" / "results.csv").read_text()
         assert ("skill_unmixed" in table) == (number == 0)
         assert ("1 of 1 scenes do not tell" in told.stderr) == (number == 1)
+
+
+def test_a_pixel_is_mixed_beyond_the_spread_that_is_documented() -> None:
+    """Files.md: a spread of up to 5° is that of one normal."""
+    truth = made_up_truth()
+    for spread, mixed in ((5.0, 0), (5.1, truth.mask.sum())):
+        told = mixed_pixels(replace(truth, normal_spread=np.full(truth.mask.shape, spread)))
+        assert told is not None
+        assert told.sum() == mixed
