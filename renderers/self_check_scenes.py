@@ -13,6 +13,7 @@ from malus.scenes import (
     Patterned,
     Placed,
     Plane,
+    Polariser,
     Sampling,
     Scene,
     Sky,
@@ -31,7 +32,13 @@ _ROLLED = Camera(
 _PLASTIC = Dielectric(material="pmma", alpha=0.3, albedo=0.5, body="polarised")
 _LAMBERT = Dielectric(material="pmma", alpha=0.3, albedo=0.5, body="unpolarised")
 _GOLD = Conductor(material="gold", alpha=0.2)
+_BRUSHED = Conductor(material="gold", alpha=(0.2, 0.5), distribution="ggx")
 _LAMP = Area(incidence_deg=45, half_angle_deg=15, azimuth_deg=60)
+_POLARISED = Area(
+    incidence_deg=50, half_angle_deg=40, azimuth_deg=60, polarised=Polariser(angle_deg=30)
+)
+# Nearer than others, so that the part in shadow fills regions of the image.
+_NEAR = Camera(resolution=_SIDE, half_width=0.8)
 
 
 def _ball(
@@ -54,6 +61,25 @@ def _room() -> Scene:
     )
 
 
+def _metal_room() -> Scene:
+    """Objects of gold, tilted and turned, that mirror polarised light into each other."""
+    ring = Placed(
+        shape=Torus(), surface=_GOLD, position=(1.1, 0.5, 0.4), scale=0.7, tilt_deg=-30, turn_deg=50
+    )
+    wall = Placed(
+        shape=Plane(),
+        surface=Patterned(pattern=Checker(size=0.5), surfaces=(_PLASTIC, _BRUSHED)),
+        position=(-1.2, -0.4, -0.3),
+        scale=1.6,
+        tilt_deg=50,
+        turn_deg=40,
+    )
+    camera = Camera(resolution=_SIDE, projection="perspective", fov_deg=70, distance=3.0)
+    return _ball(_POLARISED, _GOLD, camera).model_copy(
+        update={"surroundings": Surroundings(name="metal", objects=(ring, wall))}
+    )
+
+
 SCENES = {
     "uniform light": _ball(Uniform()),
     "distant light": _ball(Distant(incidence_deg=60, azimuth_deg=30)),
@@ -67,14 +93,17 @@ SCENES = {
         Patterned(pattern=Checker(size=0.5), surfaces=(_PLASTIC, _GOLD)),
     ),
     "metal": _ball(Uniform(), _GOLD),
+    "brushed metal": _ball(Environment(turn_deg=20.0, tilt_deg=50.0, heading_deg=-70.0), _BRUSHED),
+    "polarised lamp": _ball(_POLARISED),
     "mesh that shades itself": Scene(
         shape=Torus(tilt_deg=30),
         surface=_PLASTIC,
         light=Distant(incidence_deg=60, azimuth_deg=90),
-        camera=_ORTHOGRAPHIC,
+        camera=_NEAR,
         wavelengths_nm=(450.0, 650.0),
     ),
     "room": _room(),
+    "room of metal": _metal_room(),
 }
 """Scenes by the kind that they are for."""
 

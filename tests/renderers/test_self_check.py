@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from malus.renderers import self_check, variant
-from malus.renderers.mitsuba import path_traced, rays, shading, wavefront
+from malus.renderers.families import interpolated
+from malus.renderers.mitsuba import bsdfs, lighting, path_traced, rays, shading, wavefront
 from malus.renderers.mitsuba.kernel_warnings import KernelWarning, refused_warnings
 from malus.renderers.self_check import self_check as checks
 from malus.renderers.self_check_scenes import SCENES, SHORT
@@ -60,6 +61,63 @@ def test_a_frame_turned_by_90_degrees_is_found(
 
     monkeypatch.setattr(shading, "to_camera_frame", turned)
     assert failed(vectorised, "rolled camera", "malus") == {"rolled camera", "malus"}
+
+
+def without_shadow(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shading.CameraView, "shadow", lambda _, hit, *__: hit.t < 0)
+
+
+def with_the_lamps_polariser_turned(monkeypatch: pytest.MonkeyPatch) -> None:
+    angled = lighting._stokes
+
+    def mirrored(*of_light: Any) -> list[Any]:
+        s0, s1, s2 = angled(*of_light)
+        return [s0, s1, -s2]
+
+    monkeypatch.setattr(lighting, "_stokes", mirrored)
+
+
+def with_roughness_across_for_along(monkeypatch: pytest.MonkeyPatch) -> None:
+    update = bsdfs._update
+    monkeypatch.setattr(
+        bsdfs, "_update", lambda mi, pool, etas, ab: update(mi, pool, etas, ab[::-1])
+    )
+
+
+def with_one_seed_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (shading, wavefront):
+        monkeypatch.setattr(module, "streams", lambda mi, n, seed: rays.streams(mi, n, 0 * seed))
+
+
+def with_errors_too_small_by_the_root_of_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    stated = interpolated.Family._error
+    monkeypatch.setattr(interpolated.Family, "_error", lambda *of: 0.5**0.5 * stated(*of))
+
+
+@pytest.mark.parametrize(
+    ("fault", "names"),
+    [
+        (without_shadow, {"mesh that shades itself"}),
+        (with_the_lamps_polariser_turned, {"polarised lamp", "room of metal"}),
+        (with_roughness_across_for_along, {"brushed metal"}),
+        (with_one_seed_for_all, {"repeated render"}),
+        (with_errors_too_small_by_the_root_of_two, {"repeated render"}),
+    ],
+)
+def test_a_planted_fault_is_found(
+    fault: Callable[[pytest.MonkeyPatch], None],
+    names: set[str],
+    vectorised: Variant,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Only these checks are done: each of the others takes kernels of its own."""
+    monkeypatch.setattr(
+        self_check, "LAWS", {n: law for n, law in self_check.LAWS.items() if n in names}
+    )
+    wanted = {n: scene for n, scene in SCENES.items() if n in names | {"area light"}}
+    monkeypatch.setattr(self_check, "SCENES", wanted)
+    fault(monkeypatch)
+    assert failed(vectorised, *names) == names
 
 
 def test_light_that_is_missing_between_objects_is_found(
