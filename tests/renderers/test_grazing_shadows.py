@@ -1,4 +1,4 @@
-"""Shadows of light that grazes a surface: as long as a ruler and the lamp's angle make them."""
+"""Shadows: of light that grazes, as long as the angle makes them, and of objects far away."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from malus.scenes import (
     MeshFile,
     Placed,
     Plane,
+    Polariser,
     Sampling,
     Scene,
+    Sphere,
     Surroundings,
 )
 from malus.scenes.lights.lights import Light
@@ -26,6 +28,15 @@ from malus.scenes.lights.lights import Light
 FIN_AT, LONG = 0.5, 0.6
 """Where on a floor from -1 to 1 a fin stands that a lamp on the right shines at, and how long its
 shadow is."""
+
+
+PAPER = Dielectric(eta=1.5, alpha=0.3, albedo=0.8, body="unpolarised")
+STRAIGHT_UP = {"incidence_deg": 90.0, "azimuth_deg": 90.0}
+ABOVE: list[Light] = [
+    Distant.model_validate(STRAIGHT_UP),
+    Area.model_validate(STRAIGHT_UP | {"half_angle_deg": 10.0}),
+    Area.model_validate(STRAIGHT_UP | {"half_angle_deg": 10.0, "polarised": Polariser()}),
+]
 
 
 def floor_with_fin(path: Path, height: float) -> MeshFile:
@@ -83,3 +94,26 @@ def test_a_shadow_is_as_long_as_the_lamp_is_low(
     assert (radiance[dark] == 0).all()
     # Lit alike all over; a wide lamp is noisy.
     np.testing.assert_allclose(radiance[lit], 1, rtol=1e-3 if isinstance(light, Distant) else 0.1)
+
+
+@needs_arrays
+@pytest.mark.parametrize("light", ABOVE, ids=lambda light: light.label)
+def test_a_roof_far_above_hides_the_light_along_every_path(light: Light) -> None:
+    """From the ball, and from the floor whose light would reach it: all of it is dark."""
+    floor = Placed(shape=Plane(), surface=PAPER, position=(0, -1, 0), scale=3)
+    roof = Placed(shape=Plane(), surface=PAPER, position=(0, 100, 0), scale=60)
+    images = [
+        render(
+            Scene(
+                shape=Sphere(),
+                surface=PAPER,
+                light=light,
+                camera=Camera(resolution=12),
+                surroundings=Surroundings(name="roof", objects=objects),
+            ),
+            Sampling(samples=16, max_depth=3),
+        ).image
+        for objects in ((floor,), (floor, roof))
+    ]
+    assert images[0].max() > 0.1
+    assert not images[1].any()

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from malus.renderers.families.family import render_family
+from malus.renderers.mitsuba.lobe_samples import HALVES
+from malus.renderers.mitsuba.rays import stream_number, streams
 from malus.renderers.mitsuba.stokes_integrator import BATCHES
 from malus.renderers.variant import Variant, choose, mitsuba
 from malus.scenes import Camera, Dielectric, Distant, Sampling, Scene, Sphere
@@ -49,6 +51,24 @@ def test_renders_of_one_lobe_and_of_the_other_have_seeds_of_their_own(
         return plain(*parts, spp=spp, seed=seed)
 
     monkeypatch.setattr(mi, "render", render)
-    render_family([scene], Sampling(samples=16, seed=1), scalar)
-    assert len(seeds) == 2 * BATCHES
+    for seed in (1, 2):
+        render_family([scene], Sampling(samples=16, seed=seed), scalar)
+    # Nor do renders of another seed share any: their truths would hardly differ.
+    assert len(seeds) == 4 * BATCHES
     assert len(set(seeds)) == len(seeds)
+
+
+@pytest.mark.skipif(not choose().vectorised, reason="random numbers of arrays of rays")
+def test_rays_and_light_have_random_numbers_of_their_own() -> None:
+    """And so has every pixel and half: else where a ray falls would decide where light comes from.
+
+    Correlations of 4096 pairs of independent numbers spread by 1/64; five of these.
+    """
+    mi = mitsuba(choose())
+    pixel, seed = np.arange(4096, dtype=np.uint32), mi.UInt32(1)
+    drawn = []
+    for half in range(HALVES):
+        for stream in streams(mi, stream_number(mi.UInt32(pixel), mi.UInt32(half)), seed):
+            drawn += [np.array(stream.next_float32()) for _ in range(4)]
+    correlation = np.corrcoef(drawn) - np.eye(len(drawn))
+    assert np.abs(correlation).max() < 5 / 64
