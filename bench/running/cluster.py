@@ -16,8 +16,11 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from itertools import islice
+from multiprocessing import resource_tracker
 from typing import Any
 
 from malus.bench.running.family_task import FamilyResult, FamilyTask
@@ -230,7 +233,8 @@ def _local(workers: int, stack: ExitStack) -> Any:
     stack.enter_context(config.set(settings))
     expected, hint = f"{workers} processes that start", "start fewer, or give them more memory"
     with main_hidden(), reading("workers", expected, hint):
-        cluster = distributed.LocalCluster(
+        start = partial(
+            distributed.LocalCluster,
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
@@ -240,8 +244,31 @@ def _local(workers: int, stack: ExitStack) -> Any:
             silence_logs=logging.CRITICAL,
             preload=__name__,  # every worker calls dask_setup
         )
-    stack.enter_context(cluster)
+        cluster = stack.enter_context(_whole(start))
     return stack.enter_context(distributed.Client(cluster))
+
+
+def _whole(start: Callable[[], Any]) -> Any:
+    """What `start` makes, a cluster: Dask cannot close one that is stopped while it starts.
+
+    It starts in a thread, and whoever stops that waits until the cluster is there and closed.
+    Ctrl-C reaches neither the thread nor the processes that it starts.
+    """
+    resource_tracker.ensure_running()  # which allows Ctrl-C in the thread that starts it
+    with ThreadPoolExecutor(1, initializer=_block_interrupts) as pool:
+        starting = pool.submit(start)
+        try:
+            return starting.result()
+        except BaseException:
+            with suppress(Exception):  # one that did not start is told by the first
+                starting.result().close()
+            raise
+
+
+def _block_interrupts() -> None:
+    """Block Ctrl-C in this thread, and in the processes that it starts."""
+    if hasattr(signal, "pthread_sigmask"):  # not on Windows
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 def _check_open_files(workers: int) -> None:

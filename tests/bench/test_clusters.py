@@ -9,12 +9,23 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
-from runs import NOBODY, SMALL, SUITE, TINY, assert_same_results, one_line, run_malus
+from runs import (
+    NOBODY,
+    SMALL,
+    SUITE,
+    TINY,
+    assert_same_results,
+    end,
+    one_line,
+    run_malus,
+    start,
+    wait_for,
+)
 
 from malus.bench import run
 from malus.bench.running import cluster
@@ -179,6 +190,45 @@ def test_a_package_that_is_there_and_broken_is_not_told_as_missing(
     monkeypatch.setattr(sys, "meta_path", [Fails(), *sys.meta_path])
     with pytest.raises((ImportError, InputError), match=told):
         cluster._distributed()
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="needs Linux")
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stop_while_workers_start_is_one_line(sent: int, code: int, tmp_path: Path) -> None:
+    """To all of a terminal, as Ctrl-C is: workers printed tracebacks, and Dask when it closed."""
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    command = start(*TINY, "--workers", "2", "--out", str(tmp_path / "out"))
+    wait_for(lambda: any(map(imports_dask, processes_of(command.pid))), command)
+    os.killpg(command.pid, sent)
+    found, errors = end(command)
+    assert found == code, errors
+    assert one_line(errors) == "malus: stopped; the same command goes on where it was"
+    until = time.monotonic() + 60  # what keeps track of semaphores ends a moment later
+    while left := processes_of(command.pid):
+        assert time.monotonic() < until, left
+        time.sleep(0.05)
+
+
+def processes_of(group: int) -> list[Path]:
+    """Processes of a group that are alive, by their folders."""
+    found = []
+    for process in Path("/proc").iterdir():
+        with suppress(OSError):
+            if process.name.isdigit() and os.getpgid(int(process.name)) == group:
+                found.append(process)
+    return [process for process in found if read(process / "cmdline")]  # a zombie has none
+
+
+def read(file: Path) -> str:
+    """Text of a file of a process; empty where that has ended meanwhile."""
+    with suppress(OSError):
+        return file.read_text()
+    return ""
+
+
+def imports_dask(process: Path) -> bool:
+    """Whether a worker has imported half of Dask's package: the library of msgpack is a part."""
+    return "spawn_main" in read(process / "cmdline") and "_cmsgpack" in read(process / "maps")
 
 
 def test_workers_that_do_not_start_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
