@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import errno
-import gc
-import io
-import os
-import signal
 import sys
-from collections.abc import Sequence
-
-import click
 
 try:
+    import errno
+    import gc
+    import io
+    import os
+    import signal
+    from collections.abc import Sequence
+
+    import click
+
     from malus.bench.commands.bench import bench_command
     from malus.bench.commands.capture import capture_command
     from malus.bench.commands.compare import compare_command

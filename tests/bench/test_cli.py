@@ -168,12 +168,13 @@ def test_a_stop_tells_what_the_same_command_does(
     assert (done.returncode, done.stderr) == (130, f"malus: stopped; the same command {says}\n")
 
 
-def test_a_stop_while_commands_are_imported_is_one_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize("module", ["click", "malus.bench.commands.train"])
+def test_a_stop_while_commands_are_imported_is_one_line(module: str, tmp_path: Path) -> None:
     script = (
         "import sys\n"
         "class Stops:\n"
         "    def find_spec(self, name, *_):\n"
-        "        if name == 'malus.bench.commands.train': raise KeyboardInterrupt\n"
+        f"        if name == '{module}': raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Stops())\n"
         "from malus.bench.cli import main; main()"
     )
