@@ -64,3 +64,19 @@ def test_the_gate_cuts_no_word_of_a_narrow_terminal(
     words = "facing_skill", "polarised", "distant", "azimuth", "obsidian", "-0.0305", "0.0001"
     for word in words:
         assert word in printed, word
+
+
+@pytest.mark.parametrize("columns", [0, 20, 60])
+def test_a_narrow_terminal_loses_nothing(
+    columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With 60 columns the lights were left out and numbers cut, with 0 nothing was printed."""
+    printed = []
+    for width in (80, columns):
+        monkeypatch.setenv("COLUMNS", str(width))
+        print_results(Results(sample.table(), sample.run()), plain_console(stderr=True))
+        printed.append(capsys.readouterr())
+    wide, narrow = printed
+    assert narrow.out == wide.out
+    # Words are broken over lines where they are wider than the terminal.
+    assert "".join(narrow.err.split()) == "".join(wide.err.split()) != ""
