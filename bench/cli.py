@@ -11,6 +11,7 @@ try:
     import os
     import signal
     from collections.abc import Sequence
+    from contextlib import suppress
 
     import click
 
@@ -39,7 +40,7 @@ except KeyboardInterrupt:
 UNMAPPED = "failed to map segment"
 """In the message of a library that could not be loaded for want of memory."""
 
-BAD_INPUT, INTERRUPTED, TERMINATED = 2, 130, 143
+BAD_INPUT, HUNG_UP, INTERRUPTED, TERMINATED = 2, 129, 130, 143
 """Exit codes, besides 0 and the 1 of a command whose work failed in part."""
 
 SELDOM = 100_000
@@ -93,13 +94,13 @@ def main() -> None:
         _check_output()
         # A notebook's, which this environment need not have; malus draws into files.
         os.environ.pop("MPLBACKEND", None)
-        signal.signal(signal.SIGTERM, _terminate)
+        _obey_stops()
         cli.main(standalone_mode=False)
     except (click.exceptions.Abort, KeyboardInterrupt):
         _stop(_stopped(sys.argv[1:]), INTERRUPTED)
     except SystemExit as leaving:
-        if leaving.code == TERMINATED:
-            _stop(_stopped(sys.argv[1:]), TERMINATED)
+        if leaving.code in (HUNG_UP, TERMINATED):
+            _stop(_stopped(sys.argv[1:]), leaving.code)
         raise
     except click.exceptions.Exit as leaving:
         sys.exit(leaving.exit_code)
@@ -131,9 +132,16 @@ def _check_output() -> None:
         sys.stdout.reconfigure(errors="replace")
 
 
+def _obey_stops() -> None:
+    """Leave as after Ctrl-C on SIGTERM, and where the terminal is closed but under `nohup`."""
+    signal.signal(signal.SIGTERM, _terminate)
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+        signal.signal(signal.SIGHUP, _terminate)
+
+
 def _terminate(number: int, frame: object) -> None:
     """Leave as after Ctrl-C: what is half written is removed on the way out."""
-    sys.exit(TERMINATED)
+    sys.exit(128 + number)  # as shells count
 
 
 def _stopped(words: Sequence[str]) -> str:
@@ -183,5 +191,6 @@ def _command_path(mistake: click.ClickException) -> str:
 
 
 def _stop(message: str, code: int) -> None:
-    click.echo(f"malus: {message}", err=True)
+    with suppress(OSError):  # where the disk of the error stream is full, the exit code tells
+        click.echo(f"malus: {message}", err=True)
     sys.exit(code)

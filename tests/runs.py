@@ -94,7 +94,7 @@ def share_at_once(monkeypatch: pytest.MonkeyPatch, cores: int) -> None:
 def run_malus(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Exit code and output of a malus command, all of it in this process."""
     out, errors, code = io.StringIO(), io.StringIO(), 0
-    handler = signal.getsignal(signal.SIGTERM)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
     with (
         no_worker_process(),
         patch("sys.argv", ["malus", *arguments]),
@@ -106,7 +106,8 @@ def run_malus(*arguments: str) -> subprocess.CompletedProcess[str]:
         except SystemExit as leaving:
             code = leaving.code if isinstance(leaving.code, int) else 0
         finally:
-            signal.signal(signal.SIGTERM, handler)
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
     return subprocess.CompletedProcess(arguments, code, out.getvalue(), errors.getvalue())
 
 

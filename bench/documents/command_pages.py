@@ -14,7 +14,8 @@ INTRODUCTION = """# Commands
 
 Made from the command line itself: `malus COMMAND --help` says the same. Exit codes: 0 done; 1 a
 render or a method failed for part of the work, or a gate or check failed; 2 bad input, or no room
-to work in; 130 and 143 stopped by Ctrl-C and SIGTERM. A method that does not apply is no failure.
+to work in; 130, 143 and 129 stopped by Ctrl-C, SIGTERM and SIGHUP. A method that does not apply is
+no failure.
 """
 
 

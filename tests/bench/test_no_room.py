@@ -156,3 +156,14 @@ def test_a_full_standard_output_is_named() -> None:
         done = subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 2
     assert "room for standard output or temporary files, found No space" in one_line(done.stderr)
+
+
+@pytest.mark.parametrize("arguments", [("list", "nothing"), TINY], ids=["mistake", "run"])
+def test_a_full_error_stream_leaves_the_exit_code(
+    arguments: tuple[str, ...], tmp_path: Path
+) -> None:
+    """It was 1, as of a run of which a family failed."""
+    command = [sys.executable, "-m", "malus", *arguments]
+    with open("/dev/full", "w", encoding="utf-8") as errors:
+        done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=errors, cwd=tmp_path)
+    assert done.returncode == 2

@@ -73,9 +73,10 @@ def reached(out: Path, parts: int) -> bool:
     [
         (signal.SIGINT, 130, ()),
         (signal.SIGTERM, 143, ()),
+        (signal.SIGHUP, 129, ()),
         (signal.SIGINT, 130, ("--workers", "2")),
     ],
-    ids=["SIGINT", "SIGTERM", "SIGINT with workers"],
+    ids=["SIGINT", "SIGTERM", "SIGHUP", "SIGINT with workers"],
 )
 def test_a_stop_is_one_line_and_leaves_nothing_half_written(
     tmp_path: Path, number: signal.Signals, code: int, options: tuple[str, ...]
