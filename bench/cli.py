@@ -9,6 +9,7 @@ try:
     import gc
     import io
     import os
+    import re
     import signal
     from collections.abc import Sequence
     from contextlib import suppress
@@ -92,6 +93,7 @@ def main() -> None:
     gc.set_threshold(SELDOM)
     try:
         _check_output()
+        _check_surroundings()
         # A notebook's, which this environment need not have; malus draws into files.
         os.environ.pop("MPLBACKEND", None)
         _obey_stops()
@@ -130,6 +132,21 @@ def _check_output() -> None:
         _stop("expected standard output, found it closed; write to a file or /dev/null", BAD_INPUT)
     if isinstance(sys.stdout, io.TextIOWrapper):  # a test's is none
         sys.stdout.reconfigure(errors="replace")
+
+
+def _check_surroundings() -> None:
+    """Refuse a working folder that is gone, and a number of threads that numba cannot be given.
+
+    Every family would fail of the one, and the other end where numba is imported.
+    """
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        _stop("working folder: expected a folder, found a removed one; `cd` to another", BAD_INPUT)
+    threads = os.environ.get("NUMBA_NUM_THREADS", "")
+    if re.fullmatch(r"\s*(0|-\d+)\s*", threads):
+        expected = f"expected a number above 0, found {threads}; unset it"
+        _stop(f"environment variable NUMBA_NUM_THREADS: {expected}", BAD_INPUT)
 
 
 def _obey_stops() -> None:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from runs import one_line
 
 from malus.bench.running.worker_process import Died, WorkerProcess
 
@@ -159,3 +160,34 @@ def test_the_drawing_window_of_a_notebook_is_not_asked_for() -> None:
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert (done.returncode, done.stdout.split()[-1]) == (0, "matplotlib"), done.stderr
+
+
+def test_a_working_folder_that_is_gone_is_told(tmp_path: Path) -> None:
+    """No worker process starts there: all families were recorded as failed for good."""
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    command = 'rmdir "$PWD"; exec "$0" -m malus run quick --out "$1"'
+    done = subprocess.run(
+        ["sh", "-c", command, sys.executable, str(tmp_path / "out")],
+        cwd=gone,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert "working folder: expected a folder, found a removed one" in one_line(done.stderr)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("threads", ["0", "-2"])
+def test_no_threads_are_told(threads: str) -> None:
+    """The import of numba ended in a traceback."""
+    done = subprocess.run(
+        [sys.executable, "-m", "malus", "list", "methods"],
+        env=os.environ | {"NUMBA_NUM_THREADS": threads},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert f"NUMBA_NUM_THREADS: expected a number above 0, found {threads}; " in one_line(
+        done.stderr
+    )
