@@ -28,6 +28,7 @@ FOLDERS = {
     "separation.csv": "a study",
     "comparison.json": "a comparison",
     CAPTURES: "captures",
+    EXAMPLES: "a run",  # one whose plan is lost, such as half a copy
     TABLE: "scores",
 }
 """Content of a folder by the file that marks it, in order: a run has the table of scores, too."""

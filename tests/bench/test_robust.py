@@ -68,6 +68,16 @@ def reached(out: Path, parts: int) -> bool:
     return (out / PLAN).exists() and len(list(out.glob(f"{PARTS}/[0-9a-f]*.parquet"))) >= parts
 
 
+def test_a_run_whose_plan_is_lost_goes_on(tmp_path: Path) -> None:
+    """As where its folder was cleared while it ran: it was taken for scores, and refused."""
+    before = run(SUITE, tmp_path, NOBODY).table
+    (tmp_path / PLAN).unlink()
+    again = run(SUITE, tmp_path, NOBODY)
+    assert again.run["families_taken_over"] == again.run["families"]
+    pd.testing.assert_frame_equal(again.table, before, check_exact=True)
+    assert status(tmp_path).finished
+
+
 @pytest.mark.parametrize(
     ("number", "code", "options"),
     [
