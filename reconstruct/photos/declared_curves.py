@@ -21,9 +21,8 @@ _ADOBE_GAMMA = 563 / 256
 _XMP_GAMMA = re.compile(rb"exif:Gamma(?:=[\"']|>)(\d{1,9})/(\d{1,9})")
 _LIKE_SRGB = 0.02
 """Difference of 1/gamma from 1/2.2 up to which a PNG's gAMA means sRGB: 45455 stands for it."""
-_NCLX, _CICP = (re.compile(p, re.DOTALL) for p in (rb"colrnclx..(..)", rb"\x04cICP.(.)"))
-_CODES = {"AVIF": _NCLX, "HEIF": _NCLX, "PNG": _CICP}
-"""Where files of video's kin, and PNG, tell the number of a curve."""
+_NCLX = re.compile(rb"colrnclx..(..)", re.DOTALL)
+"""Where files of video's kin tell the number of a curve."""
 _PRIMARIES = re.compile(rb"colrnclx(..)", re.DOTALL)
 _PRIMARIES_OF_SRGB = (0, 1, 2, 5, 6)
 """Those of BT.709, unspecified ones, and BT.601's, which programs show as sRGB's."""
@@ -36,17 +35,24 @@ _GAMMAS = {4: 2.2, 5: 2.8, 8: 1.0}
 _HIGH_RANGE = {16: "the PQ curve of high dynamic range", 18: "the HLG curve of high dynamic range"}
 
 
-def declared_colours(path: Path, image: Any) -> tuple[float | None, dict[bytes, bytes]]:
+def declared_colours(
+    path: Path, image: Any, has_profile: bool = False
+) -> tuple[float | None, dict[bytes, bytes]]:
     """The power of a file's values that is light, and chunks of a PNG that say it and more.
 
     The power is None where it is sRGB's curve. The chunks, which may tell primaries too, are none
-    where the colours are sRGB's and no PNG says so. `image` is the file as Pillow opened it.
+    where the colours are sRGB's and no PNG says so. `image` is the file as Pillow opened it. Beside
+    a profile the cICP of a PNG alone counts, which PNG's 3rd edition places above it.
 
     Raises
     ------
     InputError
         For curves of high dynamic range, and for codes of video's range in a PNG.
     """
+    if has_profile:
+        written = dict(_chunks_of(path)) if image.format == "PNG" else {}
+        if b"cICP" not in written:
+            return None, {}
     gamma = _declared_gamma(path, image)
     return gamma, _colour_chunks(path, image, gamma)
 
@@ -54,10 +60,12 @@ def declared_colours(path: Path, image: Any) -> tuple[float | None, dict[bytes, 
 def _declared_gamma(path: Path, image: Any) -> float | None:
     with path.open("rb") as file:
         head = file.read(1 << 16)
-    match = _CODES[image.format].search(head) if image.format in _CODES else None
+    match = _NCLX.search(head) if image.format in ("AVIF", "HEIF") else None
     if match is not None:
         return _of_code(path, int.from_bytes(match[1], "big"))
     if image.format == "PNG":
+        if code := dict(_chunks_of(path)).get(b"cICP", b"")[1:2]:
+            return _of_code(path, code[0])
         written = image.info.get("gamma")
         if not written or "srgb" in image.info or abs(written - 1 / 2.2) <= _LIKE_SRGB:
             return None

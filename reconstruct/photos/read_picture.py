@@ -139,8 +139,8 @@ def _read_with_pillow(path: Path, kind: str, linear: bool) -> Picture:
             orientation = int(image.getexif().get(ORIENTATION, 1))
             metadata = _metadata(path, image)
             kind, bits = _KINDS.get(image.format, image.format), _bits(path, image)
-            has_profile = bool(metadata.get("icc_profile"))
-            gamma, chunks = (None, {}) if has_profile else declared_colours(path, image)
+            profile = metadata.get("icc_profile")
+            gamma, chunks = declared_colours(path, image, bool(profile))
             if "transparency" in image.info and image.mode in ("L", "RGB"):
                 image = image.convert("LA" if image.mode == "L" else "RGBA")
                 notes = (*notes, "the transparent colour is written as an alpha channel")
@@ -159,7 +159,7 @@ def _read_with_pillow(path: Path, kind: str, linear: bool) -> Picture:
         codes = codes.astype(np.uint16)
     if kind == "PNG" and chunks:
         metadata["chunks"] = chunks
-    transfer = transfer_of(metadata.get("icc_profile"), bits, linear, path, gamma)
+    transfer = transfer_of(None if chunks else profile, bits, linear, path, gamma)
     picture = from_codes(upright(codes, orientation), kind, transfer, metadata, notes=notes)
     return replace(picture, turned=orientation != UPRIGHT)
 

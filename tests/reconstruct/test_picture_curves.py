@@ -11,6 +11,7 @@ from pathlib import Path
 import imagecodecs
 import numpy as np
 import PIL.Image
+import PIL.ImageCms
 import PIL.TiffImagePlugin
 import pytest
 from pictures import CODES_16, SMOOTH, rewritten
@@ -159,6 +160,35 @@ def test_codes_of_video_name_their_gamma(tmp_path: Path, code: int, gamma: float
     (tmp_path / "a.png").write_bytes(png_with(b"cICP", bytes([1, code, 0, 1])))
     picture = read_picture(tmp_path / "a.png")
     np.testing.assert_allclose(picture.linear, (SMOOTH / 255) ** gamma, atol=1e-6)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_codes_of_video_stand_above_a_profile(tmp_path: Path, bits: int) -> None:
+    """PNG, 3rd edition, 4.3: cICP before iCCP. A linear or PQ picture was read by the profile."""
+    codes = np.ascontiguousarray(SMOOTH if bits == 8 else CODES_16[..., :3])
+    srgb = PIL.ImageCms.ImageCmsProfile(PIL.ImageCms.createProfile("sRGB")).tobytes()
+
+    def write(code: int) -> Path:
+        named = b"icc\0\0" + zlib.compress(srgb)
+        raw = b"".join(
+            struct.pack(">I", len(content)) + name + content
+            + struct.pack(">I", zlib.crc32(name + content))
+            for name, content in ((b"iCCP", named), (b"cICP", bytes([1, code, 0, 1])))
+        )  # fmt: skip
+        data, path = bytes(imagecodecs.png_encode(codes)), tmp_path / f"{code}.png"
+        path.write_bytes(data[:33] + raw + data[33:])
+        return path
+
+    picture = read_picture(write(8))
+    # Single precision of values up to 1.
+    np.testing.assert_allclose(picture.linear, codes / (2.0**bits - 1), atol=1e-7)
+    copy = rewritten(tmp_path / "8.png", picture)
+    np.testing.assert_array_equal(imagecodecs.png_decode(copy.read_bytes()), codes)
+    np.testing.assert_array_equal(read_picture(copy).linear, picture.linear)
+    with PIL.Image.open(copy) as image:
+        assert image.info["icc_profile"] == srgb
+    with pytest.raises(InputError, match="PQ"):
+        read_picture(write(16))
 
 
 def test_a_linear_avif_is_linear(tmp_path: Path) -> None:
