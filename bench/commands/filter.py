@@ -135,7 +135,7 @@ def filter_command(
     for statement in filtered.statements:
         click.echo(f"- {in_words_of_options(statement)}")
     for warning in filtered.warnings:
-        click.echo(f"warning: {warning}", err=True)
+        click.echo(f"warning: {in_words_of_options(warning)}", err=True)
     click.echo(f"{len(filtered.files)} files in {folder}")
 
 

@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from malus.reconstruct.observation import Components
-from malus.reconstruct.photos.contact_sheet import SHEET_SIDE, reduced, thumbnail, write_sheet
+from malus.reconstruct.photos.contact_sheet import (
+    SHEET_SIDE,
+    files_beside,
+    reduced,
+    thumbnail,
+    write_sheet,
+)
 from malus.reconstruct.photos.estimate import Estimate, estimate
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.reconstruct.photos.picture import Picture
@@ -40,6 +46,10 @@ _EVERY = 4
 """Every how many rows and columns are enough for a median."""
 _NOT_ALWAYS = ("uncertainty.png", "sweep.gif")
 """Files that belong to an estimate, and are written with some only."""
+_COMPENSATED = 2.0
+"""Gain that makes up for the stop of light that a filter takes from unpolarised light."""
+_ROUNDED = 1.005
+"""Share of white that is hardly more than the step of 8 bits below it, which rounding may hide."""
 _UNPOLARISED = 0.002
 """DoLP below which the contact sheet shows no angle."""
 _CLIPPED = 0.001
@@ -159,16 +169,19 @@ def filter_picture(
     result = estimate(picture.linear, knowledge or Knowledge(), name)
     files: tuple[Path, ...] = ()
     if out is not None:
+        earlier = files_beside(Path(out) / f"{stem}_sheet.png")
         names = add_to_folder(
             Path(out), lambda folder: _write(folder, stem, picture, result.components, output, tell)
         )
-        for name in {f"{stem}_{part}" for part in _NOT_ALWAYS} - set(names):
-            (Path(out) / name).unlink(missing_ok=True)  # of an earlier estimate
+        earlier |= {f"{stem}_{part}" for part in _NOT_ALWAYS}
+        for name in earlier - set(names):
+            (Path(out) / name).unlink(missing_ok=True)
         files = tuple(Path(out) / name for name in names)
     tell("done", 1.0)
-    return FilteredPicture(
-        result.components, files, _statements(picture, result, output), _warnings(picture, result)
-    )
+    warnings = _warnings(picture, result)
+    if files and not output.physical:
+        warnings += _warnings_of_white(picture, result.components)
+    return FilteredPicture(result.components, files, _statements(picture, result, output), warnings)
 
 
 def _check_angles(angles_deg: Sequence[float]) -> None:
@@ -206,6 +219,19 @@ def _warnings(picture: Picture, result: Estimate) -> tuple[str, ...]:
     return (*result.warnings, clipped)
 
 
+def _warnings_of_white(picture: Picture, components: Components) -> tuple[str, ...]:
+    """A warning where the exposure takes light that was not clipped beyond the largest code."""
+    brightest = _COMPENSATED * components.i_max
+    over = (brightest > _ROUNDED * picture.full_scale) & (picture.linear < picture.full_scale)
+    share = float(np.mean(over.any(axis=-1)))
+    if share <= _CLIPPED:
+        return ()
+    return (
+        f"{share:.1%} of the pixels are brighter than white in imax and clipped there, and maybe at"
+        " other angles: `physical` keeps all light",
+    )
+
+
 def _write(
     folder: Path,
     stem: str,
@@ -214,7 +240,7 @@ def _write(
     output: FilterOutput,
     tell: Progress,
 ) -> None:
-    gain = np.float32(1.0 if output.physical else 2.0)
+    gain = np.float32(1.0 if output.physical else _COMPENSATED)
     half_polarised = 0.5 * np.hypot(components.s1, components.s2)
     images: list[tuple[str, Callable[[], AnyArray]]] = [
         (_angle_name(angle), _image_through(components, angle)) for angle in output.angles_deg
@@ -240,7 +266,8 @@ def _write(
             tell(f"written {written[0]}", 0.3 + 0.6 * len(thumbnails) / len(images))
     tell("writing maps", 0.92)
     thumbnails += _maps(folder, stem, components)
-    write_sheet(folder / f"{stem}_sheet.png", thumbnails)
+    names = sorted(path.name for path in folder.iterdir())
+    write_sheet(folder / f"{stem}_sheet.png", thumbnails, names)
     if output.sweep:
         tell("writing the sweep", 0.95)
         _sweep(folder / f"{stem}_sweep.gif", picture, components, gain)

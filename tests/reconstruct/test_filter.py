@@ -180,7 +180,7 @@ def test_the_sheet_shows_degree_and_angle_in_their_colours(
     """A turn by 180° is one round of the colours; light that is not polarised has no angle."""
     shown: dict[str, np.ndarray] = {}
 
-    def keep(path: Path, thumbnails: list[tuple[str, np.ndarray]]) -> None:
+    def keep(path: Path, thumbnails: list[tuple[str, np.ndarray]], _: list[str]) -> None:
         shown.update(thumbnails)
         path.touch()
 
