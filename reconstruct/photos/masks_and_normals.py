@@ -113,14 +113,15 @@ def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
     """Normals (height, width, 3) from a .npy or EXR of vectors, or a picture of ½ (n + 1).
 
     An EXR has them in R, G, B or, as renderers write them, in X, Y, Z of a layer; both in the
-    picture's frame: x right, y up, z towards the camera. A TIFF of floats, some of them below 0,
-    holds vectors as an EXR does. Vectors are made unit; those shorter than ½, or that face away,
-    become zero: no normal.
+    picture's frame: x right, y up, z towards the camera. A TIFF of floats, some of them below 0 or
+    most of length 1, holds vectors as an EXR does. Vectors are made unit; those shorter than ½,
+    that face away, or where the picture is wholly transparent, become zero: no normal.
 
     Raises
     ------
     InputError
-        Another size, another number of channels, no normal at all, or an unreadable file.
+        Another size, another number of channels, ½ (n + 1) where vectors belong, no normal at all,
+        or an unreadable file.
     """
     path = Path(path)
     vectors = _npy(path) if path.suffix.lower() == ".npy" else _vectors(path)
@@ -130,8 +131,7 @@ def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
             str(path), "three values a pixel", shape_read, "write x, y, z to 3 channels"
         )
     _check_shape(path, vectors.shape[:2], shape)
-    with np.errstate(over="ignore"):  # what is longer than a float holds is no normal
-        length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    length = _lengths(vectors)[..., None]
     good = np.isfinite(length) & (length > 0.5) & (vectors[..., 2:] >= 0)
     if not good.any():
         expected = "unit vectors, z towards the camera, on the object"
@@ -141,10 +141,14 @@ def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
 
 def _vectors(path: Path) -> AnyArray:
     if path.suffix.lower() == ".exr" and (vectors := read_exr_vectors(path)) is not None:
-        return vectors
+        return _not_encoded(path, vectors)
     picture = read_picture(path, linear=True)
-    is_vectors = picture.kind == "EXR" or float(picture.linear.min()) < 0  # ½ (n + 1) never is
-    return picture.linear if is_vectors else 2 * picture.linear - 1
+    vectors = picture.linear
+    if picture.kind == "EXR":
+        vectors = _not_encoded(path, vectors)
+    elif picture.transfer is not None or not (vectors.min() < 0 or _are_unit(vectors)):
+        vectors = 2 * vectors - 1
+    return vectors if picture.alpha is None else np.where(picture.alpha[..., None] > 0, vectors, 0)
 
 
 def _npy(path: Path) -> AnyArray:
@@ -152,7 +156,36 @@ def _npy(path: Path) -> AnyArray:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
         if array.ndim == 3:
             check_size(path, array.shape[1], array.shape[0])
-        return np.asarray(array, dtype=np.float32)
+        return _not_encoded(path, np.asarray(array, dtype=np.float32))
+
+
+def _lengths(vectors: AnyArray) -> AnyArray:
+    with np.errstate(over="ignore"):  # what is longer than a float holds is no normal
+        return np.linalg.norm(vectors, axis=-1)
+
+
+def _are_unit(vectors: AnyArray) -> bool:
+    """Whether most vectors (height, width, 3), but those that are none, have length 1."""
+    length = _lengths(vectors)
+    of_any = length[np.isfinite(length) & (length > 0.5)]
+    return bool(of_any.size) and float(np.median(np.abs(of_any - 1))) < _ROUGHLY
+
+
+_ROUGHLY = 0.02
+"""Difference of a length from 1 that half floats, and means over a pixel's edge, leave."""
+
+
+def _not_encoded(path: Path, vectors: AnyArray) -> AnyArray:
+    """The vectors. Raises InputError for values that are none below 0 and whose length is not 1.
+
+    That is ½ (n + 1), which as vectors would all point to the upper right.
+    """
+    is_positive = vectors.ndim == 3 and bool((vectors > 0).any()) and not (vectors < 0).any()
+    if is_positive and not _are_unit(vectors):
+        found = "none below 0, and lengths that are not 1, as of (n + 1)/2"
+        hint = "write n itself, or (n + 1)/2 to a PNG or TIFF"
+        raise InputError(str(path), "unit vectors", found, hint)
+    return vectors
 
 
 def _check_shape(path: Path, actual: tuple[int, ...], expected: tuple[int, int]) -> None:

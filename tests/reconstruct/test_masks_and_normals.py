@@ -65,6 +65,61 @@ def test_normals_in_a_tiff_of_floats(tmp_path: Path, is_halved: bool) -> None:
     np.testing.assert_allclose(read_normals(tmp_path / "normals.tif", (6, 8)), vectors, atol=3e-7)
 
 
+def write_colours(path: Path, values: np.ndarray) -> None:
+    planes = {
+        n: np.ascontiguousarray(values[..., k]) for k, n in enumerate("RGBA"[: len(values.T)])
+    }
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, planes) as file:
+        file.write(str(path))
+
+
+@pytest.mark.parametrize("kind", ["npy", "bytes", "exr", "layer"])
+def test_encoded_normals_are_no_vectors(tmp_path: Path, kind: str) -> None:
+    """½ (n + 1) read as n turned all normals to the upper right, by up to 1 in a component."""
+    vectors = unit_vectors()
+    encoded = 0.5 * (vectors + 1)
+    path = tmp_path / ("n.exr" if kind in ("exr", "layer") else "n.npy")
+    if kind == "exr":
+        write_colours(path, encoded)
+    elif kind == "layer":
+        write_layers(path, {"normals": encoded})
+    else:
+        np.save(path, np.rint(255 * encoded).astype(np.uint8) if kind == "bytes" else encoded)
+    with pytest.raises(InputError, match=r"unit vectors, found none below 0.*as of \(n \+ 1\)/2"):
+        read_normals(path, (6, 8))
+
+
+@pytest.mark.parametrize("kind", ["npy", "exr", "tif"])
+def test_unit_vectors_to_the_upper_right_are_vectors(tmp_path: Path, kind: str) -> None:
+    """None is below 0, as of a wall from below: a TIFF of them was taken for ½ (n+1)."""
+    vectors, path = np.abs(unit_vectors()), tmp_path / f"n.{kind}"
+    vectors[0] = 0  # off the object
+    if kind == "exr":
+        write_colours(path, vectors.astype(np.float16))
+    elif kind == "tif":
+        tifffile.imwrite(path, vectors, photometric="rgb")
+    else:
+        np.save(path, vectors)
+    # Half floats have eleven bits.
+    np.testing.assert_allclose(read_normals(path, (6, 8)), vectors, atol=1e-3)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "exr"])
+def test_there_is_no_normal_where_all_is_transparent(tmp_path: Path, suffix: str) -> None:
+    """What stood below was taken for normals off the object."""
+    vectors, path = unit_vectors(), tmp_path / f"n.{suffix}"
+    opacity = np.where(LEFT, 255, 0)[..., None]
+    if suffix == "exr":
+        write_colours(path, np.concatenate([vectors, opacity / 255], -1).astype(np.float32))
+    else:
+        codes = np.concatenate([np.rint(127.5 * (vectors + 1)), opacity], -1).astype(np.uint8)
+        PIL.Image.fromarray(codes).save(path)
+    read = read_normals(path, (6, 8))
+    assert not read[~LEFT].any()
+    # A step of 8 bits is 1/128 of a component.
+    np.testing.assert_allclose(read[LEFT], vectors[LEFT], atol=0.01)
+
+
 def write_layers(path: Path, layers: dict[str, np.ndarray]) -> None:
     """An OpenEXR file with channels X, Y, Z of every layer, beside colours."""
     planes = {"R": np.zeros((6, 8), np.float32)}
