@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-import re
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,13 @@ from malus.reconstruct.photos.capture_angles import (
     check_counting,
     conventional,
     in_degrees,
+)
+from malus.reconstruct.photos.capture_arguments import (
+    as_angles,
+    as_degrees,
+    as_level,
+    as_size,
+    check_belongings,
 )
 from malus.reconstruct.photos.capture_levels import (
     check_light,
@@ -39,7 +45,6 @@ from malus.reconstruct.photos.mosaic import (
 )
 from malus.reconstruct.photos.picture import MAX_PIXELS, Picture
 from malus.reconstruct.photos.raw_frames import read_raw
-from malus.reconstruct.photos.read_picture import SUFFIXES
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
 from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import InputError
@@ -158,7 +163,7 @@ def read_capture(
     Raises
     ------
     InputError
-        Unknown words for `zero` or `sense`, an offset that is not finite, fewer than three
+        Unknown words for `zero` or `sense`, values of another kind, fewer than three
         different angles modulo 180°, names without an angle or with several, angles in an unknown
         unit, pictures of different sizes, an unreadable one, or no light that is not clipped.
 
@@ -173,14 +178,13 @@ def read_capture(
     >>> capture.pictures.shape, capture.angles_deg
     ((3, 2, 2, 1), (-90.0, -30.0, 30.0))
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError("path", "a path", type(path).__name__, "name a folder or a file")
     path = Path(path)
     check_counting(zero, sense)
-    if not math.isfinite(offset_deg):
-        raise InputError("offset", "finite degrees", f"{offset_deg}", "correct this value")
-    if mosaic is None:
-        _refuse_of_frames(bayer=bayer, size=size, packing=packing)
-    else:
-        _check_frame(path, angles, bayer, size, packing)
+    offset_deg, white = as_degrees("offset", offset_deg), as_level("white", white)
+    angles, mosaic, size = as_angles("angles", angles), as_angles("mosaic", mosaic), as_size(size)
+    check_belongings(path, mosaic, angles, bayer, size, packing)
 
     def read_one(file: Path) -> Picture:
         if size is not None and packing is not None:
@@ -193,40 +197,10 @@ def read_capture(
         turn = _Convention(unit, zero or "horizontal", sense, offset_deg)
         return _read_mosaic(path, mosaic, turn.from_vertical("mosaic", mosaic), bayer, levels)
     stack = open_stack(path, linear, angles, dark_files(black))
-    turn = _Convention(unit or stack.unit, zero or stack.zero or "vertical", sense, offset_deg)
+    unit = stack.unit if unit is None else unit
+    turn = _Convention(unit, zero or stack.zero or "vertical", sense, offset_deg)
     where = str(path) if angles is None else "angles"
     return _read_stack(path, stack, turn.from_vertical(where, stack.angles), levels)
-
-
-def _refuse_of_frames(**told: object) -> None:
-    """Raises InputError where something is told that only a camera's frame has."""
-    alone = [name for name, value in told.items() if value is not None]
-    if alone:
-        found = f"{' and '.join(alone)} without it"
-        raise InputError("mosaic", "the four angles of a frame", found, "add it, or leave them out")
-
-
-def _check_frame(
-    path: Path,
-    angles: Sequence[float] | None,
-    bayer: str | None,
-    size: tuple[int, int] | None,
-    packing: str | None,
-) -> None:
-    """Raises InputError where what is told of a frame does not belong together."""
-    if angles is not None:
-        found, hint = "angles beside it", "a frame's are those of `mosaic`: leave one out"
-        raise InputError("mosaic", "no other angles", found, hint)
-    if (size is None) != (packing is None):
-        found = "size" if packing is None else "packing"
-        raise InputError("mosaic", "size with packing", f"{found} alone", "add the other")
-    order = re.search(r"bayer_?(rg|bg|gr|gb)", packing.lower()) if packing is not None else None
-    if order is not None and order[1] != (bayer or "")[:2]:
-        expected, hint = f"bayer of {packing}, which begins with {order[1]}", "correct one of them"
-        raise InputError("bayer", expected, bayer or "none", hint)
-    if size is None and path.is_file() and path.suffix.lower() not in (*SUFFIXES, ".npy"):
-        found, hint = path.suffix or "no suffix", "a frame without a header needs `size`, `packing`"
-        raise InputError(str(path), "a picture or an array", found, hint)
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,8 @@ def check_counting(zero: Zero | None, sense: Sense) -> None:
         With the words that there are.
     """
     for name, word, words in (("zero", zero, get_args(Zero)), ("sense", sense, get_args(Sense))):
-        if word not in words and not (name == "zero" and word is None):
+        is_known = isinstance(word, str) and word in words
+        if not is_known and not (name == "zero" and word is None):
             raise InputError(name, " or ".join(words), f"{word}", "choose one of them")
 
 
