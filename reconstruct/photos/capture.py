@@ -189,7 +189,8 @@ def read_capture(
     def read_one(file: Path) -> Picture:
         if size is not None and packing is not None:
             return read_raw(file, size, packing)
-        return read_frame(file, linear or mosaic is not None)
+        picture = read_frame(file, linear or mosaic is not None)
+        return picture if mosaic is None else _grey(picture)
 
     levels = _Levels(black, white, read_one)
     if mosaic is not None:
@@ -278,8 +279,6 @@ def _read_mosaic(
         hint = "remove the orientation tag: `mosaic` counts pixels as the sensor wrote them"
         raise InputError(str(path), "a frame that is not turned", "a turned one", hint)
     frame = picture.linear
-    if frame.shape[-1] == 3 and (frame == frame[..., :1]).all():
-        frame = frame[..., :1]  # grey that was saved as three equal channels
     if frame.shape[-1] != 1:
         hint = "give the frame as the sensor wrote it"
         raise InputError(str(path), "a grey frame", f"{frame.shape[-1]} channels", hint)
@@ -299,6 +298,13 @@ def _read_mosaic(
         demosaic(frame[..., 0], bayer), angles_deg, clipped, names, picture.assumption,
         tuple(hints), one_exposure=True,
     )  # fmt: skip
+
+
+def _grey(picture: Picture) -> Picture:
+    """A picture of three equal channels, as some programs save grey, with one of them."""
+    light = picture.linear
+    is_grey = light.shape[-1] == 3 and bool((light == light[..., :1]).all())
+    return picture.with_light(light[..., :1]) if is_grey else picture
 
 
 def _joined(bands: list[Picture]) -> Picture:

@@ -181,6 +181,20 @@ def test_grey_that_was_saved_in_three_channels(tmp_path: Path) -> None:
     PIL.Image.fromarray(np.repeat(codes[..., None], 3, -1)).save(tmp_path / "rgb.png")
     grey, rgb = (read_capture(tmp_path / f"{n}.png", mosaic=SONY) for n in ("grey", "rgb"))
     np.testing.assert_array_equal(grey.pictures, rgb.pictures)
+    dark = (codes // 9).astype(np.uint8)  # as saved by the same program, or by another one
+    PIL.Image.fromarray(dark).save(tmp_path / "dark_grey.png")
+    PIL.Image.fromarray(np.repeat(dark[..., None], 3, -1)).save(tmp_path / "dark_rgb.png")
+    less = [
+        read_capture(tmp_path / f"{n}.png", mosaic=SONY, black=tmp_path / f"dark_{m}.png").pictures
+        for n, m in (("grey", "grey"), ("rgb", "rgb"), ("rgb", "grey"), ("grey", "rgb"))
+    ]
+    # Every measured pixel is the frame's less the dark frame's.
+    expected = (codes.astype(np.float32) - dark) / 255
+    for number, picture in enumerate(less[0][..., 0]):
+        own = np.s_[number // 2 :: 2, number % 2 :: 2]
+        np.testing.assert_allclose(picture[own], expected[own], atol=1e-6)
+    for other in less[1:]:
+        np.testing.assert_array_equal(other, less[0])
     coloured = np.stack([codes, codes, codes // 2], axis=-1)
     PIL.Image.fromarray(coloured).save(tmp_path / "rgb.png")
     with pytest.raises(InputError, match="a grey frame, found 3 channels"):
