@@ -18,6 +18,10 @@ _RADIUS = 3
 """Pixels on either side over which a polariser's picture is taken for linear in the guide."""
 _ROWS, _OVERLAP = 256, 16
 """Rows that are worked on at a time, and rows beside them that they depend on."""
+_REACH = 2
+"""Pixels from which a value comes: a sample beside it, of which the guide there is taken away."""
+_REACH_OF_COLOURS = 4
+"""And those of another colour: two pixels of one polariser, which are two apart."""
 _NOISE = 1e-4
 """Share of the brightest light below which a difference in the guide is no structure."""
 
@@ -197,7 +201,12 @@ def demosaic_bayer(frame: Float32Array, order: str) -> Float32Array:
 
 
 def spread_over_neighbours(clipped: BoolArray, bayer: str | None) -> BoolArray:
-    """Pixels whose interpolated values come from clipped ones, next to them or by colour."""
+    """Pixels whose interpolated values come from clipped ones, at most `_REACH` away.
+
+    What is left of a clipped pixel beyond that comes through the fits in windows, which it shares
+    with many others.
+    """
     from scipy.ndimage import maximum_filter
 
-    return np.asarray(maximum_filter(clipped, 3 if bayer is None else 7))
+    reach = _REACH if bayer is None else _REACH + _REACH_OF_COLOURS
+    return np.asarray(maximum_filter(clipped, 2 * reach + 1))

@@ -201,11 +201,11 @@ def test_grey_that_was_saved_in_three_channels(tmp_path: Path) -> None:
         read_capture(tmp_path / "rgb.png", mosaic=SONY)
 
 
-@pytest.mark.parametrize(("bayer", "reach"), [(None, 1), ("rggb", 3)])
+@pytest.mark.parametrize(("bayer", "reach"), [(None, 2), ("rggb", 6)])
 def test_clipped_pixels_spoil_their_neighbours_too(
     tmp_path: Path, bayer: str | None, reach: int
 ) -> None:
-    """Pixels of one polariser are 2 apart: a colour comes from its neighbour there, and beside."""
+    """A value comes from a sample beside it and its guide; its colour from two samples further."""
     frame = np.full((16, 16), 100, np.uint8)
     frame[6, 9] = 255
     PIL.Image.fromarray(frame).save(tmp_path / "f.png")
