@@ -255,13 +255,27 @@ def _read_all(path: Path, stack: Stack, first: Picture) -> tuple[Float32Array, B
     for index, name in enumerate(stack.names):
         picture = first if index == 0 else _joined(stack.read(index))
         light = picture.linear
-        if light.shape != shape:
-            expected, hint = f"{_size(shape)}, as the first", "take them with one camera"
-            raise InputError(str(path / name), expected, _size(light.shape), hint)
+        _check_alike(path / name, picture, first)
         pictures[index] = light
         if not stack.never_clipped:
             clipped |= over(light, picture.full_scale)
     return pictures, clipped
+
+
+def _check_alike(path: Path, picture: Picture, first: Picture) -> None:
+    """Refuse a picture that does not show the same pixels in the same unit as the first."""
+    if picture.turned != first.turned:
+        turned = "turned by an orientation tag" if picture.turned else "one that is not turned"
+        expected = "pictures that are all turned, or none"
+        hint = "remove the orientation tags, or take all pictures upright"
+        raise InputError(str(path), expected, f"{turned}, unlike the first", hint)
+    if (picture.transfer is None) != (first.transfer is None):
+        kind, others = ("floats", "whole numbers")[:: 1 if picture.transfer is None else -1]
+        hint = "write all in one kind: light of floats has no largest value"
+        raise InputError(str(path), f"{others}, as the first", kind, hint)
+    if picture.linear.shape != first.linear.shape:
+        expected, hint = f"{_size(first.linear.shape)}, as the first", "take them with one camera"
+        raise InputError(str(path), expected, _size(picture.linear.shape), hint)
 
 
 def _read_mosaic(

@@ -66,7 +66,7 @@ def read_black(
     Raises
     ------
     InputError
-        Dark frames of another size, none in the folder, or an empty text.
+        Dark frames of another size or unit, none in the folder, or an empty text.
     """
     number = _number(black)
     if number is not None:
@@ -77,17 +77,33 @@ def read_black(
     path = Path(str(black))
     paths = [path]
     if path.is_dir():
-        paths = sorted(p for p in path.iterdir() if p.suffix.lower() in {*SUFFIXES, ".npy"})
+        suffixes = {*SUFFIXES, ".npy"}
+        paths = sorted(
+            p for p in path.iterdir() if p.suffix.lower() in suffixes and p.name[0] != "."
+        )
     if not paths:
         raise InputError("black", "a folder of dark frames", "none in it", "check the path")
     total = np.zeros(like.linear.shape, dtype=np.float64)
     for frame in paths:
-        dark = read(frame).linear
+        picture = read(frame)
+        _check_unit(frame, picture, like)
+        dark = picture.linear
         if dark.shape != total.shape:
             size, expected = (f"{s[1]} x {s[0]} x {s[2]}" for s in (dark.shape, total.shape))
             raise InputError(str(frame), expected, size, "take it with the same camera")
         total += dark
     return (total / len(paths)).astype(np.float32)
+
+
+def _check_unit(path: Path, dark: Picture, like: Picture) -> None:
+    """Refuse a dark frame that is not in the unit of the pictures."""
+    if like.transfer is None and dark.transfer is not None:
+        hint = "write it in floats, in the pictures' unit"
+        raise InputError(str(path), "floats, as the pictures", "whole numbers", hint)
+    if like.transfer is not None and dark.transfer is None and dark.linear.max() > 1:
+        expected = "floats up to 1, which is the pictures' largest code"
+        hint = "write it in the pictures' codes, as whole numbers"
+        raise InputError(str(path), expected, f"{dark.linear.max():g}", hint)
 
 
 def dark_files(black: float | str | Path | None) -> set[Path]:

@@ -171,9 +171,10 @@ def _of_folder(
         stated = read_angles_file(listing)
         return _of_names(folder, linear, stated)
     suffixes = {*SUFFIXES, ".npy"}
+    # Hidden files are a system's own, such as the ._ files that macOS leaves on other disks.
     names = sorted(
         (p.name for p in folder.iterdir()
-         if p.suffix.lower() in suffixes and p.resolve() not in apart),
+         if p.suffix.lower() in suffixes and p.resolve() not in apart and p.name[0] != "."),
         key=_in_number_order,
     )  # fmt: skip
     if angles is not None:
