@@ -19,7 +19,7 @@ from malus.reports.source import Source, StudyTables, read_study
 from malus.reports.tables import sentences, text_tables
 from malus.reports.tables.colour_errors import table1_text
 from malus.reports.tables.compared_runs import RunComparison
-from malus.reports.tables.formats import counted, duration, listed
+from malus.reports.tables.formats import duration, listed
 from malus.reports.tables.headline import headline_body, headline_tiles, price_tiles
 from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.readings import by_dataset, verdicts
@@ -28,6 +28,7 @@ from malus.reports.tables.skills import mapped, skill_maps
 from malus.reports.templates.render import render
 from malus.reports.viewer.error_maps import gallery
 from malus.reports.viewer.viewer import example_scenes, viewer
+from malus.scenes.core.errors import counted
 from malus.scenes.materials.surface import body_text
 
 

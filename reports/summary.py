@@ -9,11 +9,12 @@ import pandas as pd
 
 from malus.reports.tables import sentences, text_tables
 from malus.reports.tables.colour_errors import table1, table1_text
-from malus.reports.tables.formats import counted, markdown
+from malus.reports.tables.formats import markdown
 from malus.reports.tables.paired import ranked_pairs
 from malus.reports.tables.rows import PAPER_METHOD
 from malus.reports.tables.skills import negative_skills
 from malus.reports.tables.text_tables import as_markdown
+from malus.scenes.core.errors import counted
 
 
 def summary(

@@ -12,9 +12,8 @@ from rich.table import Table
 
 from malus.bench.commands.console import plain_console
 from malus.bench.running.results import Results, headline
-from malus.reports.tables.formats import counted
 from malus.reports.tables.text_tables import left_out
-from malus.scenes.core.errors import printable
+from malus.scenes.core.errors import counted, printable
 from malus.scenes.core.json_text import json_text
 
 _METHOD_WIDTH = 20

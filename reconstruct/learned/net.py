@@ -14,6 +14,7 @@ from malus.reconstruct.learned.network import Network, Output, network
 from malus.reconstruct.learned.scale import Size, interpolated, resized
 from malus.reconstruct.observation import Components, Inapplicable, Observation
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray
+from malus.scenes.core.errors import counted
 
 FEWEST = 16
 """Fewest pixels that are worth looking at."""
@@ -116,11 +117,11 @@ def _require_pixels(seen: BoolArray, kept: BoolArray) -> None:
 
     `seen` are its pixels as given, `kept` those that the network would be shown.
     """
-    if (count := np.count_nonzero(seen)) < FEWEST:
-        few = f"{count} {'pixel' if count == 1 else 'pixels'} of the picture or its mask: too few"
+    if (count := int(np.count_nonzero(seen))) < FEWEST:
+        few = f"{counted(count, 'pixel')} of the picture or its mask: too few"
         raise Inapplicable(f"{few}, {FEWEST} are needed")
-    if (count := np.count_nonzero(kept)) < FEWEST:
-        few = f"{count} pixels of the reduced picture: too few"
+    if (count := int(np.count_nonzero(kept))) < FEWEST:
+        few = f"{counted(count, 'pixel')} of the reduced picture: too few"
         raise Inapplicable(f"{few}; a larger net_size shows more")
 
 

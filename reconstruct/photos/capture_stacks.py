@@ -24,7 +24,7 @@ from malus.reconstruct.photos.read_tiff import count_pages, interleaved
 from malus.reconstruct.photos.tone_curves import linear_transfer
 from malus.scenes import polarisation
 from malus.scenes.core.arrays import AnyArray
-from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.errors import InputError, counted, reading
 
 MAX_PICTURES = 72
 _BAND = re.compile(r"(\d+(?:\.\d+)?)nm")
@@ -159,7 +159,7 @@ def _of_values(path: Path, values: AnyArray) -> Picture:
     light = np.asarray(planes, dtype=np.float32)
     if not np.isfinite(light).all():
         bad = int(np.count_nonzero(~np.isfinite(light)))
-        raise InputError(str(path), "finite values", f"{bad} others", "clean the array")
+        raise InputError(str(path), "finite values", counted(bad, "other"), "clean the array")
     return Picture(light, "TIFF", None)
 
 

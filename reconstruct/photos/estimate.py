@@ -20,7 +20,7 @@ from malus.reconstruct.single_image.paper import PAPER_SEPARATIONS, run_paper
 from malus.reconstruct.single_image.parameters import TYPICAL_ETA
 from malus.reconstruct.single_image.separation import separate
 from malus.scenes.core.arrays import BoolArray, Float32Array, Float64Array
-from malus.scenes.core.errors import InputError, first_line, kind_of
+from malus.scenes.core.errors import InputError, counted, first_line, kind_of
 from malus.scenes.lights.lights import Distant
 
 TYPICAL_ALPHA = 0.2
@@ -64,7 +64,7 @@ def estimate(
     """
     if not np.isfinite(image).all():
         bad = int(np.count_nonzero(~np.isfinite(image)))
-        raise InputError(where, "finite values", f"{bad} others", "repair the picture")
+        raise InputError(where, "finite values", counted(bad, "other"), "repair the picture")
     if not image.max() > 0:
         raise InputError(where, "a picture with some light in it", "an all-dark one", "check it")
     if knowledge.is_nothing:
@@ -174,7 +174,8 @@ def _estimate_of(observation: Observation, knowledge: Knowledge) -> Estimate:
     if chain is not None:
         components, statements, warnings = chain.components, chain.statements, chain.warnings
     if (invalid := components.invalid(observation.mask)) > 0:
-        flagged = f"{invalid} pixels of the object have no valid intensity or normal: not polarised"
+        pixels = counted(invalid, "pixel")
+        flagged = f"{pixels} of the object without valid intensity or normal: not polarised"
         warnings = (*warnings, flagged)
     return Estimate(components, statements, warnings)
 
@@ -226,11 +227,11 @@ def _as_light(
     s1, s2 = (np.where(finite, values, 0) for values in (components.s1, components.s2))
     over = inside & (np.hypot(s1, s2) > _FULLY * observation.image)
     counts = {
-        "have no finite estimate: not polarised": ~finite & inside,
-        "would be more than fully polarised, which no light is": over,
+        "with no finite estimate: not polarised": ~finite & inside,
+        "more than fully polarised, which no light is": over,
     }
     warnings = tuple(
-        f"{count} pixels of the object {what}"
+        f"{counted(count, 'pixel')} of the object {what}"
         for what, where in counts.items()
         if (count := int(np.count_nonzero(where.any(axis=-1))))
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from malus.reconstruct.photos.picture import Picture, check_size, divided_by_alpha
 from malus.scenes.core.arrays import AnyArray, Float32Array
-from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.errors import InputError, counted, reading
 from malus.scenes.core.quiet import quiet
 
 _STRUCTURE = frozenset(
@@ -38,7 +38,7 @@ def read_exr(path: Path, linear: bool, part: str | None = None) -> Picture:
     colours, values, notes = _colours(path, channels, header, layer)
     if not np.isfinite(values).all():
         bad = int(np.count_nonzero(~np.isfinite(values)))
-        raise InputError(str(path), "finite values", f"{bad} others", "clean the picture")
+        raise InputError(str(path), "finite values", counted(bad, "other"), "clean the picture")
     alpha = channels.get(f"{layer}A")
     used = (*colours, f"{layer}A")
     others = {name: plane for name, plane in channels.items() if name not in used}

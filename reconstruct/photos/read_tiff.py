@@ -21,7 +21,7 @@ from malus.reconstruct.photos.picture import (
     upright,
 )
 from malus.scenes.core.arrays import AnyArray
-from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.errors import InputError, counted, reading
 
 _TEXT_TAGS = (271, 272, 306, 315, 33432)
 """Make, model, date, artist, copyright."""
@@ -162,7 +162,7 @@ def _of_floats(
     planes = values if values.ndim == 3 else values[..., None]
     bad = int(np.count_nonzero(~np.isfinite(planes)))
     if bad:
-        raise InputError(str(path), "finite values", f"{bad} others", "clean the picture")
+        raise InputError(str(path), "finite values", counted(bad, "other"), "clean the picture")
     colours = 3 if planes.shape[-1] >= 3 else 1
     alpha = planes[..., -1] if planes.shape[-1] in (2, 4) else None
     linear = planes[..., :colours].astype(np.float32)

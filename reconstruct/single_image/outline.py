@@ -15,6 +15,7 @@ from scipy.sparse.linalg import spsolve
 
 from malus.reconstruct.observation import Inapplicable
 from malus.scenes.core.arrays import BoolArray, Float64Array, IntArray
+from malus.scenes.core.errors import counted
 
 _CROSS = ndimage.generate_binary_structure(2, 1)
 _SMOOTHING = 0.03
@@ -89,7 +90,7 @@ def outline_of(mask: BoolArray) -> Outline:
     """
     area = int(mask.sum())
     if area < 16:
-        raise Inapplicable(f"the object has {area} pixels: too few for a shape")
+        raise Inapplicable(f"the object has {counted(area, 'pixel')}: too few for a shape")
     ring = ndimage.binary_dilation(mask, _CROSS) & ~mask
     if not ring.any():
         raise Inapplicable("the object fills the picture: no outline to start a shape from")

@@ -22,7 +22,7 @@ from malus.reports.figures.panels import (
 )
 from malus.reports.figures.style import INK, MethodStyle, drawable, method_styles, style
 from malus.reports.tables.figure_numbers import X_ALPHA, X_ETA, numbers, own_range
-from malus.reports.tables.formats import counted, scientific
+from malus.reports.tables.formats import scientific
 from malus.reports.tables.rows import (
     PAPER_METHOD,
     TRIVIAL,
@@ -36,6 +36,7 @@ from malus.reports.tables.rows import (
     unverified_surfaces,
 )
 from malus.scenes.core.arrays import Float64Array
+from malus.scenes.core.errors import counted
 from malus.scenes.materials.surface import body_text
 
 _AXES = {

@@ -12,9 +12,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from malus.reports.figures.panels import shade_paper
 from malus.reports.figures.style import INK, PALETTE, SOFT, drawable, power_of_ten, style
-from malus.reports.tables.formats import counted
 from malus.reports.tables.readings import by_dataset
 from malus.reports.tables.rows import PAPER_RANGE, distinct
+from malus.scenes.core.errors import counted
 
 FLOOR, CEILING = 1e-7, 3.0
 """Errors below the floor are drawn on it, as triangles: they are zero but for rounding."""

@@ -7,11 +7,11 @@ from functools import partial
 import pandas as pd
 
 from malus.reports.figures.drawings import Drawing, drawn_by
-from malus.reports.tables.formats import counted
 from malus.reports.tables.prices import price_cells, prices
 from malus.reports.tables.readings import by_dataset, reading_cells
 from malus.reports.tables.separation import by_colour, separation_cells
 from malus.reports.tables.text_tables import points
+from malus.scenes.core.errors import counted
 
 
 def precision_drawing(table: pd.DataFrame) -> Drawing:

@@ -8,14 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.tables.formats import (
-    NO_NUMBER,
-    counted,
-    error_text,
-    listed,
-    scientific,
-    skill_text,
-)
+from malus.reports.tables.formats import NO_NUMBER, error_text, listed, scientific, skill_text
 from malus.reports.tables.rows import (
     TRIVIAL,
     complete_mean,
@@ -24,6 +17,7 @@ from malus.reports.tables.rows import (
     scored_methods,
 )
 from malus.reports.tables.text_tables import TextTable
+from malus.scenes.core.errors import counted
 
 
 def by_group(table: pd.DataFrame) -> TextTable:

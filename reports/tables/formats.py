@@ -111,17 +111,6 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200.0 else f"{seconds / 3600:.1f} h"
 
 
-def counted(number: int, noun: str, plural: str = "") -> str:
-    """A number with its noun.
-
-    Examples
-    --------
-    >>> counted(1, "scene"), counted(2, "body", "bodies")
-    ('1 scene', '2 bodies')
-    """
-    return f"{number} {noun if number == 1 else plural or noun + 's'}"
-
-
 def listed(words: list[str]) -> str:
     """Words with commas and an "and".
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from malus.reports.tables.formats import counted, listed, scientific
+from malus.reports.tables.formats import listed, scientific
 from malus.reports.tables.rows import (
     PAPER_METHOD,
     PAPER_RANGE,
@@ -18,6 +18,7 @@ from malus.reports.tables.rows import (
     overall_rows,
     unverified_surfaces,
 )
+from malus.scenes.core.errors import counted
 from malus.scenes.random_suite.random_scenes import least_and_most_pixels
 
 PAPER = f"The paper's Figure 5: NMSE in {PAPER_RANGE} for every material and surface."

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from malus.reports.tables import sentences
-from malus.reports.tables.formats import counted
 from malus.reports.templates.render import render
 from malus.reports.viewer.examples import Example
 from malus.scenes import polarisation
 from malus.scenes.colour import JUST_NOTICEABLE, differences_from, weighted_colours
 from malus.scenes.core.arrays import AnyArray, BoolArray, Float64Array
 from malus.scenes.core.colour_science import colour_science
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, counted
 
 WHITE = 10.0 * JUST_NOTICEABLE
 """ΔE76 that is shown white: 10 just noticeable differences, as in the paper."""

@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from malus.reports.tables.formats import counted, error_text, skill_text
+from malus.reports.tables.formats import error_text, skill_text
 from malus.reports.tables.rows import overall_rows
 from malus.reports.templates.render import asset, render
 from malus.reports.viewer.pack import Packer, Shown
-from malus.scenes.core.errors import printable
+from malus.scenes.core.errors import counted, printable
 
 _PANELS = (
     ("truth", "Truth, I(ϑ)", "grey"),

@@ -77,6 +77,17 @@ def printable(text: object) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown)
 
 
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """A number with its noun.
+
+    Examples
+    --------
+    >>> counted(1, "scene"), counted(2, "body", "bodies")
+    ('1 scene', '2 bodies')
+    """
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"
+
+
 def _shortened(text: str) -> str:
     return text if len(text) <= _FOUND_CHARACTERS else text[: _FOUND_CHARACTERS - 3] + "..."
 

@@ -55,12 +55,12 @@ def test_an_ordinary_picture_is_told_about_in_one_line(
 ) -> None:
     image, normals = dome()
     good = estimate(image, Knowledge(normals=normals, light=light), "dome")
-    assert not [warning for warning in good.warnings if "no valid" in warning]
+    assert not [warning for warning in good.warnings if "without valid" in warning]
     spoilt = normals.copy()
     spoilt[tuple(np.argwhere(normals[..., 2] > 0.9)[0])] = 0.0, 0.0, 2.0
     told = estimate(image, Knowledge(normals=spoilt, light=light), "dome").warnings
-    expected = "1 pixels of the object have no valid intensity or normal: not polarised"
-    assert [warning for warning in told if "no valid" in warning] == [expected]
+    expected = "1 pixel of the object without valid intensity or normal: not polarised"
+    assert [warning for warning in told if "without valid" in warning] == [expected]
 
 
 @pytest.mark.parametrize("spoilt", [False, True])
