@@ -10,6 +10,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from malus.reconstruct.learned.net import is_network
 from malus.reconstruct.photos.capture import Capture, read_capture
 from malus.reconstruct.photos.masks_and_normals import read_labels, read_mask
 from malus.scenes.core.arrays import BoolArray
@@ -173,7 +174,7 @@ def _end_of(folder: Path | str) -> str:
 
 
 def load_captures(path: Path | str) -> CaptureSuite:
-    """Read a suite of captures from a TOML file; paths of captures are found from its folder.
+    """Read a suite of captures from a TOML file; paths in it are found from its folder.
 
     Parameters
     ----------
@@ -215,4 +216,14 @@ def load_captures(path: Path | str) -> CaptureSuite:
         data = tomllib.loads(path.read_text("utf-8"))
     suite = CaptureSuite.parse(data, where)
     entries = tuple(entry.from_folder(path.absolute().parent) for entry in suite.capture)
-    return suite.model_copy(update={"capture": entries})
+    methods = tuple(_found_from(path.parent, reference) for reference in suite.methods)
+    return suite.model_copy(update={"capture": entries, "methods": methods})
+
+
+def _found_from(folder: Path, reference: str) -> str:
+    """A method `net:FILE` with the file found from a folder; a file may stand where one is, too."""
+    kind, _, file = reference.partition(":")
+    if not (file and is_network(reference)):
+        return reference
+    is_here_alone = Path(file).exists() and not (folder / file).exists()
+    return reference if is_here_alone else f"{kind}:{folder / file}"

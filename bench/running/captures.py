@@ -38,6 +38,7 @@ from malus.reconstruct.methods import TRIVIAL, by_name
 from malus.reconstruct.photos.angle_convention import check_outlines
 from malus.reconstruct.photos.capture import Capture
 from malus.reconstruct.photos.capture_fit import CaptureFit, capture_summary, fit_capture
+from malus.reconstruct.photos.capture_levels import dark_frames
 from malus.reports.tables.rows import CAPTURED
 from malus.reports.viewer.pack import BUDGET
 from malus.scenes.core.arrays import BoolArray, Float32Array
@@ -65,6 +66,7 @@ def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Re
     started = time.perf_counter()
     by_name((get_method(reference).name, reference) for reference in suite.methods)
     methods = with_the_guess([get_method(reference) for reference in suite.methods])
+    is_new = [each for each in (out, *out.parents) if not each.exists()]
     folder = prepare_folder(out, "captures")
     run = _Run(folder, methods, len(suite.capture))
     for number, entry in enumerate(suite.capture):
@@ -74,8 +76,9 @@ def run_suite(suite: CaptureSuite, out: Path, progress: Progress = silent) -> Re
     if not run.records:
         first = run.failures[0] if run.failures else "nothing"
         expected, found = "a capture that can be scored", f"{len(run.failures)} that failed"
-        with suppress(OSError):  # it holds what an earlier command wrote
-            folder.rmdir()
+        with suppress(OSError):  # something else was written into one of them
+            for each in is_new:
+                each.rmdir()
         raise InputError(f"captures {suite.name}", expected, found, f"the first says: {first}")
     run.seconds["total"] = time.perf_counter() - started
     content = json.dumps(suite.model_dump(mode="json", exclude_defaults=True), indent=1) + "\n"
@@ -349,13 +352,15 @@ def _step(scored: BoolArray, planes: int) -> int:
 
 
 def scene_id(entry: CaptureEntry, capture: Capture) -> str:
-    """Hash of the files of a capture, its masks, and how they are read."""
+    """Hash of the files of a capture, its dark frames and masks, and how they are read."""
     folder = Path(entry.folder)
     files = [folder] if folder.is_file() else [folder / name for name in capture.names]
     if not any(file.is_file() for file in files):  # a scene of an export, in folders of its bands
         files = sorted([folder / "truth.npz", *folder.glob("*nm/*")])
     files += [Path(file) for file in (entry.mask, entry.labels) if file is not None]
-    digests = [digest_of(file, "picture") for file in files if file.is_file()]
-    told = entry.model_dump(mode="json", exclude={"folder", "mask", "labels", "name", "group"})
+    dark = dark_frames(entry.black)
+    digests = [digest_of(file, "picture") for file in (*files, *dark) if file.is_file()]
+    apart = {"folder", "mask", "labels", "name", "group"} | ({"black"} if dark else set())
+    told = entry.model_dump(mode="json", exclude=apart)
     angles = [round(angle, 6) for angle in capture.angles_deg]
     return content_id([entry.called, digests, told, angles])

@@ -74,13 +74,7 @@ def read_black(
     if not str(black):  # which would be the current folder
         expected, hint = "a level, or a dark frame's path", "leave it out"
         raise InputError("black", expected, "an empty text", hint)
-    path = Path(str(black))
-    paths = [path]
-    if path.is_dir():
-        suffixes = {*SUFFIXES, ".npy"}
-        paths = sorted(
-            p for p in path.iterdir() if p.suffix.lower() in suffixes and p.name[0] != "."
-        )
+    paths = dark_frames(black)
     if not paths:
         raise InputError("black", "a folder of dark frames", "none in it", "check the path")
     total = np.zeros(like.linear.shape, dtype=np.float64)
@@ -111,6 +105,17 @@ def dark_files(black: float | str | Path | None) -> set[Path]:
     if black is None or _number(black) is not None:
         return set()
     return {Path(str(black)).resolve()}
+
+
+def dark_frames(black: float | str | Path | None) -> list[Path]:
+    """Files of the dark level: the dark frame's own, or those of a folder; none of a number."""
+    if black is None or _number(black) is not None:
+        return []
+    path = Path(str(black))
+    if not path.is_dir():
+        return [path]
+    suffixes = {*SUFFIXES, ".npy"}
+    return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes and p.name[0] != ".")
 
 
 def _number(black: float | str | Path) -> float | None:
