@@ -20,6 +20,9 @@ _FAINT = 0.002
 """Relative root mean square of details below which a picture has none."""
 _EXPLAINED = 0.5
 """Share of the unlike details that may be left where a shift explains them."""
+_OF_SHIFTS = 0.4
+"""Share of the residual that shifts would make from which they are believed: still pictures with
+noise of 0.6 % of their light have up to 0.42, nine in ten moved ones more."""
 _STEPS = 8
 _TILE = 384
 """Pixels a side that are compared."""
@@ -53,9 +56,11 @@ def measure_shifts(pictures: Float32Array, angles_deg: Sequence[float]) -> tuple
     """Shift of every picture (pictures, height, width, channels) against the first.
 
     A polariser changes how bright a part is, but not where its details are: so details are
-    compared, relative to the light around them. Where that shows nothing, as on strongly polarised
-    objects, a picture is compared with the sinusoid through the others. Where a picture has no
-    details, as a smooth gradient, or where noise would make as much of a shift, it is zero.
+    compared, relative to the light around them. Four pictures or more have then to fit a sinusoid
+    as badly as if moved so: details of the polarisation look moved between still pictures. Where
+    that shows nothing, as on strongly polarised objects, a picture is compared with the sinusoid
+    through the others. Where a picture has no details, as a smooth gradient, or where noise would
+    make as much of a shift, it is zero.
 
     Examples
     --------
@@ -71,10 +76,31 @@ def measure_shifts(pictures: Float32Array, angles_deg: Sequence[float]) -> tuple
     aligned = [_align(details[0], other) for other in details[1:]]
     shifts = [Shift(0.0, 0.0), *(alignment.shift for alignment in aligned)]
     if any(shift.length > MOVED for shift in shifts):
-        return tuple(shifts)
+        if len(shifts) < 4 or _fit_as_if_moved(grey, angles_deg, shifts):
+            return tuple(shifts)
+        shifts = [Shift(0.0, 0.0) for _ in shifts]
     for index, shift in _moved_against_others(grey, angles_deg).items():
         shifts[index] = shift
     return tuple(shifts)
+
+
+def _fit_as_if_moved(
+    grey: Float64Array, angles_deg: Sequence[float], shifts: Sequence[Shift]
+) -> bool:
+    """Whether pictures fit the sinusoid better moved back, or as badly as such shifts make them."""
+    from scipy.ndimage import shift as shifted
+
+    matrix = analyser(angles_deg)
+    inside = _inside(grey[0], _margin(np.abs(shifts).max(axis=0)))
+    back = np.stack(
+        [shifted(g, (-s.down, -s.right), order=3) for g, s in zip(grey, shifts, strict=True)]
+    )
+
+    def left(pictures: Float64Array) -> float:
+        values = pictures[:, *inside].reshape(len(pictures), -1)
+        return float(np.linalg.norm(values - matrix @ (np.linalg.pinv(matrix) @ values)))
+
+    return left(grey) > min(left(back), _OF_SHIFTS * left(grey - back))
 
 
 def _moved_against_others(grey: Float64Array, angles_deg: Sequence[float]) -> dict[int, Shift]:
