@@ -1,9 +1,9 @@
 """Ordinary pictures in: linear light inside, and what is needed to write the form they came in.
 
-PNG and TIFF of up to 16 bits, JPEG, WebP, JPEG 2000, AVIF, HEIC, BMP, PPM, TIFF and OpenEXR of
-floats; grey or RGB, with or without alpha. Size, bit depth, profile and metadata go out as they
-came in, and what does not is told in the picture's notes. A picture with an EXIF orientation is
-turned upright first, because the angles of a polariser are those that a viewer sees.
+PNG and TIFF of up to 16 bits, JPEG, WebP, JPEG 2000, AVIF, HEIC, BMP, PPM, Radiance (.hdr), TIFF
+and OpenEXR of floats; grey or RGB, with or without alpha. Size, bit depth, profile and metadata go
+out as they came in, and what does not is told in the picture's notes. A picture with an EXIF
+orientation is turned upright first: the angles of a polariser are those that a viewer sees.
 """
 
 from __future__ import annotations
@@ -36,13 +36,14 @@ from malus.reconstruct.photos.read_tiff import read_tiff
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.quiet import quiet
+from malus.scenes.core.rgbe import read_rgbe
 
 SUFFIXES = {
     ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".mpo": "JPEG", ".jfif": "JPEG",
     ".tif": "TIFF", ".tiff": "TIFF", ".exr": "EXR", ".webp": "WEBP", ".avif": "AVIF",
     ".jp2": "JPEG2000", ".j2k": "JPEG2000", ".jpx": "JPEG2000", ".jpf": "JPEG2000",
     ".heic": "HEIF", ".heif": "HEIF", ".hif": "HEIF", ".bmp": "BMP", ".ppm": "PPM",
-    ".pgm": "PPM", ".pnm": "PPM", **dict.fromkeys(sorted(RAW_SUFFIXES), "RAW"),
+    ".pgm": "PPM", ".pnm": "PPM", ".hdr": "HDR", **dict.fromkeys(sorted(RAW_SUFFIXES), "RAW"),
 }  # fmt: skip
 _FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "HEIF", "BMP", "PPM")
 """What Pillow is asked for; a file may bear the suffix of another one of them."""
@@ -59,6 +60,8 @@ _EXIF_TEXTS = ("Raw profile type exif", "Raw profile type APP1")
 """Texts of a PNG that are its EXIF: this is kept upright, and as EXIF."""
 _GAIN_MAPS = (b"hdrgm:", b"urn:iso:std:iso:ts:21496")
 """How Ultra HDR JPEGs of Android, and those after ISO 21496-1, announce their gain map."""
+
+_RGBE = "a Radiance picture is written as an OpenEXR, whose floats are finer"
 
 _NOWHERE = logging.NullHandler()
 """For libpng's remarks, which would go to the error stream where a program sets up no log."""
@@ -120,6 +123,8 @@ def read_picture(path: Path | str, linear: bool = False, part: str | None = None
         return read_jpeg2000(path, linear)
     if kind == "RAW":
         return read_camera_raw(path)
+    if kind == "HDR":
+        return Picture(read_rgbe(path, check_size), "EXR", None, notes=(_RGBE,))
     return _read_with_pillow(path, kind, linear)
 
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import functools
 import math
-import re
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +16,7 @@ import numpy as np
 from malus.scenes.core.arrays import Float32Array, Float64Array
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.quiet import quiet
+from malus.scenes.core.rgbe import read_rgbe
 from malus.scenes.lights import interior, sky
 from malus.scenes.lights.lights import (
     LEAST_STRENGTH,
@@ -31,9 +30,6 @@ HEIGHT = 128
 """Rows of the map that malus brings."""
 SKY_HEIGHT = 256
 """Rows of a sky's map: its horizon is blurred by 0.15 % of the light that a sphere reflects."""
-_HDR_LINE = re.compile(rb"^(FORMAT|EXPOSURE|COLORCORR)\s*=([^\n]*)$", re.M)
-"""Lines of a Radiance file by which its numbers may not be radiance in red, green and blue."""
-_HDR_SIZE = re.compile(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n")
 
 _LAYOUTS = {
     (1, 1): "a mirror ball or an angular map (light probe)",
@@ -213,34 +209,11 @@ def _exr_header(path: Path) -> dict[str, Any]:
 
 def _read_hdr(path: Path) -> Float32Array:
     """Mean of the colours of a file in Radiance's RGBE format, whose rows run from the top."""
-    import imagecodecs
-
-    with reading(str(path), "a readable file", "check the path"):
-        content = path.read_bytes()
-    size = _HDR_SIZE.search(content, 0, 1 << 16)
-    if size is None:
-        expected = "a Radiance file whose size reads -Y height +X width"
-        raise InputError(str(path), expected, "another", "export the map again")
-    check_size(path, int(size[2]), int(size[1]))
-    for line in _HDR_LINE.finditer(content, 0, size.start() + 1):
-        if not _is_plain(line[1], line[2]):
-            expected, hint = "RGB without EXPOSURE or COLORCORR", "export the map again, as RGBE"
-            raise InputError(str(path), expected, line[0].decode("ascii", "replace").strip(), hint)
-    with reading(str(path), "a whole Radiance file", "copy it again"):
-        colours = imagecodecs.rgbe_decode(content)
+    colours = read_rgbe(path, check_size)
     with np.errstate(over="ignore"):  # infinite radiance is refused by name
         values = np.asarray(colours.mean(axis=-1), dtype=np.float32)
     _check_layout(path, values)
     return values
-
-
-def _is_plain(key: bytes, value: bytes) -> bool:
-    """Whether a line of the header leaves the numbers what they are."""
-    if key == b"FORMAT":
-        return value.strip() != b"32-bit_rle_xyze"
-    with suppress(ValueError):
-        return all(float(factor) == 1.0 for factor in value.split())
-    return False
 
 
 def check_size(path: Path, width: int, height: int) -> None:
