@@ -31,11 +31,11 @@ class Direction(click.ParamType[tuple[float, float, float]]):
 
 knowledge_options = together(
     click.option("--normals", type=LOCAL, help="Normals: .npy, .exr, or a picture of (n + 1)/2."),
-    click.option("--mask", type=LOCAL, help="A picture, light where the object is."),
+    click.option("--mask", type=LOCAL, help="A picture, light where the object is, or .npy."),
     click.option(
         "--labels",
         type=LOCAL,
-        help="A picture of several objects: black is none, every other value is one.",
+        help="A picture or .npy of several objects: black is none, every other value is one.",
     ),
     click.option(
         "--light", type=Direction(), help="Towards a distant light: x right, y up, z to you."

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from malus.reconstruct.observation import as_mask
 from malus.reconstruct.photos.picture import check_size
 from malus.reconstruct.photos.read_exr import read_exr_vectors
 from malus.reconstruct.photos.read_picture import SUFFIXES, read_picture
@@ -18,18 +19,51 @@ from malus.scenes.core.quiet import quiet
 def read_mask(path: Path | str, shape: tuple[int, int]) -> BoolArray:
     """Mask (height, width) from a picture: lighter than half is the object.
 
+    A .npy file has True and False, 0 and 1, or 0 and 255.
+
     Raises
     ------
     InputError
         Another size, no pixel of the object, or an unreadable file.
     """
     path = Path(path)
-    values = _opaque(path).mean(axis=-1)
+    values = _mask_of_array(path) if _is_array(path) else _opaque(path).mean(axis=-1)
     _check_shape(path, values.shape, shape)
     if not (values > 0.5).any():
         hint = "check the mask; dark values of several objects are `labels`"
         raise InputError(str(path), "an object, lighter than half", "none", hint)
     return np.asarray(values > 0.5)
+
+
+def _is_array(path: Path) -> bool:
+    return path.suffix.lower() == ".npy"
+
+
+def _array(path: Path) -> AnyArray:
+    """One value a pixel from a .npy file."""
+    with reading(str(path), "an array of numbers", "write it with numpy.save"):
+        array: AnyArray = np.load(path, mmap_mode="r", allow_pickle=False)
+    if array.ndim != 2 or array.dtype.kind not in "buif":
+        found = f"{array.dtype} of shape {array.shape}"
+        raise InputError(str(path), "one number a pixel, (height, width)", found, "write it so")
+    check_size(path, array.shape[1], array.shape[0])
+    return np.asarray(array)
+
+
+def _mask_of_array(path: Path) -> Float32Array:
+    array = _array(path)
+    try:
+        return as_mask(array).astype(np.float32)
+    except InputError as error:
+        raise InputError(str(path), error.expected, error.found, error.hint) from None
+
+
+def _labels_of_array(path: Path) -> AnyArray:
+    array = _array(path)
+    if not (array >= 0).all():  # some programs write -1 off all objects
+        expected, hint = "labels from 0, which is no object", "write 0 where there is none"
+        raise InputError(str(path), expected, "some below, or none at all", hint)
+    return array
 
 
 def _opaque(path: Path) -> Float32Array:
@@ -78,7 +112,7 @@ def read_labels(path: Path | str, shape: tuple[int, int]) -> IntArray:
     """Label image (height, width): 0 where black, and a number from 1 for every other value.
 
     Every value or colour of the picture is an object of its own; they count from the darkest, or
-    in the order of red, green and blue.
+    in the order of red, green and blue. Numbers of a .npy file count alike, and 0 is black.
 
     Raises
     ------
@@ -86,7 +120,7 @@ def read_labels(path: Path | str, shape: tuple[int, int]) -> IntArray:
         Another size, no object, more than `MOST_OBJECTS`, or an unreadable file.
     """
     path = Path(path)
-    values = _opaque(path)
+    values = _labels_of_array(path)[..., None] if _is_array(path) else _opaque(path)
     _check_shape(path, values.shape[:2], shape)
     codes = np.zeros(values.shape[:2], np.int64)
     for channel in np.moveaxis(values, -1, 0):
@@ -124,7 +158,7 @@ def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
         or an unreadable file.
     """
     path = Path(path)
-    vectors = _npy(path) if path.suffix.lower() == ".npy" else _vectors(path)
+    vectors = _npy(path) if _is_array(path) else _vectors(path)
     if vectors.ndim != 3 or vectors.shape[-1] != 3:
         shape_read = f"shape {vectors.shape}"
         raise InputError(

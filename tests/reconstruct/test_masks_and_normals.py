@@ -35,6 +35,44 @@ def test_masks_of_one_bit(tmp_path: Path, suffix: str) -> None:
         read_picture(path)
 
 
+@pytest.mark.parametrize("largest", [True, 1, 255, 1.0])
+def test_masks_in_arrays(tmp_path: Path, largest: object) -> None:
+    """As `numpy.save` writes them, which was refused though normals were read so."""
+    np.save(tmp_path / "mask.npy", np.where(LEFT, largest, type(largest)(0)))
+    np.testing.assert_array_equal(read_mask(tmp_path / "mask.npy", (6, 8)), LEFT)
+    with pytest.raises(InputError, match="the picture's size, 6 x 8"):
+        read_mask(tmp_path / "mask.npy", (8, 6))
+
+
+@pytest.mark.parametrize(
+    ("array", "words"),
+    [
+        (0.3 + 0.4 * LEFT, "True and False, 0 and 1"),
+        (np.repeat(LEFT[..., None], 3, -1), "one number a pixel"),
+        (np.zeros((6, 8)), "an object"),
+        (np.full((6, 8), "a"), "one number a pixel"),
+        (np.full((6, 8), None), "an array of numbers"),
+    ],
+)
+def test_arrays_that_are_no_masks(tmp_path: Path, array: np.ndarray, words: str) -> None:
+    np.save(tmp_path / "mask.npy", array)
+    with pytest.raises(InputError, match=rf"mask\.npy: expected {words}"):
+        read_mask(tmp_path / "mask.npy", (6, 8))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int32, np.int64, np.float32])
+def test_labels_in_arrays(tmp_path: Path, dtype: type) -> None:
+    """Numbers of any size, as segmentations have them; they count from the smallest."""
+    labels = np.where(LEFT, 7, 0).astype(dtype)
+    labels[4:] = 90
+    np.save(tmp_path / "labels.npy", labels)
+    read = read_labels(tmp_path / "labels.npy", (6, 8))
+    np.testing.assert_array_equal(read, np.where(labels == 90, 2, labels == 7))
+    np.save(tmp_path / "labels.npy", np.where(LEFT, 1, -1))
+    with pytest.raises(InputError, match="labels from 0, which is no object"):
+        read_labels(tmp_path / "labels.npy", (6, 8))
+
+
 @pytest.mark.parametrize("suffix", ["png", "tif", "bmp"])
 def test_labels_of_a_palette(tmp_path: Path, suffix: str) -> None:
     labels = LEFT.astype(np.uint8)
