@@ -14,7 +14,9 @@ from malus.scenes.core.errors import InputError, reading
 
 _CODESTREAM = b"\xff\x4f\xff\x51"
 """Start of a code stream and of its sizes."""
-_SYCC = 18
+_SRGB, _GREY = 16, 17
+_OTHERS = {12: "CMYK inks", 14: "CIELAB", 18: "luminance and chroma", 21: "ROMM RGB"}
+"""Numbers of colour spaces in a box of them: of those that are read, and names of others."""
 _STRAIGHT, _PREMULTIPLIED = 1, 2
 """Kinds of opacity in a box of channel definitions."""
 
@@ -101,6 +103,6 @@ def _colours(head: dict[bytes, bytes]) -> tuple[bytes | None, str | None]:
         return value[3:], None
     if value[:1] == b"\x01":
         (space,) = struct.unpack_from(">I", value, 3)
-        if space == _SYCC:
-            return None, "luminance and chroma"
+        if space not in (_SRGB, _GREY):
+            return None, _OTHERS.get(space, f"colour space {space} of JPEG 2000")
     return None, None

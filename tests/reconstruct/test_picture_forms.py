@@ -137,6 +137,23 @@ def test_avif_of_eight_bits_stays_avif(tmp_path: Path) -> None:
     assert np.abs(again.linear - picture.linear).max() < 3 * np.diff(picture.transfer.table).max()
 
 
+@pytest.mark.parametrize(
+    ("space", "channels", "found"),
+    [(12, 4, "CMYK inks"), (14, 3, "CIELAB"), (21, 3, "ROMM RGB"), (20, 3, "colour space 20")],
+)
+def test_colour_spaces_of_jpeg_2000_are_srgb_and_grey(
+    tmp_path: Path, space: int, channels: int, found: str
+) -> None:
+    """ISO 15444-1 and -2, enumerated spaces: inks were taken for red, green, blue and opacity."""
+    data = bytes(imagecodecs.jpeg2k_encode(CODES_16[..., :channels], level=0, codecformat="jp2"))
+    at = data.index(b"colr") + 4 + 3
+    assert data[at : at + 4] == bytes([0, 0, 0, 16])
+    path = tmp_path / "a.jp2"
+    path.write_bytes(data[:at] + bytes([0, 0, 0, space]) + data[at + 4 :])
+    with pytest.raises(InputError, match=f"grey or RGB of 8 to 16 bits, found {found}"):
+        read_picture(path)
+
+
 @pytest.mark.parametrize("bits", [10, 12])
 @pytest.mark.parametrize("channels", [3, 4])
 def test_avif_of_more_bits_is_written_as_png(tmp_path: Path, bits: int, channels: int) -> None:
