@@ -213,7 +213,7 @@ def load_captures(path: Path | str) -> CaptureSuite:
     with reading(where, "a readable TOML file of captures", hint):
         if path.is_file() and path.stat().st_size > MAX_BYTES:
             raise InputError(where, f"at most {MAX_BYTES} bytes", "more", hint)
-        data = tomllib.loads(path.read_text("utf-8"))
+        data = tomllib.loads(path.read_text("utf-8-sig"))
     suite = CaptureSuite.parse(data, where)
     entries = tuple(entry.from_folder(path.absolute().parent) for entry in suite.capture)
     methods = tuple(_found_from(path.parent, reference) for reference in suite.methods)

@@ -119,7 +119,7 @@ def read_angles_file(path: Path) -> dict[str, float]:
     """Angle by file name, from `angles.json`. Raises InputError."""
     example = '{"a.png": 0, "b.png": 60, "c.png": 120}'
     try:
-        data = json.loads(path.read_text("utf-8"), object_pairs_hook=_each_once)
+        data = json.loads(path.read_text("utf-8-sig"), object_pairs_hook=_each_once)
         angles = {str(name): _not_boolean(angle) for name, angle in data.items()}
     except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(str(path), example, first_line(error), "correct it") from None
@@ -168,7 +168,7 @@ def read_properties(picture: Path) -> Properties | None:
     if not path.is_file() or path.name == ANGLES_FILE:
         return None
     try:
-        data = json.loads(path.read_text("utf-8"))
+        data = json.loads(path.read_text("utf-8-sig"))
         if not isinstance(data, dict) or "angle" not in data:
             return None
         angle, full_scale = _single(data["angle"]), data.get("full_scale")

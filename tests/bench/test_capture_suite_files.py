@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -88,3 +89,24 @@ def test_the_id_of_a_capture_is_of_the_content_of_its_dark_frames(tmp_path: Path
         ids.append(results.run["captures"][0]["scene"])
     assert ids[0] == ids[1]
     assert ids[1] != ids[2]
+
+
+def test_texts_may_begin_with_a_mark_of_their_encoding(tmp_path: Path) -> None:
+    """Editors of Windows write one, which JSON and TOML do not know."""
+    for number, angle in enumerate(ANGLES.values()):
+        (tmp_path / "a").mkdir(exist_ok=True)
+        light = polarisation.polarised(np.array([0.5, 0.1, 0.1]), angle)
+        tifffile.imwrite(tmp_path / "a" / f"{number}.tif", np.full((9, 9), light, np.float32))
+        # polanalyser's angles are radians from the horizontal.
+        text = json.dumps({"angle": np.radians(angle + 90.0)})
+        (tmp_path / "a" / f"{number}.json").write_text(text, "utf-8-sig")
+    fit = malus.fit_capture(tmp_path / "a")
+    np.testing.assert_allclose(fit.stokes[0, 0, 0], [0.5, 0.1, 0.1], atol=1e-6)
+    for path in (tmp_path / "a").glob("*.json"):
+        path.unlink()
+    listed = {f"{number}.tif": angle for number, angle in enumerate(ANGLES.values())}
+    (tmp_path / "a" / "angles.json").write_text(json.dumps(listed), "utf-8-sig")
+    again = malus.fit_capture(tmp_path / "a")
+    np.testing.assert_allclose(again.stokes, fit.stokes, atol=1e-6)
+    (tmp_path / "x.toml").write_text('[[capture]]\nfolder = "a"\n', "utf-8-sig")
+    assert malus.load_captures(tmp_path / "x.toml").capture[0].called == "a"
