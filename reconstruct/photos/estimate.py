@@ -65,6 +65,7 @@ def estimate(
     if not np.isfinite(image).all():
         bad = int(np.count_nonzero(~np.isfinite(image)))
         raise InputError(where, "finite values", counted(bad, "other"), "repair the picture")
+    _check_sizes(image, knowledge)
     if not image.max() > 0:
         raise InputError(where, "a picture with some light in it", "an all-dark one", "check it")
     if knowledge.is_nothing:
@@ -96,6 +97,17 @@ def estimate(
     statements = (*about_light, *(s for _, result in results for s in result.statements))
     warnings = (*failed, *(w for _, result in results for w in result.warnings))
     return Estimate(coloured, statements, warnings)
+
+
+def _check_sizes(image: Float32Array, knowledge: Knowledge) -> None:
+    """Refuse masks, labels and normals of another size than the picture. Raises InputError."""
+    size = image.shape[:2]
+    told = {"labels": knowledge.labels, "mask": knowledge.mask, "normals": knowledge.normals}
+    for name, array in told.items():
+        expected = (*size, 3) if name == "normals" else size
+        if array is not None and np.shape(array) != expected:
+            hint = "make it of the picture's size"
+            raise InputError(name, f"shape {expected}", f"{np.shape(array)}", hint)
 
 
 def _observation(

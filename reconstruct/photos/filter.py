@@ -188,7 +188,7 @@ def _check_angles(angles_deg: Sequence[float]) -> None:
     if np.ndim(angles_deg) != 1:
         raise InputError("angles", "a list of degrees", f"{angles_deg}", "give a list of one")
     for angle in angles_deg:
-        if not math.isfinite(angle):
+        if isinstance(angle, str) or not math.isfinite(angle):
             raise InputError("angles", "degrees from the vertical", f"{angle}", "correct it")
     names = [_angle_name(angle) for angle in {angle % 180.0 for angle in angles_deg}]
     if len(set(names)) < len(names):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+import os
 import re
 import warnings
 from collections.abc import Callable
@@ -67,7 +68,7 @@ _NOWHERE = logging.NullHandler()
 """For libpng's remarks, which would go to the error stream where a program sets up no log."""
 
 
-def read_picture(path: Path | str, linear: bool = False, part: str | None = None) -> Picture:
+def read_picture(path: Path | str, linear: bool = False, part: str | int | None = None) -> Picture:
     """Read a picture as linear light, with what is needed to write another one like it.
 
     Parameters
@@ -76,7 +77,7 @@ def read_picture(path: Path | str, linear: bool = False, part: str | None = None
         Of the picture's file.
     linear : bool
         Take the codes of an integer file for linear light, whatever its profile says.
-    part : str, optional
+    part : str or int, optional
         Which of several pictures in a file: name of an OpenEXR part, or number of a TIFF page
         from 1; or name of an OpenEXR layer.
 
@@ -101,7 +102,9 @@ def read_picture(path: Path | str, linear: bool = False, part: str | None = None
     >>> picture.linear.shape, round(float(picture.linear[0, 0, 0]), 2)
     ((2, 3, 1), 0.5)
     """
-    path = Path(path)
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError("path", "a path", type(path).__name__, "name a file")
+    path, part = Path(path), None if part is None else str(part)
     readers: dict[str, Callable[[Path, bool, str | None], Picture]] = {
         "EXR": read_exr,
         "TIFF": read_tiff,

@@ -103,7 +103,7 @@ def _page(path: Path, file: Any, part: str | None) -> tuple[Any, tuple[str, ...]
     """The page that is meant, and a note on those that are left out."""
     pages, copies = _full_pages(file)
     if part is not None:
-        if not part.isdigit() or not 1 <= int(part) <= len(pages):
+        if not part.isdecimal() or not 1 <= int(part) <= len(pages):
             raise InputError("part", f"a page from 1 to {len(pages)}", part, "choose one of them")
         return pages[int(part) - 1], (f"page {part} of {len(pages)} is read",)
     if len(pages) > 1:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 
 import malus
 from malus.reconstruct import Components, Observation, get_method
@@ -252,6 +253,13 @@ def test_lists_are_arrays_too() -> None:
         (lambda: Knowledge(eta=1.5 + 1j), "eta: expected a refractive index"),  # type: ignore[arg-type]
         (lambda: Knowledge(alpha=[0.1]), "alpha: expected a roughness"),  # type: ignore[arg-type]
         (lambda: Knowledge(eta="1.5"), "eta: expected a refractive index"),  # type: ignore[arg-type]
+        (
+            lambda: filter_picture(
+                Picture(np.ones((4, 4, 3), np.float32), "EXR", None),
+                output=FilterOutput(("30",)),  # type: ignore[arg-type]
+            ),
+            "angles: expected degrees from the vertical, found 30",
+        ),
         (lambda: filter_picture(np.ones((4, 4, 3))), "a path or a malus.Picture, found ndarray"),  # type: ignore[arg-type]
         (lambda: malus.render(Scene, renderer=ANY), "expected"),  # type: ignore[arg-type]
         (lambda: separate(*ball(), method=ANY), "found None"),
@@ -285,3 +293,33 @@ def test_no_surface_reflects_more_than_all() -> None:
     for part in reflectances(cosine, index):
         assert part.max() <= 1.0
         assert part.min() >= 0.0
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"mask": np.ones((8, 7), bool)},
+        {"labels": np.ones((3, 3), int)},
+        {"normals": np.zeros((9, 8, 3), np.float32)},
+    ],
+    ids=lambda told: next(iter(told)),
+)
+def test_what_is_of_another_size_than_the_picture_is_told(told: dict[str, Any]) -> None:
+    """Normals ended in a message of NumPy, and what is no InputError in a traceback."""
+    picture = Picture(np.full((8, 8, 3), 0.5, np.float32), "EXR", None)
+    (name,) = told
+    with pytest.raises(InputError, match=rf"^{name}: expected shape \(8, 8"):
+        filter_picture(picture, knowledge=Knowledge(**told, method="unpolarised"))
+
+
+def test_a_page_is_chosen_by_its_number(tmp_path: Path) -> None:
+    pages = np.arange(3 * 64, dtype=np.float32).reshape(3, 8, 8)
+    tifffile.imwrite(tmp_path / "a.tif", pages, photometric="minisblack")
+    for part in (2, "2"):
+        found = malus.read_picture(tmp_path / "a.tif", part=part).linear[..., 0]
+        np.testing.assert_array_equal(found, pages[1])
+    for part in (0, 4, "²", "x", -1):
+        with pytest.raises(InputError, match=f"part: expected a page from 1 to 3, found {part}"):
+            malus.read_picture(tmp_path / "a.tif", part=part)
+    with pytest.raises(InputError, match="path: expected a path, found NoneType"):
+        malus.read_picture(ANY)
