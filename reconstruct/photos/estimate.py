@@ -62,10 +62,7 @@ def estimate(
     InputError
         Where no method works on this picture, with the method's reason.
     """
-    if not np.isfinite(image).all():
-        bad = int(np.count_nonzero(~np.isfinite(image)))
-        raise InputError(where, "finite values", counted(bad, "other"), "repair the picture")
-    _check_sizes(image, knowledge)
+    _check_given(image, knowledge, where)
     if not image.max() > 0:
         raise InputError(where, "a picture with some light in it", "an all-dark one", "check it")
     if knowledge.is_nothing:
@@ -99,8 +96,17 @@ def estimate(
     return Estimate(coloured, statements, warnings)
 
 
-def _check_sizes(image: Float32Array, knowledge: Knowledge) -> None:
-    """Refuse masks, labels and normals of another size than the picture. Raises InputError."""
+def _check_given(image: Float32Array, knowledge: Knowledge, where: str) -> None:
+    """Refuse pictures that are not finite; masks, labels and normals of another size than theirs.
+
+    Raises
+    ------
+    InputError
+        With the number of values, or what is of another size.
+    """
+    if not np.isfinite(image).all():
+        bad = int(np.count_nonzero(~np.isfinite(image)))
+        raise InputError(where, "finite values", counted(bad, "other"), "repair the picture")
     size = image.shape[:2]
     told = {"labels": knowledge.labels, "mask": knowledge.mask, "normals": knowledge.normals}
     for name, array in told.items():
