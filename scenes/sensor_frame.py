@@ -104,7 +104,7 @@ def expose(
     # A polariser passes no negative light; a noisy Stokes vector may claim some.
     signal = np.maximum(_behind_colours(passing, sensor, channels), 0.0)
     exposure = _exposure(signal, sensor)
-    seeds = [seed] if np.ndim(seed) == 0 else seed  # of NumPy's whole numbers too
+    seeds = [seed] if isinstance(seed, int | np.integer) else seed
     raw = [
         _digital(exposure * frame, sensor, np.random.default_rng([*seeds, number]))
         for number, frame in enumerate(signal)
