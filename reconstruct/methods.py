@@ -7,7 +7,6 @@ import importlib
 import importlib.metadata
 import importlib.util
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -215,7 +214,7 @@ def _loaded(where: str, reference: str) -> Method:
     except InputError:
         raise  # of a Method there that is none
     except (Exception, SystemExit) as error:  # a module raises anything
-        if getattr(error, "code", None) == _STOPPED:
+        if isinstance(error, SystemExit) and error.code in _STOPPED:
             raise
         found, hint = _why_not_imported(module, error), "check that it can be imported"
         raise InputError(where, "package.module:object", found, hint) from None
@@ -255,8 +254,8 @@ def guarded(method: Method) -> Method:
     return replace(method, reconstruct=functools.partial(_guarded, method))
 
 
-_STOPPED = 128 + signal.SIGTERM
-"""Code of the exit where somebody stops malus, meanwhile."""
+_STOPPED = (129, 143)
+"""Codes of the exit where malus is stopped meanwhile: by a closed terminal and by SIGTERM."""
 
 
 def _guarded(method: Method, observation: Observation) -> Components:
@@ -271,7 +270,7 @@ def _guarded(method: Method, observation: Observation) -> Components:
             error.add_note(place)
         raise
     except SystemExit as leaving:
-        if leaving.code == _STOPPED:
+        if leaving.code in _STOPPED:
             raise
         ended = RuntimeError(f"SystemExit, with {leaving.code!r}: it would end the whole program")
         ended.add_note(_place_in_method(leaving))

@@ -121,7 +121,8 @@ def test_a_module_that_cannot_be_imported_says_where(
     assert "\n" not in str(caught.value)
 
 
-def test_a_method_that_ends_the_program_fails_alone(module: Path) -> None:
+@pytest.mark.parametrize("stopped", [129, 143])
+def test_a_method_that_ends_the_program_fails_alone(module: Path, stopped: int) -> None:
     text = FAILING + "\n\ndef leave(observation):\n    raise SystemExit(4)\n"
     text += "mine = Method('mine', frozenset(), leave, 'ends the program')\n"
     (module / "leaving_methods.py").write_text(text, "utf-8")
@@ -135,9 +136,10 @@ def test_a_method_that_ends_the_program_fails_alone(module: Path) -> None:
     assert failure.method == "mine"
     assert f"(leaving_methods.py, line {line}): SystemExit, with 4" in failure.reason
     # The stop of the whole run passes: `malus run` leaves so where it is terminated.
-    (module / "stopped_methods.py").write_text(text.replace("Exit(4)", "Exit(143)"), "utf-8")
+    text = text.replace("Exit(4)", f"Exit({stopped})")
+    (module / f"stopped_by_{stopped}.py").write_text(text, "utf-8")
     with pytest.raises(SystemExit):
-        get_method("stopped_methods:mine").reconstruct(seen)
+        get_method(f"stopped_by_{stopped}:mine").reconstruct(seen)
 
 
 def test_masked_values_are_no_numbers() -> None:
