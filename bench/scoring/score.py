@@ -63,7 +63,8 @@ def score(truth: Truth, method: Method | Components | str) -> Score:
     if not isinstance(method, Method | str):
         expected = "a Method, the name of one, or Components"
         hint = "Stokes vectors are malus.Components(*numpy.moveaxis(stokes, -1, 0))"
-        raise InputError("method", expected, type(method).__name__, hint)
+        found = "None" if method is None else type(method).__name__
+        raise InputError("method", expected, found, hint)
     return Judge(truth).score(get_method(method) if isinstance(method, str) else guarded(method))
 
 

@@ -94,7 +94,7 @@ def test_who_gives_a_truth_to_a_chain_is_told_what_it_takes(name: str) -> None:
 
 def test_a_score_needs_a_method() -> None:
     truth = malus.render(SCENE, renderer="torrance-sparrow")
-    with pytest.raises(InputError, match="a Method or the name of one, found None"):
+    with pytest.raises(InputError, match="a Method, the name of one, or Components, found None"):
         malus.score(truth, cast(Any, None))
 
 
