@@ -282,9 +282,9 @@ def unchecked(backend: str = "auto") -> Variant:
 
 
 def missing_llvm() -> str | None:
-    """The path in DRJIT_LIBLLVM_PATH where it names no file."""
-    named = os.environ.get("DRJIT_LIBLLVM_PATH")
-    return named if named and not Path(named).is_file() else None
+    """The path in DRJIT_LIBLLVM_PATH where it names no file, unless malus itself wrote it there."""
+    named = os.environ.get("DRJIT_LIBLLVM_PATH", os.devnull)
+    return named if named not in ("", os.devnull) and not Path(named).is_file() else None
 
 
 def mitsuba(variant: Variant) -> ModuleType:

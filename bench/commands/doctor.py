@@ -74,6 +74,7 @@ def _check(backend: str, as_json: bool) -> None:
     from malus.bench.commands.console import plain_console
     from malus.bench.commands.printing import plain_table, print_json
     from malus.bench.public.doctor import self_check
+    from malus.scenes.core.errors import counted
 
     checks = self_check(backend)
     failed = sum(not check.passed for check in checks)
@@ -90,7 +91,7 @@ def _check(backend: str, as_json: bool) -> None:
             table.add_row(check.name, verdict, *numbers, check.why or check.what)
         console = plain_console()
         console.print(table)
-        console.print(f"{len(checks)} checks, {failed} failed")
+        console.print(f"{counted(len(checks), 'check')}, {failed} failed")
     sys.exit(1 if failed else 0)
 
 

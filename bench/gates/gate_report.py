@@ -83,7 +83,8 @@ def tables(comparisons: Sequence[Comparison]) -> Iterator[Table]:
     """Tables for the terminal: what changed, and the smallest changes that are detected."""
     changed = list(differences(comparisons))
     if changed:
-        yield _table("changes beyond noise and tolerance", _DIFFERENCES, changed[:_MOST_LINES])
+        title = "changes beyond noise and tolerance, and what was not compared"
+        yield _table(title, _DIFFERENCES, changed[:_MOST_LINES])
     yield _table("smallest change that is seen", _SENSITIVITY, list(sensitivity(comparisons)))
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import platform
+from pathlib import Path
 from typing import Any
 
 from malus.bench.public.requirements import installed_packages, unmet_requirements
@@ -94,6 +96,12 @@ def _aborts(number: int | None) -> bool:
 def _advice(variant: str) -> str | None:
     if variant != SCALAR:
         return None
+    named = os.environ.get("DRJIT_LIBLLVM_PATH", "")
+    if Path(named).is_file():  # then malus looks nowhere else
+        return (
+            f"DRJIT_LIBLLVM_PATH names {named}, which is no working LLVM 17 or later: "
+            "unset it to let malus look in the usual places"
+        )
     return (
         "rendering works, but about ten times slower than with LLVM 17 or later: "
         "`apt-get install libllvm19` (Debian, Ubuntu), `dnf install llvm-libs` (Fedora), "

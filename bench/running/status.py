@@ -15,7 +15,7 @@ from malus.renderers.datasets.part_list import read_parts
 from malus.scenes.core.errors import InputError, printable
 from malus.scenes.core.files import read_json
 from malus.scenes.core.remote import as_path
-from malus.scenes.core.result_files import RUN
+from malus.scenes.core.result_files import PARTS, RUN
 
 MAX_PLAN_BYTES = 1 << 28
 
@@ -109,7 +109,7 @@ def status(folder: Path | str) -> Status:
     Raises
     ------
     InputError
-        If the folder holds neither.
+        If the folder holds neither, or a run whose plan is lost.
 
     Examples
     --------
@@ -125,6 +125,9 @@ def status(folder: Path | str) -> Status:
         return _of_run(folder)
     if (folder / DATASET).exists():
         return _of_dataset(folder)
+    if (folder / PARTS).exists():
+        hint = "give the same `malus run` again: it takes over what is done"
+        raise InputError(str(folder / PLAN), "the plan of a run", "none, but parts of a run", hint)
     expected = f"{PLAN} of a run or {DATASET} of a dataset"
     raise InputError(
         str(folder), expected, "neither", "give the folder that `malus run` or `malus render` wrote"

@@ -339,7 +339,7 @@ def test_a_check_that_fails_is_exit_code_1(monkeypatch: pytest.MonkeyPatch) -> N
     done = run_malus("doctor", "--check")
     assert done.returncode == 1
     assert "FAILED" in done.stdout
-    assert "1 checks, 1 failed" in done.stdout
+    assert "1 check, 1 failed" in done.stdout
 
 
 def test_doctor_says_that_the_library_named_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import tomllib
 from email.message import Message
@@ -111,3 +112,20 @@ def test_no_numpy_is_allowed_that_pyarrow_refuses() -> None:
     (numpy,) = (need for need in needs if need.name == "numpy")
     assert "1.26.4" not in numpy.specifier
     assert "2.0.2" in numpy.specifier  # `malus run` gives the same table with it
+
+
+def test_a_library_that_is_named_and_does_not_work_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Malus looks for no other then, and installing one does not help."""
+    named = tmp_path / "libLLVM-19.so"
+    named.write_bytes(b"no library")
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(named))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    command = [sys.executable, "-m", "malus", "doctor", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    findings = json.loads(done.stdout)
+    if "cuda" in findings["variant"]:
+        pytest.skip("a graphics card renders here, whatever LLVM there is")
+    assert findings["advice"].startswith(f"DRJIT_LIBLLVM_PATH names {named}, which is no working")

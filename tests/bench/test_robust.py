@@ -72,6 +72,8 @@ def test_a_run_whose_plan_is_lost_goes_on(tmp_path: Path) -> None:
     """As where its folder was cleared while it ran: it was taken for scores, and refused."""
     before = run(SUITE, tmp_path, NOBODY).table
     (tmp_path / PLAN).unlink()
+    with pytest.raises(InputError, match="parts of a run; give the same `malus run` again"):
+        status(tmp_path)
     again = run(SUITE, tmp_path, NOBODY)
     assert again.run["families_taken_over"] == again.run["families"]
     pd.testing.assert_frame_equal(again.table, before, check_exact=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -40,6 +41,17 @@ def test_versions_that_abort_are_no_candidates(
     for name in names[:3]:
         monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(no_libraries / name))
         assert variant.llvm_candidates() == []
+
+
+@pytest.mark.parametrize(
+    ("named", "told"), [("/nowhere", "/nowhere"), ("", None), (os.devnull, None)]
+)
+def test_a_library_that_is_not_there_is_told_unless_malus_named_it(
+    monkeypatch: pytest.MonkeyPatch, named: str, told: str | None
+) -> None:
+    """Where none works malus itself names no file, so that Dr.Jit loads none."""
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", named)
+    assert variant.missing_llvm() == told
 
 
 def test_a_link_without_a_number_is_known_by_what_it_points_to(no_libraries: Path) -> None:
