@@ -37,10 +37,9 @@ def example_ids(families: Sequence[FamilyPlan]) -> frozenset[str]:
     >>> len(example_ids(plan(load_suite("quick"))))
     8
     """
-    scenes = [_of_middle_index(family.scenes) for family in families]
-    step = max(1.0, len(scenes) / MOST_EXAMPLES)
-    picks = {int(k * step) for k in range(min(MOST_EXAMPLES, len(scenes)))}
-    return frozenset(scenes[k].id for k in sorted(picks))
+    step = max(1.0, len(families) / MOST_EXAMPLES)
+    picks = {int(k * step) for k in range(min(MOST_EXAMPLES, len(families)))}
+    return frozenset(_of_middle_index(families[k].scenes).id for k in sorted(picks))
 
 
 def _of_middle_index(scenes: Sequence[Scene]) -> Scene:

@@ -241,10 +241,13 @@ def merged(
 
 def in_order(table: pd.DataFrame, family: FamilyPlan, methods: Iterable[str]) -> pd.DataFrame:
     """Rows of `methods`, ordered by the family's scenes and the methods."""
-    scene_rank = {scene.id: rank for rank, scene in enumerate(family.scenes)}
-    method_rank = {method: rank for rank, method in enumerate(dict.fromkeys(methods))}
-    rows = table[table.method.isin(method_rank)]
-    rank = rows.scene.map(scene_rank) * len(method_rank) + rows.method.map(method_rank)
-    ordered = rows.iloc[rank.to_numpy().argsort(kind="stable")].reset_index(drop=True)
+    import pandas as pd
+
+    scene_order = pd.Index(list(dict.fromkeys(family.scene_ids)))
+    method_order = pd.Index(list(dict.fromkeys(methods)))
+    rows = table[table.method.isin(method_order)]
+    scene_rank = scene_order.get_indexer(rows.scene)
+    rank = scene_rank * len(method_order) + method_order.get_indexer(rows.method)
+    ordered = rows.iloc[rank.argsort(kind="stable")].reset_index(drop=True)
     ordered.attrs = dict(table.attrs)
     return ordered

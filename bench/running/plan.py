@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 from malus.renderers.families.bounced import needs_paths
@@ -43,11 +44,15 @@ class FamilyPlan:
     traces: int = 1
     interpolated: bool = False
 
-    @property
+    @cached_property
+    def scene_ids(self) -> tuple[str, ...]:
+        """Ids of the scenes, in their order; each is a hash of all that a scene is."""
+        return tuple(scene.id for scene in self.scenes)
+
+    @cached_property
     def id(self) -> str:
         """Hash of what decides the family's truths."""
-        parts = [scene.id for scene in self.scenes]
-        return content_id([parts, self.sampling.model_dump(mode="json")])
+        return content_id([list(self.scene_ids), self.sampling.model_dump(mode="json")])
 
     @property
     def label(self) -> str:

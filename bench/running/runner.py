@@ -125,7 +125,7 @@ class SuiteRun:
         examples = example_ids(self.families)
         for family in in_working_order(self.families):
             name = part_id(family, self.suite, self.variant.name)
-            shown = examples & {scene.id for scene in family.scenes}
+            shown = examples.intersection(family.scene_ids)
             missing = self._missing_methods(name, shown)
             if not missing:
                 self.finished += 1

@@ -136,7 +136,7 @@ def score_together(
         result.records += [of_method[number] for of_method in records]
         result.samples = pixels.first.samples
         result.interpolation_rms = pixels.first.interpolation_error.get("rms", 0.0)
-        if result.scene.id in examples:
+        if columns[number]["scene"] in examples:
             with result.outcome.guard(result.scene):
                 result.keep_example(renders.truth_of(result.scene), plan)
     return True

@@ -84,8 +84,10 @@ class Model(BaseModel):
     def _known_keys(cls, data: Any, info: ValidationInfo) -> Any:
         if not isinstance(data, dict):
             return data
+        fields = cls.model_fields
         for key in data:
-            lookup(str(key), cls.model_fields, "key", "one of the keys here")
+            if key not in fields:
+                lookup(str(key), fields, "key", "one of the keys here")
         # What is parsed stays to the bit: drawn and stored scenes keep their ids.
         if info.context == PARSED:
             return data
