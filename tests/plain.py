@@ -9,6 +9,7 @@ import pytest
 
 from malus.renderers import Truth
 from malus.renderers.comparison.plain_mitsuba import lamps
+from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba.translate import sensor, shape_object
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
@@ -25,10 +26,6 @@ from malus.scenes import (
 )
 from malus.scenes.lights.polarised import is_polarised
 from malus.scenes.materials.surface import Surface
-
-needs_arrays = pytest.mark.skipif(
-    not choose().vectorised, reason="paths of light need LLVM or CUDA here"
-)
 
 GOLD = {"eta": 0.2, "k": 3.0}
 MIRROR = {"eta": 0.01, "k": 20.0}
@@ -83,6 +80,20 @@ def by_mitsuba(scene: Scene, sampling: Sampling, shapes: dict[str, Any], runs: i
 def own_shape(scene: Scene) -> dict[str, Any]:
     mi = mitsuba(choose())
     return {"own": shape_object(mi, scene.shape, mi.load_dict(plain_bsdf(scene.surface)))}
+
+
+def against_scalar(scene: Scene) -> np.ndarray:
+    """Differences from the truth of the scalar variant, Mitsuba's `stokes`, over their errors.
+
+    The scalar errors come from 8 batches: Student's t with 7 degrees of freedom, variance 7/5.
+    """
+    if not choose().vectorised:
+        pytest.skip("only the scalar variant runs here: nothing to compare it with")
+    ours = render_family([scene], Sampling(samples=64, seed=1)).truth(scene)
+    theirs = render_family([scene], Sampling(samples=64, seed=2), choose("scalar")).truth(scene)
+    both = ours.mask & theirs.mask & (ours.image[..., 0] > 0)
+    error = np.hypot(ours.standard_error, theirs.standard_error)[both]
+    return ((ours.stokes - theirs.stokes)[both] / np.maximum(error, 1e-6)).ravel()
 
 
 def compare(truth: Truth, theirs: np.ndarray) -> None:

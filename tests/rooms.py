@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from malus.renderers.variant import choose
+from malus.renderers.mitsuba.path_traced import Room
+from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
     Camera,
     Dielectric,
     Light,
     Placed,
     Plane,
+    Sampling,
     Scene,
     Sphere,
     Superquadric,
@@ -59,3 +63,12 @@ def table(light: Light, body: str = "polarised", resolution: int = 20) -> Scene:
             ),
         ),
     )
+
+
+def own_shapes(scene: Scene) -> dict[str, Any]:
+    """Its objects as malus renders them, in the first band, for Mitsuba's own integrators."""
+    room = Room(mitsuba(choose()), scene, Sampling(samples=2))
+    for bsdf in room.bsdfs:
+        eta = bsdf.surface.indices(scene.wavelengths_nm)[0].item()
+        bsdf.set_band(eta, float(bsdf.surface.albedos(scene.wavelengths_nm)[0]))
+    return {f"object{i}": shape for i, shape in enumerate(room.shapes)}

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from plain import needs_arrays
+from rooms import needs_arrays
 from runs import NOBODY, SMALL, SUITE, share_at_once
 
 from malus.bench.running import sharing, work

@@ -16,11 +16,11 @@ from plain import (
     by_mitsuba,
     compare,
     flat,
-    needs_arrays,
     own_shape,
     returns_no_more,
     scene_of,
 )
+from rooms import needs_arrays
 
 from malus.bench.scoring.extra_metrics import polarisation_error
 from malus.renderers import Truth, render

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from plain import needs_arrays
+from rooms import needs_arrays
 
 from malus.renderers.families.family import render_family
 from malus.renderers.rendering import render

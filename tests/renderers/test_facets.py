@@ -14,18 +14,18 @@ from plain import (
     LAMP,
     MIRROR,
     OBLIQUE,
+    against_scalar,
     by_mitsuba,
     compare,
-    needs_arrays,
     own_shape,
     plain_bsdf,
     returns_no_more,
     scene_of,
 )
 from reference.fresnel import reflectances
+from rooms import needs_arrays
 
 from malus.renderers import render
-from malus.renderers.families.family import render_family
 from malus.renderers.torrance_sparrow import render_torrance_sparrow
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
@@ -183,15 +183,9 @@ def test_recordings_tell_distributions_apart() -> None:
 
 
 def test_the_scalar_variant_has_the_same_facets() -> None:
-    if not choose().vectorised:
-        pytest.skip("only the scalar variant runs here: nothing to compare it with")
     scene = scene_of(Conductor(**GOLD, alpha=(0.15, 0.4), distribution="ggx"), OBLIQUE)
-    ours = render_family([scene], Sampling(samples=64, seed=1)).truth(scene)
-    theirs = render_family([scene], Sampling(samples=64, seed=2), choose("scalar")).truth(scene)
-    both = ours.mask & theirs.mask
-    error = np.hypot(ours.standard_error, theirs.standard_error)[both]
-    residual = ((ours.stokes - theirs.stokes)[both] / np.maximum(error, 1e-6)).ravel()
-    # As in test_conductors: Student's t with 7 degrees of freedom; components correlate.
+    residual = against_scalar(scene)
+    # As in test_conductors: Student's t, variance 7/5; components correlate.
     assert 0.4 < np.mean(residual**2) < 1.8
 
 

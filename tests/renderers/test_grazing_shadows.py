@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plain import needs_arrays
+from rooms import needs_arrays
 
 from malus.renderers import render
 from malus.scenes import (

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plain import GOLD, LAMP, RING, needs_arrays, scene_of
+from plain import GOLD, LAMP, RING, scene_of
+from rooms import needs_arrays
 
 from malus.renderers import render
 from malus.renderers.truth import Truth

@@ -6,7 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
-from plain import MIRROR, needs_arrays
+from plain import MIRROR
+from rooms import needs_arrays
 
 from malus.renderers import render
 from malus.renderers.truth import Truth

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rooms import needs_arrays, table
+from plain import by_mitsuba
+from rooms import needs_arrays, own_shapes, table
 
 from malus.renderers import render
-from malus.renderers.comparison.plain_mitsuba import lamps
-from malus.renderers.mitsuba.path_traced import Room
-from malus.renderers.mitsuba.translate import sensor
-from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
     Area,
     Camera,
@@ -69,28 +66,6 @@ def test_with_nothing_near_a_room_is_its_object_alone(light: Light) -> None:
         assert (np.abs((a - b).sum(axis=0)) <= bound).all()
 
 
-def by_mitsuba(scene: Scene, sampling: Sampling, runs: int) -> np.ndarray:
-    """s0, s1, s2 (runs, height, width, 3) by Mitsuba's integrators, the lamp behind a plate."""
-    mi = mitsuba(choose())
-    room = Room(mi, scene, Sampling(samples=2))
-    for bsdf in room.bsdfs:
-        eta = bsdf.surface.indices(scene.wavelengths_nm)[0].item()
-        bsdf.set_band(eta, float(bsdf.surface.albedos(scene.wavelengths_nm)[0]))
-    # The plate counts as a reflection.
-    path = {"type": "path", "max_depth": sampling.max_depth + 1, "hide_emitters": True}
-    loaded = mi.load_dict(
-        {
-            "type": "scene",
-            "sensor": sensor(mi, scene.camera, 100.0),
-            "integrator": {"type": "stokes", "path": path},
-        }
-        | lamps(mi, scene.light)
-        | {f"object{i}": shape for i, shape in enumerate(room.shapes)}
-    )
-    images = [np.asarray(mi.render(loaded, spp=sampling.samples, seed=i)) for i in range(runs)]
-    return np.stack(images)[..., [-12, -9, -6]]
-
-
 def test_light_by_way_of_other_objects_is_what_mitsuba_renders() -> None:
     """Gold keeps and turns most of how light oscillates: it matters that the lamp is polarised."""
     lamp = Area(incidence_deg=50, azimuth_deg=60, half_angle_deg=40)
@@ -98,7 +73,8 @@ def test_light_by_way_of_other_objects_is_what_mitsuba_renders() -> None:
     sampling, runs = Sampling(samples=512, max_depth=4), 8
     truth = render(scene, sampling)
     mask = truth.mask
-    theirs = by_mitsuba(scene, Sampling(samples=2048, max_depth=4), runs)[:, mask]
+    many = Sampling(samples=2048, max_depth=4)
+    theirs = by_mitsuba(scene, many, own_shapes(scene), runs)[:, mask, :3]
     ours, error = truth.stokes[:, :, 0][mask], truth.standard_error[:, :, 0][mask]
     variance = error**2 + theirs.var(axis=0, ddof=1) / runs
     misfit = np.square(ours - theirs.mean(axis=0)).sum(axis=0) / variance.sum(axis=0)

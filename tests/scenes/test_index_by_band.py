@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plain import needs_arrays
+from rooms import needs_arrays
 from suite_texts import GOOD
 
 import malus
