@@ -15,13 +15,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from malus.bench.running.runner import run
 from malus.bench.running.sharing import cpu_processes, on_a_card
 from malus.bench.running.work import Engine, in_worker_processes, rendered_beside
 from malus.bench.running.worker_process import WorkerProcess
-from malus.renderers.variant import Variant
+from malus.bench.studies.study import Findings
+from malus.renderers.variant import Variant, choose
 from malus.scenes.core.cores import usable_cores
 from malus.scenes.core.errors import InputError
 from malus.scenes.suite import Suite, load_suite
@@ -49,6 +51,15 @@ class CoresSpeed:
     seconds: float
     processor_seconds: float
     stages: dict[str, float]
+
+
+def findings(
+    folder: Path | None, most: int, resolution: int, samples: int, every: int, backend: str
+) -> Findings:
+    """Run the benchmark on one core, two, … and the most; 0 for all that may be used."""
+    suite = reduced_fig5(resolution, samples, every)
+    speeds = measure(suite, choose(backend), numbers_of_cores(most or usable_cores()))
+    return Findings(tuple(report_lines(speeds)), figures(speeds))
 
 
 def reduced_fig5(resolution: int, samples: int, every: int) -> Suite:

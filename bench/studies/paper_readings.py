@@ -82,7 +82,7 @@ def findings(folder: Path, every: int, resolution: int, backend: str) -> Finding
     return Findings((*verdicts(by_dataset(table)), f"written to {folder}"))
 
 
-def paper_readings(variant: Variant, every: int = 1, resolution: int = 32) -> pd.DataFrame:
+def paper_readings(variant: Variant, every: int, resolution: int) -> pd.DataFrame:
     """Errors of every method on every data set in every reading.
 
     Parameters

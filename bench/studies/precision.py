@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,15 @@ import pandas as pd
 from malus.bench.scoring.judge import Judge
 from malus.bench.scoring.observe import observe
 from malus.bench.studies.reference import reference_dolp
+from malus.bench.studies.study import Findings
 from malus.bench.studies.timing import median_and_spread
 from malus.reconstruct import get_method, specular_dolp
 from malus.reconstruct.facets.table import DolpTable
 from malus.renderers.families.family import render_family
-from malus.renderers.variant import Variant
+from malus.renderers.variant import Variant, choose
+from malus.reports.tables.formats import as_csv
 from malus.scenes.camera import Camera
+from malus.scenes.core.files import write_text
 from malus.scenes.lights.lights import Distant, Light, Uniform
 from malus.scenes.materials.surface import Dielectric
 from malus.scenes.scene import Sampling, Scene
@@ -33,6 +37,18 @@ REPEATS = 5
 ZENITHS = np.radians(np.linspace(2.0, 88.0, 24))
 ETA, SIGMA = 1.5, 11.1
 METHODS = ("unpolarised", "eq8", "visible+body", "shadowed+body", "half_vector+body", "lights+body")
+
+
+def findings(folder: Path, backend: str) -> Findings:
+    """Run the study and write its table into a folder."""
+    table = precision(choose(backend))
+    write_text(folder / "precision.csv", as_csv(table))
+    return Findings((f"written to {folder}",), table=table, cells=_cells)
+
+
+def _cells(row: pd.Series) -> list[str]:
+    numbers = {"seconds", "spread", "error"}
+    return [f"{value:.2e}" if name in numbers else str(value) for name, value in row.items()]
 
 
 def precision(variant: Variant, repeats: int = REPEATS) -> pd.DataFrame:

@@ -6,15 +6,11 @@ help, so nothing heavy is imported before a study runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from malus.bench.studies.study import Findings, Study, StudyOption, option_values
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def run_study(name: str, out: Path | str | None = None, **options: Any) -> Findings:
@@ -79,163 +75,16 @@ def _write(study: Study, folder: Path, findings: Findings) -> None:
     replace_text(folder / f"{study.name}.json", text)
 
 
-def _stress(folder: Path) -> Findings:
-    from malus.bench.studies.stress import stress_table, write_table
-    from malus.reports.tables.text_tables import stress_cells
-
-    table = stress_table()
-    write_table(folder, table)
-    failed = int((~table.passed).sum())
-    line = f"{len(table)} cases, {failed} failed; written to {folder}"
-    return Findings((line,), table=table, cells=stress_cells, passed=failed == 0)
-
-
-def _precision(folder: Path, backend: str) -> Findings:
-    from malus.bench.studies.precision import precision
-    from malus.renderers.variant import choose
-    from malus.reports.tables.formats import as_csv
-    from malus.scenes.core.files import write_text
-
-    table = precision(choose(backend))
-    write_text(folder / "precision.csv", as_csv(table))
-    return Findings((f"written to {folder}",), table=table, cells=_precision_cells)
-
-
-def _precision_cells(row: pd.Series) -> list[str]:
-    numbers = {"seconds", "spread", "error"}
-    return [f"{value:.2e}" if name in numbers else str(value) for name, value in row.items()]
-
-
 def _from(module: str) -> Callable[..., Findings]:
     """The `findings` of a module of this folder, imported when the study runs."""
 
-    def run(folder: Path, **options: Any) -> Findings:
+    def run(folder: Path | None, **options: Any) -> Findings:
         from importlib import import_module
 
         found: Findings = import_module(f"malus.bench.studies.{module}").findings(folder, **options)
         return found
 
     return run
-
-
-def _ratio(folder: Path | None, points: int) -> Findings:
-    from malus.bench.studies.speed_ratio import measure_speed, report_lines
-
-    speeds = measure_speed(points)
-    return Findings(tuple(report_lines(speeds)), [asdict(speed) for speed in speeds])
-
-
-def _reconstruct(folder: Path | None, megapixels: float, repeats: int) -> Findings:
-    from malus.bench.studies.speed_reconstruct import measure, report_lines
-
-    speeds = measure(megapixels, repeats)
-    figures = [
-        asdict(speed) | {"pixels_a_second": speed.pixels_a_second, "times_copy": speed.times_copy}
-        for speed in speeds
-    ]
-    return Findings(tuple(report_lines(speeds)), figures)
-
-
-def _render(folder: Path | None, resolution: int, samples: int, backend: str) -> Findings:
-    from malus.bench.studies.speed_render import LIGHTS, compare, report_lines
-    from malus.renderers.variant import choose
-    from malus.scenes.camera import Camera
-    from malus.scenes.scene import Sampling
-
-    camera = Camera.parse({"resolution": resolution}, "study render")
-    sampling = Sampling.parse({"samples": samples}, "study render")
-    variant = choose(backend)
-    lines: list[str] = []
-    figures: list[dict[str, Any]] = []
-    for light in LIGHTS:
-        speeds = compare(variant, camera, sampling, light)
-        lines += report_lines(speeds, light)
-        figures += [{"light": light.label, "way": way} | asdict(s) for way, s in speeds.items()]
-    return Findings(tuple(lines), figures)
-
-
-def _cores(
-    folder: Path | None, most: int, resolution: int, samples: int, every: int, backend: str
-) -> Findings:
-    from malus.bench.studies.cores import (
-        figures,
-        measure,
-        numbers_of_cores,
-        reduced_fig5,
-        report_lines,
-    )
-    from malus.renderers.variant import choose
-    from malus.scenes.core.cores import usable_cores
-
-    suite = reduced_fig5(resolution, samples, every)
-    speeds = measure(suite, choose(backend), numbers_of_cores(most or usable_cores()))
-    return Findings(tuple(report_lines(speeds)), figures(speeds))
-
-
-def _loader(folder: Path | None, resolution: int, epochs: int, backend: str) -> Findings:
-    from malus.bench.studies.speed_loader import compare, report_lines
-    from malus.renderers.variant import choose
-
-    speeds = compare(choose(backend), resolution, epochs)
-    return Findings(tuple(report_lines(speeds)), [asdict(speed) for speed in speeds])
-
-
-def _scaling(folder: Path | None, most: int) -> Findings:
-    from malus.bench.studies.scaling import measure, messages, report_lines
-
-    counts = sorted({max(24, most // share) for share in (100, 10, 1)})
-    scales, messaging = measure(counts), messages()
-    figures = [asdict(scale) for scale in scales] + [asdict(messaging)]
-    return Findings(tuple(report_lines(scales, messaging)), figures)
-
-
-def _single_image(
-    folder: Path | None,
-    stage: str,
-    shapes: Sequence[str],
-    every: int,
-    levels: Sequence[str],
-    resolution: int,
-    coloured: bool,
-    rows: Path | str | None,
-) -> Findings:
-    import json
-
-    from malus.bench.studies.single_image import (
-        megapixels_per_second,
-        single_image,
-        summary_lines,
-    )
-
-    told = {"shapes": shapes, "every": every, "levels": levels, "resolution": resolution}
-    _check_used(stage, told | {"coloured": coloured, "rows": rows})
-    if stage == "speed":
-        speeds = megapixels_per_second()
-        return Findings(tuple(json.dumps(speeds, indent=1).splitlines()), speeds)
-    table = single_image(
-        stage, shapes, every, levels, resolution, coloured, None if rows is None else Path(rows)
-    )
-    figures = json.loads(table.to_json(orient="records"))
-    return Findings(tuple(summary_lines(table)), figures)
-
-
-_UNUSED = {
-    "speed": ("shapes", "every", "levels", "resolution", "coloured", "rows"),
-    "separation": ("levels", "coloured"),
-    "chain": (),
-}
-"""Options of `single-image` that a stage has no use for."""
-
-
-def _check_used(stage: str, values: Mapping[str, Any]) -> None:
-    """Refuse options that a stage of `single-image` would pass over."""
-    from malus.scenes.core.errors import InputError
-
-    for option in STUDIES["single-image"].options:
-        name = option.name
-        if name in _UNUSED[stage] and values[name] != option.default:
-            expected, hint = f"nothing with the stage {stage}", f"leave `{name}` out"
-            raise InputError(name, expected, str(values[name]), hint)
 
 
 _BACKEND = StudyOption("backend", "auto", "auto, cuda, llvm or scalar.")
@@ -246,13 +95,13 @@ STUDIES = {
         Study(
             "stress",
             "Stiff and extreme cases, each with its error and a verdict",
-            _stress,
+            _from("stress"),
             has_page=True,
         ),
         Study(
             "precision",
             "Error against run time: R, rendering, whole methods",
-            _precision,
+            _from("precision"),
             options=(_BACKEND,),
             has_page=True,
         ),
@@ -300,14 +149,14 @@ STUDIES = {
         Study(
             "ratio",
             "Tables of one surface, and R of scattered points, beside dblquad a point",
-            _ratio,
+            _from("speed_ratio"),
             example={"points": "100000"},
             options=(StudyOption("points", 1_000_000, "Points of R.", least=1, most=10**8),),
         ),
         Study(
             "reconstruct",
             "Whole RGB images, beside copying the same bytes",
-            _reconstruct,
+            _from("speed_reconstruct"),
             example={"megapixels": "2"},
             options=(
                 StudyOption("megapixels", 10.0, "Size of the images.", least=1e-5, most=1000),
@@ -317,7 +166,7 @@ STUDIES = {
         Study(
             "render",
             "Polariser images of 24 materials, 5 surfaces and 8 bands, beside two ways by hand",
-            _render,
+            _from("speed_render"),
             example={"resolution": "64"},
             options=(
                 StudyOption("resolution", 128, "Pixels a side.", least=2),
@@ -328,7 +177,7 @@ STUDIES = {
         Study(
             "cores",
             "A reduced fig5 on one core, two, … and all: speed-up, and what bounds it",
-            _cores,
+            _from("cores"),
             details="Each number of cores has a process of its own; start, compilation and report"
             " do not count.",
             example={"every": "4"},
@@ -343,7 +192,7 @@ STUDIES = {
         Study(
             "loader",
             "Reading a dataset for training, from folders, shards and HDF5, beside plain EXR",
-            _loader,
+            _from("speed_loader"),
             example={"epochs": "4"},
             options=(
                 StudyOption("resolution", 96, "Pixels a side.", least=2),
@@ -354,7 +203,7 @@ STUDIES = {
         Study(
             "scaling",
             "What many scenes cost besides rendering: planning, tables, files, memory, scheduler",
-            _scaling,
+            _from("scaling"),
             details="Scenes up to the most asked for are measured with made-up results, in steps of"
             " ten; 1e5 and 1e6 are drawn on from there.",
             example={"most": "1000"},
@@ -365,7 +214,7 @@ STUDIES = {
         Study(
             "single-image",
             "What one ordinary image tells, stage by stage, on 24 materials, 5 surfaces, 2 bodies",
-            _single_image,
+            _from("single_image"),
             details="Stages: separation of the lobes, the whole chain, or speed.",
             example={"stage": "separation", "every": "24"},
             options=(

@@ -10,7 +10,7 @@ import pickle
 import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from malus.bench.running.progress import peak_memory
 from malus.bench.running.runner import run
 from malus.bench.running.work import work
 from malus.bench.running.worker_process import WorkerProcess
+from malus.bench.studies.study import Findings
 from malus.renderers.variant import Variant
 from malus.scenes.suite import Suite
 
@@ -53,6 +54,14 @@ class Messages:
     task_bytes: int
     result_bytes: int
     seconds: float
+
+
+def findings(folder: Path | None, most: int) -> Findings:
+    """Run the benchmark on a hundredth, a tenth and all of so many scenes."""
+    counts = sorted({max(24, most // share) for share in (100, 10, 1)})
+    scales, messaging = measure(counts), messages()
+    figures = [asdict(scale) for scale in scales] + [asdict(messaging)]
+    return Findings(tuple(report_lines(scales, messaging)), figures)
 
 
 def made_up_suite(scenes: int) -> Suite:

@@ -32,7 +32,7 @@ def findings(folder: Path, every: int, resolution: int, backend: str) -> Finding
     return Findings((", ".join(cells.heads[2:]), *lines, f"written to {folder}"))
 
 
-def separation_table(variant: Variant, every: int = 24, resolution: int = 48) -> pd.DataFrame:
+def separation_table(variant: Variant, every: int, resolution: int) -> pd.DataFrame:
     """Separate the picture of every scene in every way.
 
     Parameters

@@ -13,7 +13,7 @@ import json
 import random
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ import pandas as pd
 
 from malus.bench.scoring.metrics import Error, Residuals, peak, skill
 from malus.bench.scoring.observe import observe
+from malus.bench.studies.registry import STUDIES
+from malus.bench.studies.study import Findings
 from malus.bench.studies.timing import timed
 from malus.reconstruct import Components, Inapplicable
 from malus.reconstruct.single_image.blind import run_chain
@@ -52,14 +54,54 @@ SAMPLES = 64
 _SHAPE = re.compile(r"sphere|blob[0-9]{0,6}")
 
 
+def findings(
+    folder: Path | None,
+    stage: str,
+    shapes: Sequence[str],
+    every: int,
+    levels: Sequence[str],
+    resolution: int,
+    coloured: bool,
+    rows: Path | str | None,
+) -> Findings:
+    """Run one stage of the study."""
+    told = {"shapes": shapes, "every": every, "levels": levels, "resolution": resolution}
+    _check_used(stage, told | {"coloured": coloured, "rows": rows})
+    if stage == "speed":
+        speeds = megapixels_per_second()
+        return Findings(tuple(json.dumps(speeds, indent=1).splitlines()), speeds)
+    table = single_image(
+        stage, shapes, every, levels, resolution, coloured, None if rows is None else Path(rows)
+    )
+    figures = json.loads(table.to_json(orient="records"))
+    return Findings(tuple(summary_lines(table)), figures)
+
+
+_UNUSED = {
+    "speed": ("shapes", "every", "levels", "resolution", "coloured", "rows"),
+    "separation": ("levels", "coloured"),
+    "chain": (),
+}
+"""Options that a stage has no use for."""
+
+
+def _check_used(stage: str, values: Mapping[str, Any]) -> None:
+    """Refuse options that a stage would pass over."""
+    for option in STUDIES["single-image"].options:
+        name = option.name
+        if name in _UNUSED[stage] and values[name] != option.default:
+            expected, hint = f"nothing with the stage {stage}", f"leave `{name}` out"
+            raise InputError(name, expected, str(values[name]), hint)
+
+
 def single_image(
     stage: str,
-    shapes: Sequence[str] = ("sphere", "blob"),
-    every: int = 1,
-    levels: Sequence[str] = ("blind-light",),
-    resolution: int = 48,
-    coloured: bool = False,
-    rows_file: Path | None = None,
+    shapes: Sequence[str],
+    every: int,
+    levels: Sequence[str],
+    resolution: int,
+    coloured: bool,
+    rows_file: Path | None,
 ) -> pd.DataFrame:
     """Measure one stage of the chain on 24 materials x 5 surfaces x 2 bodies x 4 lights.
 
@@ -310,17 +352,17 @@ def _light_error_deg(estimated: Any, true: Any) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def megapixels_per_second(megapixels: float = 2.0, repeats: int = 3) -> dict[str, float]:
-    """Speed of every separation on a picture of 1024 colours; the best of several runs."""
+def megapixels_per_second() -> dict[str, float]:
+    """Speed of every separation on two megapixels of 1024 colours; the best of several runs."""
     rng = np.random.default_rng(0)
-    side = round((megapixels * 1e6) ** 0.5 / 32)
+    side = round(2e6**0.5 / 32)
     colours = np.kron(rng.random((32, 32, 3)), np.ones((side, side, 1)))
     shade = rng.random((32 * side, 32 * side, 1))
     image = (colours * shade + 0.2 * (shade > 0.7)).astype(np.float32)
     mask = np.ones(image.shape[:2], bool)
     speeds = {}
     for method in SEPARATIONS:
-        runs = 1 if method == "suv" else repeats
+        runs = 1 if method == "suv" else 3
         seconds = min(
             timed(lambda method=method: separate(image, mask, None, method)).clock  # type: ignore[misc]
             for _ in range(runs)

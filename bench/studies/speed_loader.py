@@ -6,7 +6,7 @@ import resource
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,11 @@ import numpy as np
 
 from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
+from malus.bench.studies.study import Findings
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.datasets.opened import open_dataset as open_any
 from malus.renderers.datasets.samples import DEFAULT_MAPS
-from malus.renderers.variant import Variant
+from malus.renderers.variant import Variant, choose
 from malus.scenes.core.errors import InputError
 
 CROP = 64
@@ -38,6 +39,12 @@ class LoaderSpeed:
     items_a_second: float
     times_plain: float
     kilobytes_grown: int
+
+
+def findings(folder: Path | None, resolution: int, epochs: int, backend: str) -> Findings:
+    """Run the benchmark on a dataset of so many pixels a side."""
+    speeds = compare(choose(backend), resolution, epochs)
+    return Findings(tuple(report_lines(speeds)), [asdict(speed) for speed in speeds])
 
 
 def compare(variant: Variant, resolution: int, epochs: int) -> list[LoaderSpeed]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
 from malus.bench.studies.reference import reference_dolp
+from malus.bench.studies.study import Findings
 from malus.bench.studies.timing import timed
 from malus.reconstruct import polarisation_ratio, specular_dolp
 from malus.reconstruct.facets.breakpoints import Measure
@@ -43,6 +45,12 @@ class RatioSpeed:
     error: float
     by_hand_seconds: float
     by_hand_error: float
+
+
+def findings(folder: Path | None, points: int) -> Findings:
+    """Run the benchmark, with so many points of R."""
+    speeds = measure_speed(points)
+    return Findings(tuple(report_lines(speeds)), [asdict(speed) for speed in speeds])
 
 
 def scattered(count: int) -> tuple[Float64Array, Float64Array, Float64Array]:
@@ -134,9 +142,7 @@ def _error(
     return worst
 
 
-def measure_speed(
-    count: int = 1_000_000, sample: int = 12, few: int = 3, repeats: int = 3
-) -> list[RatioSpeed]:
+def measure_speed(count: int, sample: int = 12, few: int = 3, repeats: int = 3) -> list[RatioSpeed]:
     """Time every measure: tables, R of scattered points, and the same by hand on a few."""
     return [_speed(measure, count, sample, few, repeats) for measure in get_args(Measure)]
 

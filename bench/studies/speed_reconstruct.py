@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from malus.bench.studies.study import Findings
 from malus.bench.studies.timing import Seconds, timed
 from malus.reconstruct import Components, Observation, get_method
 from malus.scenes import Distant
@@ -44,6 +46,16 @@ class ReconstructSpeed:
     def times_copy(self) -> float:
         """Seconds by the clock, over those of copying everything that is read and written."""
         return self.seconds / self.copy_seconds
+
+
+def findings(folder: Path | None, megapixels: float, repeats: int) -> Findings:
+    """Run the benchmark on an image of so many megapixels."""
+    speeds = measure(megapixels, repeats)
+    figures = [
+        asdict(speed) | {"pixels_a_second": speed.pixels_a_second, "times_copy": speed.times_copy}
+        for speed in speeds
+    ]
+    return Findings(tuple(report_lines(speeds)), figures)
 
 
 def photograph(megapixels: float) -> Observation:
@@ -93,7 +105,7 @@ def _memory_ratio(work: Callable[[], Components], read: list[AnyArray]) -> float
     return float((inputs + peak) / (inputs + outputs))
 
 
-def measure(megapixels: float = 10.0, repeats: int = 5) -> list[ReconstructSpeed]:
+def measure(megapixels: float, repeats: int) -> list[ReconstructSpeed]:
     """Time every method and copying in turns, so that a busy machine slows all of them alike."""
     observation = photograph(megapixels)
     works: dict[str, Callable[[], Any]] = {

@@ -9,18 +9,21 @@ from __future__ import annotations
 
 import itertools
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from malus.bench.running.plan import plan
+from malus.bench.studies.study import Findings
 from malus.bench.studies.timing import timed
 from malus.renderers.comparison.plain_mitsuba import StokesByHand, plate_image
 from malus.renderers.comparison.profile import profiled
 from malus.renderers.families.family import render_family
 from malus.renderers.families.interpolated import Family
-from malus.renderers.variant import Variant
+from malus.renderers.variant import Variant, choose
 from malus.scenes.camera import Camera
 from malus.scenes.core.arrays import AnyArray
 from malus.scenes.lights.lights import Distant, Light, Uniform
@@ -50,6 +53,20 @@ class Speed:
     error: float
     images: int
     parts: dict[str, float] = field(default_factory=dict)
+
+
+def findings(folder: Path | None, resolution: int, samples: int, backend: str) -> Findings:
+    """Run the benchmark under each of its lights."""
+    camera = Camera.parse({"resolution": resolution}, "study render")
+    sampling = Sampling.parse({"samples": samples}, "study render")
+    variant = choose(backend)
+    lines: list[str] = []
+    figures: list[dict[str, Any]] = []
+    for light in LIGHTS:
+        speeds = compare(variant, camera, sampling, light)
+        lines += report_lines(speeds, light)
+        figures += [{"light": light.label, "way": way} | asdict(s) for way, s in speeds.items()]
+    return Findings(tuple(lines), figures)
 
 
 def matrix(light: Light, camera: Camera, sampling: Sampling) -> Suite:

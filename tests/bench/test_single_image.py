@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from malus.bench.commands.bench import bench_command
 from malus.bench.studies import single_image
+from malus.bench.studies.registry import run_study
 from malus.bench.studies.single_image import (
     COLOURS,
     chain_row,
@@ -153,4 +154,4 @@ def test_a_file_of_something_else_is_left_alone(tmp_path: Path, text: str) -> No
 
 def test_an_unknown_level_is_named_with_those_there_are() -> None:
     with pytest.raises(InputError, match=r"expected the name of a level, found 'nope'; known: bl"):
-        single_image.single_image("chain", levels=("nope",))
+        run_study("single-image", stage="chain", levels=("nope",))

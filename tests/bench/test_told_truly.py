@@ -24,7 +24,7 @@ from malus.bench.datasets.layouts import layout_predictions
 from malus.bench.gates.baseline import RunIdentity
 from malus.bench.running.inside_worker import import_all
 from malus.bench.running.worker_process import WorkerProcess
-from malus.bench.studies import registry, scaling, speed_ratio
+from malus.bench.studies import scaling, speed_ratio
 from malus.bench.studies.registry import STUDIES
 from malus.reconstruct.photos.knowledge import Knowledge
 from malus.renderers.datasets import hdf5
@@ -317,7 +317,7 @@ def test_sizes_of_scaling_are_measured_once(monkeypatch: pytest.MonkeyPatch) -> 
     asked: list[list[int]] = []
     monkeypatch.setattr(scaling, "measure", lambda counts: asked.append(counts) or [])
     monkeypatch.setattr(scaling, "messages", lambda: SimpleNamespace())
-    monkeypatch.setattr(registry, "asdict", lambda _: {})
+    monkeypatch.setattr(scaling, "asdict", lambda _: {})
     monkeypatch.setattr(scaling, "report_lines", lambda *_: [])
     malus.run_study("scaling", most=100)
     malus.run_study("scaling", most=10_000)
