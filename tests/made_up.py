@@ -1,4 +1,4 @@
-"""Truths that nobody rendered: random, small, physical, in the precision that is asked for."""
+"""Truths and observations that nobody rendered: random, small, physical."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from malus.reconstruct import Observation
 from malus.renderers import Truth
 from malus.renderers.datasets.dataset_writer import DatasetWriter
-from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere
+from malus.scenes import Camera, Dielectric, Distant, Scene, Sphere, Uniform
 from malus.scenes.shapes.geometry import TriangleMesh, icosahedral_grid
 from malus.scenes.shapes.meshes import signed_volume
 
@@ -63,6 +64,53 @@ def made_up_truth(
         specular_noise=stokes(1e-3),
         diffuse_noise=-stokes(1e-3),
         interpolation_error={"rms": 0.1 + seed, "worst": 1 / 3},
+    )
+
+
+def truth_with(
+    stokes: np.ndarray,
+    mask: np.ndarray,
+    bands: tuple[float, ...] = (450.0, 550.0, 650.0),
+    noise: np.ndarray | None = None,
+) -> Truth:
+    """A truth whose Stokes image is given, all of it specular, with a draw of noise or without."""
+    side = len(mask)
+    return Truth(
+        scene=Scene(
+            shape=Sphere(),
+            surface=Dielectric(eta=1.5, alpha=0.3),
+            light=Uniform(),
+            camera=Camera(resolution=side),
+            wavelengths_nm=bands,
+        ),
+        specular=stokes,
+        diffuse=np.zeros_like(stokes),
+        normals=np.zeros((side, side, 3)) + np.array([0, 0, 1]),
+        mask=mask,
+        standard_error=np.zeros_like(stokes),
+        specular_noise=np.zeros_like(stokes) if noise is None else noise,
+        diffuse_noise=np.zeros_like(stokes),
+    )
+
+
+def random_observation(
+    seed: int, alpha: float = 0.3, height: int = 6, width: int = 8, steepest: float = 0.05
+) -> Observation:
+    """Random intensities and normals (cos θ > `steepest`) in float64 and two bands."""
+    random = np.random.default_rng(seed)
+    cosine = random.uniform(steepest, 1.0, (height, width))
+    turn = random.uniform(0.0, 2.0 * np.pi, (height, width))
+    sine = np.sqrt(1.0 - cosine**2)
+    specular, diffuse = random.random((2, height, width, 2))
+    return Observation(
+        image=specular + diffuse,
+        mask=np.ones((height, width), dtype=bool),
+        specular=specular,
+        diffuse=diffuse,
+        normals=np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=-1),
+        eta=np.array([1.52, 1.5]),
+        alpha=alpha,
+        light=Distant(incidence_deg=70, azimuth_deg=20),
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import colour
 import numpy as np
 import pytest
+from made_up import truth_with
 
 from malus.bench.scoring.colour_error import delta_e
 from malus.bench.scoring.extra_metrics import METRICS
@@ -14,36 +15,20 @@ from malus.bench.scoring.metrics import PixelSums
 from malus.bench.scoring.polarisation_error import scaled
 from malus.reconstruct import Components
 from malus.renderers.truth import Truth
-from malus.scenes import Camera, Dielectric, Scene, Sphere, Uniform
 from malus.scenes.colour import JUST_NOTICEABLE, band_weights, compared_colours, lab
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
 SIDE = 10
 BANDS = tuple(float(nm) for nm in range(400, 701, 20))
-SCENE = Scene(
-    shape=Sphere(),
-    surface=Dielectric(eta=1.5, alpha=0.3),
-    light=Uniform(),
-    camera=Camera(resolution=SIDE),
-    wavelengths_nm=BANDS,
-)
 
 
 def made_up(seed: int = 0) -> tuple[Truth, Components]:
     rng = np.random.default_rng(seed)
     shape = (SIDE, SIDE, len(BANDS), 3)
     stokes = rng.uniform(-0.2, 0.2, shape) + np.array([0.7, 0, 0])
-    truth = Truth(
-        scene=SCENE,
-        specular=stokes,
-        diffuse=np.zeros(shape),
-        normals=np.zeros((SIDE, SIDE, 3)),
-        mask=rng.random((SIDE, SIDE)) < 0.8,
-        standard_error=np.zeros(shape),
-        specular_noise=0.01 * rng.normal(size=shape),
-        diffuse_noise=np.zeros(shape),
-    )
+    mask = rng.random((SIDE, SIDE)) < 0.8
+    truth = truth_with(stokes, mask, BANDS, noise=0.01 * rng.normal(size=shape))
     guess = stokes + rng.uniform(-0.05, 0.05, shape)
     return truth, Components(guess[..., 0], guess[..., 1], guess[..., 2])
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up import truth_with
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from malus.bench.scoring.extra_metrics import METRICS, ZENITHS_DEG, get_metrics
@@ -29,13 +30,6 @@ from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
 SIDE, BANDS = 14, 3
-SCENE = Scene(
-    shape=Sphere(),
-    surface=Dielectric(eta=1.5, alpha=0.3),
-    light=Uniform(),
-    camera=Camera(resolution=SIDE),
-    wavelengths_nm=(450.0, 550.0, 650.0),
-)
 
 
 def made_up(seed: int = 0) -> tuple[Truth, Components]:
@@ -44,16 +38,7 @@ def made_up(seed: int = 0) -> tuple[Truth, Components]:
     shape = (SIDE, SIDE, BANDS, 3)
     stokes = rng.uniform(-0.3, 0.3, shape) + np.array([1.0, 0, 0])
     mask = rng.random((SIDE, SIDE)) < 0.7
-    truth = Truth(
-        scene=SCENE,
-        specular=stokes,
-        diffuse=np.zeros(shape),
-        normals=np.zeros((SIDE, SIDE, 3)) + np.array([0, 0, 1]),
-        mask=mask,
-        standard_error=np.zeros(shape),
-        specular_noise=0.01 * rng.normal(size=shape),
-        diffuse_noise=np.zeros(shape),
-    )
+    truth = truth_with(stokes, mask, noise=0.01 * rng.normal(size=shape))
     guess = stokes + rng.uniform(-0.1, 0.1, shape)
     return truth, Components(guess[..., 0], guess[..., 1], guess[..., 2])
 

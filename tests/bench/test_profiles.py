@@ -8,13 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up import truth_with
 from reference import field_metrics
 
 from malus.bench.scoring.extra_metrics import get_metrics
 from malus.bench.scoring.metrics import peak
 from malus.bench.scoring.profiles import PROFILES, _Pixels
-from malus.renderers.truth import Truth
-from malus.scenes import Camera, Dielectric, Scene, Sphere, Uniform
 from malus.scenes.core.arrays import FloatArray
 from malus.scenes.core.errors import InputError
 
@@ -22,32 +21,11 @@ SIDE, BANDS = 16, 3
 Frames = tuple[FloatArray, FloatArray, FloatArray]
 
 
-def truth_of(stokes: FloatArray, mask: FloatArray) -> Truth:
-    """A truth without noise whose image is given."""
-    side = len(mask)
-    return Truth(
-        scene=Scene(
-            shape=Sphere(),
-            surface=Dielectric(eta=1.5, alpha=0.3),
-            light=Uniform(),
-            camera=Camera(resolution=side),
-            wavelengths_nm=(450.0, 550.0, 650.0),
-        ),
-        specular=stokes,
-        diffuse=np.zeros_like(stokes),
-        normals=np.zeros((side, side, 3)) + np.array([0, 0, 1]),
-        mask=mask,
-        standard_error=np.zeros_like(stokes),
-        specular_noise=np.zeros_like(stokes),
-        diffuse_noise=np.zeros_like(stokes),
-    )
-
-
 def values_of(name: str, frames: Frames) -> dict[str, float]:
     """Values of a profile; the estimate is given to it as the mask's pixels."""
     estimate, truth, mask = frames
     (metric,) = get_metrics((f"profile:{name}",))
-    return {row.metric: row.value for row in metric(truth_of(truth, mask))(estimate[mask])}
+    return {row.metric: row.value for row in metric(truth_with(truth, mask))(estimate[mask])}
 
 
 def random_frames(seed: int = 3) -> Frames:
@@ -182,9 +160,8 @@ def test_a_perfect_prediction_has_an_infinite_psnr() -> None:
 def test_the_noise_is_what_a_perfect_method_scores() -> None:
     """The truth plus one draw of its noise, scored like an estimate."""
     _, truth, mask = random_frames()
-    noisy = truth_of(truth, mask)
     draw = 0.01 * np.random.default_rng(0).normal(size=truth.shape)
-    noisy.specular_noise[...] = draw
+    noisy = truth_with(truth, mask, noise=draw)
     for name, metric in PROFILES.items():
         rows = {row.metric: row for row in metric(noisy)((truth + draw)[mask])}
         assert rows
@@ -197,7 +174,7 @@ def test_a_truth_with_s3_counts_it(name: str) -> None:
     """Methods say nothing of it, which is zero: the same as a literal estimate without it."""
     estimate, truth, mask = random_frames(7)
     s3 = 0.2 * np.random.default_rng(1).normal(size=mask.shape + (BANDS,)) * mask[..., None]
-    described = replace(truth_of(truth, mask), s3=s3, s3_noise=np.zeros_like(s3))
+    described = replace(truth_with(truth, mask), s3=s3, s3_noise=np.zeros_like(s3))
     (metric,) = get_metrics((f"profile:{name}",))
     values = {row.metric: row.value for row in metric(described)(estimate[mask])}
     four = np.concatenate([truth, s3[..., None]], axis=-1)
@@ -207,7 +184,7 @@ def test_a_truth_with_s3_counts_it(name: str) -> None:
 
 def test_the_peak_of_a_dark_picture_is_one_as_for_every_other_metric() -> None:
     """Noise alone may be below zero everywhere: over such a peak light would change its sign."""
-    dark = truth_of(*constant((-0.5, 0.1, 0.0), (-0.5, 0.0, 0.0))[1:])
+    dark = truth_with(*constant((-0.5, 0.1, 0.0), (-0.5, 0.0, 0.0))[1:])
     assert peak(dark) == 1.0
     assert _Pixels.of(dark).peak == 1.0
 
@@ -217,7 +194,7 @@ def test_small_pictures_are_refused() -> None:
     frame = np.ones((8, 8, BANDS, 3))
     with pytest.raises(InputError, match="at least 11 pixels a side"):
         PROFILES["profile:rgb2pol"](
-            truth_of(frame * np.linspace(0, 1, 8)[:, None, None, None], np.ones((8, 8), bool))
+            truth_with(frame * np.linspace(0, 1, 8)[:, None, None, None], np.ones((8, 8), bool))
         )
 
 

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up import random_observation
 
 from malus.reconstruct import Components, Observation, get_method, specular_dolp
 from malus.reconstruct.facets import maps
 from malus.reconstruct.fresnel import reflectances, smooth_dolp, transmission_dolp
-from malus.scenes import Area, Distant
+from malus.scenes import Area
 
 MEASURES = ("eq8", "visible", "shadowed")
 METHODS = [
@@ -22,25 +23,6 @@ METAL = np.array([0.2 + 3.4j, 1.1 + 2.3j])
 GLASS = np.array([1.52, 1.5])
 # A table and an interpolant are each within 1e-6 of the integral; I_s ≤ 1.
 TABLE = 2e-6
-
-
-def random_observation(height: int = 6, width: int = 8, seed: int = 0) -> Observation:
-    """Random intensities and normals in float64 and two bands."""
-    random = np.random.default_rng(seed)
-    cosine = random.uniform(0.05, 1.0, (height, width))
-    turn = random.uniform(0.0, 2.0 * np.pi, (height, width))
-    sine = np.sqrt(1.0 - cosine**2)
-    specular, diffuse = random.random((2, height, width, 2))
-    return Observation(
-        image=specular + diffuse,
-        mask=np.ones((height, width), dtype=bool),
-        specular=specular,
-        diffuse=diffuse,
-        normals=np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=-1),
-        eta=GLASS,
-        alpha=0.3,
-        light=Distant(incidence_deg=70, azimuth_deg=20),
-    )
 
 
 def reconstruct(observation: Observation, method: str) -> Components:
@@ -61,7 +43,7 @@ def assert_same(components: Components, expected: Components, method: str) -> No
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("eta", [GLASS, METAL])
 def test_a_constant_map_is_a_uniform_surface(method: str, eta: np.ndarray) -> None:
-    picture = replace(random_observation(), eta=eta)
+    picture = replace(random_observation(0), eta=eta)
     mapped = replace(picture, eta=filled(eta), alpha=np.full((6, 8), 0.3))
     components, expected = reconstruct(mapped, method), reconstruct(picture, method)
     assert_same(components, expected, method)
@@ -71,7 +53,7 @@ def test_a_constant_map_is_a_uniform_surface(method: str, eta: np.ndarray) -> No
 @pytest.mark.parametrize("method", METHODS)
 def test_two_halves_are_two_surfaces(method: str) -> None:
     """Glass on the left, a metal on the right, as where two objects stand in one picture."""
-    picture = random_observation(20, 20)
+    picture = random_observation(0, height=20, width=20)
     eta, alpha = filled(GLASS, 20, 20).astype(complex), np.full((20, 20), 0.3)
     eta[:, 4:], alpha[:, 4:] = METAL, 0.2
     both = reconstruct(replace(picture, eta=eta, alpha=alpha), method)
@@ -84,7 +66,7 @@ def test_two_halves_are_two_surfaces(method: str) -> None:
 
 def test_a_smooth_patch_under_a_lamp_is_as_it_is_alone() -> None:
     """The roughest surface of a picture does not decide how finely the lamp is summed."""
-    picture = random_observation(20, 20)
+    picture = random_observation(0, height=20, width=20)
     picture = replace(picture, light=Area(incidence_deg=50, half_angle_deg=30))
     alpha = np.full((20, 20), 0.6)
     alpha[:, :10] = 0.04
@@ -102,7 +84,7 @@ def test_a_smooth_patch_under_a_lamp_is_as_it_is_alone() -> None:
 @pytest.mark.parametrize("metal", [False, True])
 def test_a_texture_of_many_surfaces_is_the_integral_everywhere(measure: str, metal: bool) -> None:
     """2500 pixels, each with a roughness and an index of its own, and the integral of some."""
-    picture, random = random_observation(50, 50), np.random.default_rng(1)
+    picture, random = random_observation(0, height=50, width=50), np.random.default_rng(1)
     eta = random.uniform(1.4, 1.6, (50, 50, 2)) + (3.0j if metal else 0.0)
     alpha = random.uniform(0.2, 0.4, (50, 50))
     components = reconstruct(replace(picture, eta=eta, alpha=alpha), measure)
@@ -126,7 +108,7 @@ def test_few_surfaces_have_tables_and_many_an_interpolant(monkeypatch: pytest.Mo
 @pytest.mark.parametrize("method", ["eq8", "smooth+body", "half_vector", "lights"])
 @pytest.mark.parametrize(("name", "value"), [("eta", -1.5), ("eta", np.nan), ("alpha", 0.0)])
 def test_pixels_of_no_material_are_flagged(method: str, name: str, value: float) -> None:
-    picture = replace(random_observation(), eta=filled(GLASS), alpha=np.full((6, 8), 0.3))
+    picture = replace(random_observation(0), eta=filled(GLASS), alpha=np.full((6, 8), 0.3))
     spoilt = getattr(picture, name).copy()
     spoilt[2, 3] = value
     components = reconstruct(replace(picture, **{name: spoilt}), method)
@@ -141,7 +123,7 @@ def test_pixels_of_no_material_are_flagged(method: str, name: str, value: float)
 @pytest.mark.parametrize("method", ["smooth", "half_vector", "smooth+body"])
 def test_metals_against_fresnel(method: str) -> None:
     """Complex indices, evaluated pixel by pixel with the reflectances themselves."""
-    picture = replace(random_observation(), eta=METAL, diffuse=np.zeros((6, 8, 2)))
+    picture = replace(random_observation(0), eta=METAL, diffuse=np.zeros((6, 8, 2)))
     components = reconstruct(picture, method)
     half = np.array(picture.light.direction) + [0.0, 0.0, 1.0]  # type: ignore[union-attr]
     mirror = picture.normals if "smooth" in method else half / np.linalg.norm(half)
@@ -154,7 +136,7 @@ def test_metals_against_fresnel(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["eq8", "shadowed", "smooth", "half_vector", "lights"])
 def test_the_body_of_a_metal_without_body_light_changes_nothing(method: str) -> None:
-    picture = replace(random_observation(), eta=METAL, diffuse=np.zeros((6, 8, 2)))
+    picture = replace(random_observation(0), eta=METAL, diffuse=np.zeros((6, 8, 2)))
     plain, mended = reconstruct(picture, method), reconstruct(picture, f"{method}+body")
     np.testing.assert_array_equal(plain.s1, mended.s1)
     np.testing.assert_array_equal(plain.s2, mended.s2)
@@ -165,7 +147,7 @@ def test_the_body_of_a_metal_without_body_light_changes_nothing(method: str) -> 
 @pytest.mark.parametrize("name", [*MEASURES, "smooth"])
 def test_the_loop_over_pixels_is_the_formula(name: str, eta: np.ndarray, dtype: str) -> None:
     """Every pixel and band alone: integral, Fresnel and trigonometry in float64."""
-    picture = replace(random_observation(seed=4), eta=eta)
+    picture = replace(random_observation(4), eta=eta)
     arrays = {
         n: getattr(picture, n).astype(dtype) for n in ("image", "specular", "diffuse", "normals")
     }
@@ -188,7 +170,7 @@ def test_the_loop_over_pixels_is_the_formula(name: str, eta: np.ndarray, dtype: 
 
 def test_the_lights_method_is_one_integral_in_either_order() -> None:
     """A lamp over surfaces of one roughness: one product of matrices against pixel by pixel."""
-    picture = replace(random_observation(), light=Area(incidence_deg=50, half_angle_deg=30))
+    picture = replace(random_observation(0), light=Area(incidence_deg=50, half_angle_deg=30))
     towards = np.broadcast_to([0.0, 0.0, 1.0], (6, 8, 3))
     product = reconstruct(picture, "lights")
     for other in (replace(picture, view_direction=towards), replace(picture, eta=filled(GLASS))):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_up import random_observation
 
 from malus.reconstruct import Components, Inapplicable, Observation, get_method
 from malus.reconstruct import image as image_module
@@ -23,27 +24,6 @@ ALL = [f"{name}{body}" for name in (*ABOUT_NORMALS, "half_vector") for body in (
 EVERY = st.sampled_from(ALL)
 # alpha repeats: every new surface costs a table.
 ALPHAS = st.sampled_from([0.1, 0.3, 0.5])
-
-
-def random_observation(
-    seed: int, alpha: float = 0.3, height: int = 6, width: int = 8, steepest: float = 0.05
-) -> Observation:
-    """Random intensities and normals (cos θ > `steepest`) in float64 and two bands."""
-    random = np.random.default_rng(seed)
-    cosine = random.uniform(steepest, 1.0, (height, width))
-    turn = random.uniform(0.0, 2.0 * np.pi, (height, width))
-    sine = np.sqrt(1.0 - cosine**2)
-    specular, diffuse = random.random((2, height, width, 2))
-    return Observation(
-        image=specular + diffuse,
-        mask=np.ones((height, width), dtype=bool),
-        specular=specular,
-        diffuse=diffuse,
-        normals=np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=-1),
-        eta=np.array([1.52, 1.5]),
-        alpha=alpha,
-        light=Distant(incidence_deg=70, azimuth_deg=20),
-    )
 
 
 def reconstruct(observation: Observation, method: str) -> Components:
