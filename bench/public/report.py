@@ -17,7 +17,7 @@ from malus.scenes.core.result_files import RUN
 
 
 def report(
-    folder: Path | str,
+    results: Path | str,
     beside: Sequence[Path | str] | Path = (),
     png: bool = False,
     worker: WorkerProcess | None = None,
@@ -26,7 +26,7 @@ def report(
 
     Parameters
     ----------
-    folder : path or URL of a folder that `run` or `run_study` wrote
+    results : path or URL of the folder that `run` or `run_study` wrote
     beside : paths of folders of studies, or of one, that a run's page shall show too
     png : bool
         Write every figure as PNG too.
@@ -53,19 +53,19 @@ def report(
     >>> [path.name for path in report(folder)][-1]
     'report.html'
     """
-    where = as_path(folder)
+    where = as_path(results)
     if is_study(where):
         return write_study(where, png)
     studies = tuple(as_path(study) for study in several(beside))
     for study in studies:
         read_study(study)  # what is none is told before a figure is drawn
     elsewhere = None if worker is None else worker.stream
-    results = read_results(where)
-    if "published" in results.run:
+    finished = read_results(where)
+    if "published" in finished.run:
         expected, found = "results of a run, of captures or of a dataset", "scores of a test set"
         raise InputError(f"results folder {where}", expected, found, "only a `table` shows them")
-    _check_record(results.run, where)
-    return write_report(results, where, studies, png, elsewhere)
+    _check_record(finished.run, where)
+    return write_report(finished, where, studies, png, elsewhere)
 
 
 _TOLD = ("finished", "versions", "machine", "seconds")

@@ -49,12 +49,12 @@ def table(results: Results | Path | str, metrics: Sequence[str] = ()) -> PaperTa
     return paper_table(loaded.table, several(metrics))
 
 
-def compare(folders: Sequence[Path | str], out: Path | str | None = None) -> RunComparison:
+def compare(results: Sequence[Path | str], out: Path | str | None = None) -> RunComparison:
     """Compare finished runs with the first of them: what changed beyond chance.
 
     Parameters
     ----------
-    folders : paths or URLs of the folders of two or more runs
+    results : paths or URLs of the folders of two or more runs
         Of one suite, with other versions, seeds or methods, or of several suites.
     out : path or URL of a folder, optional
         Where a page and all numbers as JSON are written.
@@ -80,12 +80,12 @@ def compare(folders: Sequence[Path | str], out: Path | str | None = None) -> Run
     >>> malus.compare(folders).names == tuple(folders)
     True
     """
-    if isinstance(folders, str | Path):
-        raise InputError("results", "a list of folders of runs", f"{folders}", "name two or more")
-    if len(folders) < 2:
-        raise InputError("results", "two or more folders of runs", str(len(folders)), "name more")
-    names = [str(folder) for folder in folders]
-    comparison = RunComparison.of(names, [read_results(folder) for folder in folders])
+    if isinstance(results, str | Path):
+        raise InputError("results", "a list of folders of runs", f"{results}", "name two or more")
+    if len(results) < 2:
+        raise InputError("results", "two or more folders of runs", str(len(results)), "name more")
+    names = [str(folder) for folder in results]
+    comparison = RunComparison.of(names, [read_results(folder) for folder in results])
     if not comparison.changes:
         expected = "methods, bodies and lights of both with three scenes each"
         raise InputError("results", expected, "nothing to compare", "compare other runs")

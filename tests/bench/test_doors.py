@@ -52,12 +52,21 @@ ANYTHING = cast(Any, malus)
         (lambda: ANYTHING.render("quick"), "scene: expected a malus.Scene, found str"),
         (lambda: ANYTHING.render(SCENE, 32), "sampling: expected a malus.Sampling, found int"),
         (lambda: ANYTHING.score("eq8", SCENE), "truth: expected a malus.Truth, found str"),
-        (lambda: ANYTHING.compare("results"), "a list of folders of runs, found results"),
+        (
+            lambda: ANYTHING.compare("results"),
+            "^results: expected a list of folders of runs, found results",
+        ),
     ],
 )
 def test_what_is_of_another_kind_is_told(call: Callable[[], Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         call()
+
+
+@pytest.mark.parametrize("name", ["compare", "gate", "report", "table", "update_baseline"])
+def test_finished_runs_are_called_results_wherever_they_are_given(name: str) -> None:
+    """As on the command line; errors call them so, too."""
+    assert next(iter(inspect.signature(getattr(malus, name)).parameters)) == "results"
 
 
 TAKING = [
