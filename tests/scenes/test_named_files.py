@@ -1,7 +1,4 @@
-"""Meshes, pictures and measured materials: a dataset keeps those that scenes name, and no others.
-
-Radiance maps have the same tests in test_dataset_maps.py.
-"""
+"""Meshes, pictures, measured materials, radiance maps: a dataset keeps those that scenes name."""
 
 from __future__ import annotations
 
@@ -18,9 +15,12 @@ from malus.renderers.datasets import dataset_files, dataset_writer
 from malus.renderers.datasets.dataset import Dataset, open_dataset
 from malus.renderers.datasets.dataset_files import with_own_files
 from malus.renderers.datasets.dataset_writer import DatasetWriter
+from malus.renderers.datasets.spectral_exr import write_exr
 from malus.renderers.mitsuba.translate import tessellated
 from malus.scenes import Distant, InputError
 from malus.scenes.core.named_file import digest_of
+from malus.scenes.lights.environment import radiance_map
+from malus.scenes.lights.lights import Environment, turned
 from malus.scenes.materials.measured import Measured
 from malus.scenes.materials.surface import Dielectric, Patterned
 from malus.scenes.scene import Scene
@@ -28,13 +28,14 @@ from malus.scenes.shapes.patterns import ImageTexture
 from malus.scenes.shapes.shapes import MeshFile, Sphere
 from malus.scenes.surroundings import Placed, Surroundings
 
-NAMES = {"picture": "a.png", "material": "a.pbsdf"}
-FOLDERS = {"picture": "pictures", "material": "materials"}
+KINDS = ["mesh", "picture", "material", "map", "beside"]
+NAMES = {"picture": "a.png", "material": "a.pbsdf", "map": "a.exr"}
+FOLDERS = {"picture": "pictures", "material": "materials", "map": "maps"}
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
 def naming(kind: str, path: str, digest: str) -> Scene:
-    """A scene that names a file: its mesh, pattern's picture, material, a mesh beside it.
+    """A scene that names a file: its mesh, pattern's picture, material, light, a mesh beside it.
 
     Parsed, as what comes from elsewhere is: nothing of it is changed or opened.
     """
@@ -42,6 +43,9 @@ def naming(kind: str, path: str, digest: str) -> Scene:
     named = {"path": path, "digest": digest}
     if kind == "material":
         return scene.model_copy(update={"surface": Measured.parse(named, "test")})
+    if kind == "map":
+        light = Environment.parse({"name": path, "digest": digest}, "test")
+        return scene.model_copy(update={"light": light})
     mesh = MeshFile.parse(named | {"shading": "flat"}, "test")
     if kind == "mesh":
         return scene.model_copy(update={"shape": mesh})
@@ -60,6 +64,9 @@ def naming(kind: str, path: str, digest: str) -> Scene:
 def opened(scene: Scene) -> object:
     """What rendering reads of the file that a scene names."""
     tessellated.cache_clear()
+    radiance_map.cache_clear()
+    if isinstance(scene.light, Environment):
+        return radiance_map(scene.light)
     if isinstance(scene.surface, Measured):
         return scene.surface.checked().read_bytes()
     if isinstance(scene.surface, Patterned):
@@ -74,6 +81,8 @@ def holding(kind: str, folder: Path) -> tuple[Path, str]:
     path = folder / NAMES.get(kind, "a.obj")
     if kind == "picture":
         Image.fromarray(np.eye(4, dtype=np.uint8)).save(path)
+    elif kind == "map":
+        write_exr(path, dict.fromkeys("RGB", np.full((4, 8), 0.5, np.float32)))
     else:
         path.write_text(OBJ, "utf-8")
     return path, digest_of(path, kind)
@@ -85,8 +94,8 @@ def stored_scene(folder: Path, scene: Scene) -> Dataset:
     return open_dataset(folder)
 
 
-@pytest.mark.parametrize("kind", ["mesh", "picture", "material", "beside"])
-def test_a_dataset_keeps_its_meshes_and_pictures(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_dataset_keeps_its_files(tmp_path: Path, kind: str) -> None:
     path, digest = holding(kind, tmp_path)
     scene = naming(kind, str(path), digest)
     expected = opened(scene)
@@ -96,7 +105,10 @@ def test_a_dataset_keeps_its_meshes_and_pictures(tmp_path: Path, kind: str) -> N
     found = open_dataset(tmp_path / "moved").truth(scene.id).scene
     assert found.id == scene.id
     np.testing.assert_array_equal(opened(found), expected)
-    (kept,) = (tmp_path / "moved").glob("[mp]*s/*")
+    # Turning the light, as a rolled camera does, keeps the place.
+    rolled = found.model_copy(update={"light": turned(found.light, 20.0)})
+    np.testing.assert_array_equal(opened(rolled), expected)
+    (kept,) = (tmp_path / "moved").glob(f"{FOLDERS.get(kind, 'meshes')}/*")
     kept.write_bytes(b"another")
     with pytest.raises(InputError, match=f"expected digest {digest}"):
         open_dataset(tmp_path / "moved").truth(scene.id)
@@ -104,8 +116,8 @@ def test_a_dataset_keeps_its_meshes_and_pictures(tmp_path: Path, kind: str) -> N
 
 @pytest.mark.parametrize("digest", [None, "", "../../a", "0123456789abcdef"])
 @pytest.mark.parametrize("name", ["../{name}", "{folder}/{name}", "link{suffix}", "pipe{suffix}"])
-@pytest.mark.parametrize("kind", ["mesh", "picture", "material", "beside"])
-def test_a_foreign_scene_opens_no_mesh_or_picture_outside_its_dataset(
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_foreign_scene_opens_no_file_outside_its_dataset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, name: str, digest: str | None
 ) -> None:
     """Not even one of the right digest (None), and a pipe is not waited for."""
@@ -117,13 +129,13 @@ def test_a_foreign_scene_opens_no_mesh_or_picture_outside_its_dataset(
     dataset = stored_scene(evil, scene)
     (evil / f"link{path.suffix}").symlink_to(path)
     os.mkfifo(evil / f"pipe{path.suffix}")
+    unknown = evil / FOLDERS.get(kind, "meshes") / f"unknown{path.suffix}"
     monkeypatch.chdir(evil)
     found = dataset.truth(scene.id).scene  # what reading, scoring and exporting begin with
     with pytest.raises(
-        InputError, match=r"evil/(meshes|pictures|materials)/\w+\.(obj|png|pbsdf): expected a read"
+        InputError, match=rf"evil/{unknown.parent.name}/\w+\{path.suffix}: expected a read"
     ):
         opened(found)
-    unknown = evil / FOLDERS.get(kind, "meshes") / f"unknown{path.suffix}"
     unknown.parent.mkdir()
     for other in (unknown, unknown.with_stem(right)):
         other.symlink_to(path)
@@ -144,11 +156,33 @@ def test_a_suffix_leads_out_of_no_dataset(tmp_path: Path) -> None:
         assert scene.shape.file == tmp_path / "meshes" / ("0" * 16)
 
 
-def test_a_picture_that_changed_since_is_refused(tmp_path: Path) -> None:
-    path, digest = holding("picture", tmp_path)
-    Image.fromarray(np.zeros((4, 4), np.uint8)).save(path)
-    with pytest.raises(InputError, match=f"a picture with digest {digest}"):
-        opened(naming("picture", str(path), digest))
+@pytest.mark.parametrize("digest", ["../../../../a", "", "0123456789ABCDEF"])
+def test_a_digest_leads_out_of_no_dataset(tmp_path: Path, digest: str) -> None:
+    light = with_own_files(naming("map", "/etc/passwd", digest), tmp_path, set()).light
+    assert isinstance(light, Environment)
+    assert light.file == tmp_path / "maps" / "unknown"
+
+
+@pytest.mark.parametrize(
+    ("kind", "called"),
+    [
+        ("picture", "picture"),
+        ("map", "radiance map"),
+        ("mesh", "mesh file"),
+        ("beside", "mesh file"),
+    ],
+)
+def test_a_file_that_changed_since_is_refused(tmp_path: Path, kind: str, called: str) -> None:
+    path, digest = holding(kind, tmp_path)
+    scene = naming(kind, str(path), digest)
+    opened(scene)
+    path.write_bytes(path.read_bytes() + b"\n")
+    with pytest.raises(InputError, match=f"a {called} with digest {digest}"):
+        opened(scene)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="found no file"):
+        opened(scene)
 
 
 def test_an_open_dataset_reads_a_file_of_many_scenes_once(
