@@ -10,8 +10,7 @@ from malus.bench import score
 from malus.renderers import Truth
 from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba import wavefront
-from malus.renderers.mitsuba.translate import sensor
-from malus.renderers.variant import choose, mitsuba
+from malus.renderers.variant import choose
 from malus.scenes import (
     Area,
     Blob,
@@ -49,22 +48,6 @@ def truth_of(
 
 def wide(resolution: int = 24, **more: float) -> Camera:
     return Camera.model_validate({"resolution": resolution} | WIDE | more)
-
-
-@pytest.mark.parametrize("roll", [0.0, 33.0, -120.0])
-@pytest.mark.parametrize("projection", ["orthographic", "perspective"])
-def test_axes_and_view_are_those_of_mitsubas_rays(projection: str, roll: float) -> None:
-    mi = mitsuba(choose())
-    more = WIDE if projection == "perspective" else {}
-    camera = Camera.model_validate({"resolution": 5, "roll_deg": roll} | more)
-    looking = mi.load_dict(sensor(mi, camera))
-    world = np.empty((5, 5, 3))
-    for row, column in np.ndindex(5, 5):
-        at = mi.Point2f((column + 0.5) / 5, (row + 0.5) / 5)
-        world[row, column] = np.ravel(looking.sample_ray(0.0, 0.0, at, mi.Point2f(0.5))[0].d)
-    view = camera.view_directions() if projection == "perspective" else np.array([0.0, 0.0, 1.0])
-    # float32 rays
-    assert -world @ camera.axes.T == pytest.approx(np.broadcast_to(view, world.shape), abs=5e-7)
 
 
 @pytest.mark.parametrize("camera", [Camera(resolution=24), wide()], ids=lambda c: c.projection)
@@ -239,14 +222,6 @@ def test_the_right_physics_reaches_full_skill_from_a_rolled_camera_nearby(
     assert score(truth, method).skill == pytest.approx(1.0, abs=0.01)
     monkeypatch.setattr(Truth, "view_direction", None)  # as if all rays were parallel
     assert score(truth, method).skill < blindfolded
-
-
-@pytest.mark.parametrize(
-    "light", [Environment(), Area(incidence_deg=45), Sky()], ids=lambda x: x.kind
-)
-def test_lights_turn_with_the_image_of_a_rolled_camera(light: Light) -> None:
-    truth = truth_of(Camera(resolution=40, roll_deg=30.0), light, samples=64)
-    assert score(truth, "lights+body").skill == pytest.approx(1.0, abs=0.01)
 
 
 def test_directions_of_a_map_turn_with_it() -> None:
