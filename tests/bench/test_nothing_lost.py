@@ -14,7 +14,6 @@ from runs import NOBODY, SUITE, formula_dataset
 import malus
 from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
-from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.runner import run
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.reports.source import Source
@@ -105,17 +104,6 @@ def test_copies_of_meshes_are_mended(tmp_path: Path, harm: str, drawn: bool) -> 
     again = render_dataset(suite, tmp_path / "a", "auto", samples=2)
     assert (again["rendered"], again["taken_over"]) == (0, done["rendered"])
     assert copy.read_bytes() == content
-
-
-@pytest.mark.parametrize(
-    "name", ["readings.csv", "mismatch.csv", "separation.csv", "stress.csv", "precision.csv"]
-)
-@pytest.mark.parametrize("content", ["a run", "a comparison", "a dataset"])
-def test_the_folder_of_a_study_is_not_taken(tmp_path: Path, name: str, content: str) -> None:
-    (tmp_path / name).write_text("a,b\n", "utf-8")
-    with pytest.raises(InputError, match="found a study"):
-        prepare_folder(tmp_path, content)
-    assert prepare_folder(tmp_path, "a study") == tmp_path
 
 
 def test_a_store_keeps_no_file_of_an_older_export(tmp_path: Path) -> None:
