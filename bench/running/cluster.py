@@ -211,13 +211,6 @@ def _result(future: Any) -> FamilyResult:
     return FamilyResult(failures=[Failure.of(error)])
 
 
-@contextmanager
-def local_cluster(workers: int) -> Iterator[Any]:
-    """Start a cluster of so many processes on this machine; the value is its client."""
-    with ExitStack() as stack:
-        yield _local(workers, stack)
-
-
 def _local(workers: int, stack: ExitStack) -> Any:
     """Client of a new cluster of processes with one task each, which end with this process."""
     distributed = _distributed()

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from malus.bench.running.cluster import local_cluster
+from malus.bench.running.cluster import cluster_client
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.plan import plan
 from malus.bench.running.progress import peak_memory
@@ -101,7 +101,7 @@ def messages(families: int = 200) -> Messages:
     suite = made_up_suite(FAMILY)
     task = _task(suite)
     result = work(task, _NO_RENDERER)
-    with local_cluster(2) as client:
+    with cluster_client(2, None) as client:
         scattered = client.scatter(result, broadcast=True)
         client.gather([client.submit(_answer, task, scattered, k) for k in range(4)])
         started = time.perf_counter()

@@ -20,7 +20,7 @@ from runs import NOBODY, SUITE, share_at_once
 import malus.bench.running.truths
 from malus.bench import run
 from malus.bench.datasets.render import RenderTask, render_dataset
-from malus.bench.running.cluster import engine, local_cluster, spread
+from malus.bench.running.cluster import cluster_client, engine, spread
 from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.inside_worker import import_all
 from malus.bench.running.plan import plan
@@ -84,7 +84,7 @@ def pids_of_the_loaded() -> Iterator[int]:
 
 def loaded_workers(stack: ExitStack) -> Engine:
     pytest.importorskip("distributed", reason="Dask is not installed")
-    client = stack.enter_context(local_cluster(2))
+    client = stack.enter_context(cluster_client(2, None))
     client.run(do_the_smooth)
     return lambda tasks: spread(tasks, client, NOBODY, 5.0)
 
