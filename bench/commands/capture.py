@@ -15,42 +15,14 @@ from malus.bench.commands.filter import (
     knowledge_of,
     knowledge_options,
 )
-from malus.bench.commands.options import LOCAL, command
+from malus.bench.commands.options import LOCAL, Numbers, command
 
 if TYPE_CHECKING:
     from malus.bench.running.capture_suite import CaptureSuite
     from malus.bench.running.results import Results
 
 
-class Angles(click.ParamType[tuple[float, ...]]):
-    """Numbers with commas, such as 0,45,90,135."""
-
-    name = "A,B,…"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """Parse numbers; anything else ends in click's one-line message."""
-        try:
-            return tuple(float(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"expected numbers with commas, found {value!r}", param, ctx)
-
-
-class Size(click.ParamType[tuple[int, int]]):
-    """WIDTHxHEIGHT in pixels."""
-
-    name = "WxH"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        """Parse width and height; anything else ends in click's one-line message."""
-        try:
-            width, height = (int(part) for part in str(value).lower().split("x"))
-        except ValueError:
-            self.fail(f"expected WIDTHxHEIGHT, found {value!r}", param, ctx)
-        return width, height
+_ANGLES = Numbers("A,B,…", "numbers with commas")
 
 
 @command("capture")
@@ -71,7 +43,7 @@ class Size(click.ParamType[tuple[int, int]]):
 @click.option(
     "--offset", type=float, default=0.0, help="Degrees of the 0 mark from --zero, anticlockwise."
 )
-@click.option("--angles", type=Angles(), help="One for each page, array or picture in its order.")
+@click.option("--angles", type=_ANGLES, help="One for each page, array or picture in its order.")
 @click.option(
     "--unit", type=click.Choice(["degrees", "radians"]), help="Unit of the angles as they stand."
 )
@@ -80,13 +52,17 @@ class Size(click.ParamType[tuple[int, int]]):
     "--black", help="Dark level: a code, below 1 a share of the largest, or a dark frame's file."
 )
 @click.option("--white", type=float, help="Level at which the sensor is full, likewise.")
-@click.option("--mosaic", type=Angles(), help="Each is a polarisation camera's frame: 90,45,135,0.")
+@click.option("--mosaic", type=_ANGLES, help="Each is a polarisation camera's frame: 90,45,135,0.")
 @click.option(
     "--bayer",
     type=click.Choice(["rggb", "bggr", "grbg", "gbrg"]),
     help="Colours over the squares of the mosaic.",
 )
-@click.option("--size", type=Size(), help="Of a frame without a header.")
+@click.option(
+    "--size",
+    type=Numbers("WxH", "WIDTHxHEIGHT", 2, "x", int),
+    help="Of a frame without a header.",
+)
 @click.option("--packing", help="Its pixel format: mono8, mono12, mono12p, mono12packed, mono16, …")
 @click.option(
     "--method",

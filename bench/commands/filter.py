@@ -10,24 +10,7 @@ from typing import Any
 
 import click
 
-from malus.bench.commands.options import LOCAL, command, together
-
-
-class Direction(click.ParamType[tuple[float, float, float]]):
-    """A direction X,Y,Z: three numbers with commas."""
-
-    name = "X,Y,Z"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float, float]:
-        """Parse three numbers; anything else ends in click's one-line message."""
-        try:
-            x, y, z = (float(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"expected three numbers X,Y,Z, found {value!r}", param, ctx)
-        return x, y, z
-
+from malus.bench.commands.options import LOCAL, Numbers, command, together
 
 knowledge_options = together(
     click.option("--normals", type=LOCAL, help="Normals: .npy, .exr, or a picture of (n + 1)/2."),
@@ -38,7 +21,9 @@ knowledge_options = together(
         help="A picture or .npy of several objects: black is none, every other value is one.",
     ),
     click.option(
-        "--light", type=Direction(), help="Towards a distant light: x right, y up, z to you."
+        "--light",
+        type=Numbers("X,Y,Z", "three numbers X,Y,Z", 3),
+        help="Towards a distant light: x right, y up, z to you.",
     ),
     click.option("--material", help="A material of `malus list materials`."),
     click.option("--alpha", type=float, help="Roughness, 0 to 1."),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,29 @@ def _refuse_empty(kind: click.ParamType[Any], value: Any) -> None:
 FOLDER = Folder()
 LOCAL = LocalPath(path_type=Path)
 LOCAL_FILE = LocalPath(path_type=Path, dir_okay=False)
+
+
+class Numbers(click.ParamType[tuple[float, ...]]):
+    """Numbers in one text, such as 0,45,90 or 640x480; `expected` says which, in messages."""
+
+    def __init__(
+        self,
+        name: str,
+        expected: str,
+        count: int | None = None,
+        separator: str = ",",
+        number: type[float] = float,
+    ) -> None:
+        self.name, self._expected, self._count = name, expected, count
+        self._separator, self._number = separator, number
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, ...]:
+        """Parse the numbers; anything else ends in click's one-line message."""
+        with suppress(ValueError):
+            numbers = tuple(map(self._number, str(value).lower().split(self._separator)))
+            if self._count in (None, len(numbers)):
+                return numbers
+        self.fail(f"expected {self._expected}, found {value!r}", param, ctx)
 
 
 class Command(click.Command):
