@@ -19,18 +19,29 @@ from malus.scenes import (
     Dielectric,
     Distant,
     Light,
+    Polariser,
     Sampling,
     Scene,
+    Sky,
+    SkyPolarisation,
     Sphere,
     Torus,
 )
 from malus.scenes.lights.polarised import is_polarised
 from malus.scenes.materials.surface import Surface
 
+PAINT = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="polarised")
+CHALK = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="unpolarised")
+COPPER = Conductor(eta=0.6, k=2.6, alpha=0.3)
 GOLD = {"eta": 0.2, "k": 3.0}
 MIRROR = {"eta": 0.01, "k": 20.0}
 """A metal that absorbs next to nothing."""
 
+POLARISED: list[Light] = [
+    Distant(incidence_deg=60, polarised=Polariser(angle_deg=30)),
+    Area(incidence_deg=50, polarised=Polariser(angle_deg=110, degree=0.7)),
+    Sky(sun_elevation_deg=20, polarised=SkyPolarisation()),
+]
 OBLIQUE = Distant(incidence_deg=55, azimuth_deg=35)
 RING = Torus(major=0.62, minor=0.36, tilt_deg=65)
 """Its hollow lights itself."""

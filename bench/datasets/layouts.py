@@ -16,7 +16,6 @@ method was given; of `pol` too, whose unit is not known.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,7 +29,6 @@ from malus.renderers.datasets.dataset import Dataset
 from malus.renderers.datasets.scene_folder import SceneRecord
 from malus.scenes.core.arrays import Float64Array, FloatArray, IntArray
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.files import digest
 from malus.scenes.core.registry import lookup
 from malus.scenes.core.remote import is_here
 
@@ -138,12 +136,8 @@ class LayoutPredictions(Predictions):
         chosen = {scene: name for scene, name in self.names.items() if scene in scenes}
         return replace(self, names=chosen)
 
-    def sha256(self) -> str:
-        """Hash of the names and contents of all files."""
-        total = hashlib.sha256()
-        for path in sorted(path for scene in self.names for path in self._files(scene)):
-            total.update(f"{path.relative_to(self.folder)} {digest(path)[1]}\n".encode())
-        return total.hexdigest()
+    def _every_file(self) -> Iterator[Path]:
+        yield from sorted(path for scene in self.names for path in self._files(scene))
 
     def _files(self, scene: str) -> Iterator[Path]:
         for pattern in self.layout.files:

@@ -89,10 +89,13 @@ class Predictions:
     def sha256(self) -> str:
         """Hash of the names and contents of all files."""
         total = hashlib.sha256()
-        for path in sorted(self.paths.values()):
-            for file in sorted(path.glob("*.npy")) if path.is_dir() else [path]:
-                total.update(f"{file.relative_to(self.folder)} {digest(file)[1]}\n".encode())
+        for file in self._every_file():
+            total.update(f"{file.relative_to(self.folder)} {digest(file)[1]}\n".encode())
         return total.hexdigest()
+
+    def _every_file(self) -> Iterator[Path]:
+        for path in sorted(self.paths.values()):
+            yield from sorted(path.glob("*.npy")) if path.is_dir() else [path]
 
 
 class PredictionErrors(InputError):

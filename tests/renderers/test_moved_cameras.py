@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain import CHALK, COPPER, PAINT, POLARISED
 from rooms import needs_arrays
 
 from malus.bench import score
@@ -20,8 +21,6 @@ from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
     Area,
     Camera,
-    Conductor,
-    Dielectric,
     Distant,
     Environment,
     Light,
@@ -38,16 +37,10 @@ from malus.scenes import (
 from malus.scenes.lights.lights import rotated, turned
 from malus.scenes.materials.surface import Surface
 
-PAINT = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="polarised")
-CHALK = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="unpolarised")
-COPPER = Conductor(eta=0.6, k=2.6, alpha=0.3)
 WIDE = {"projection": "perspective", "fov_deg": 60.0, "distance": 2.2}
 PLACES = [(0.0, 0.0), (35.0, 20.0), (-120.0, -50.0), (80.0, 90.0), (180.0, 0.0)]
-RAYLEIGH = SkyPolarisation()
 LIGHTS: list[Light] = [
-    Distant(incidence_deg=60, polarised=Polariser(angle_deg=30)),
-    Area(incidence_deg=50, polarised=Polariser(angle_deg=110, degree=0.7)),
-    Sky(sun_elevation_deg=20, polarised=SkyPolarisation()),
+    *POLARISED,
     Sky(
         sun_elevation_deg=20, heading_deg=30, tilt_deg=-40, turn_deg=15, polarised=SkyPolarisation()
     ),

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plain import by_mitsuba, own_shape
+from plain import CHALK, COPPER, PAINT, by_mitsuba, own_shape
 from rooms import needs_arrays
 
 from malus.renderers import Truth, render
@@ -37,9 +37,6 @@ from malus.scenes.lights.environment import directions, radiance_map, solid_angl
 from malus.scenes.lights.lights import transmission_axis
 from malus.scenes.materials.surface import Surface
 
-PAINT = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="polarised")
-CHALK = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="unpolarised")
-COPPER = Conductor(eta=0.6, k=2.6, alpha=0.3)
 CAMERA = Camera(resolution=12)
 MOVED = Camera.model_validate(
     {"resolution": 12, "projection": "perspective", "fov_deg": 50.0, "distance": 2.6}

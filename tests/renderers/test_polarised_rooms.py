@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plain import by_mitsuba
+from plain import CHALK, PAINT, POLARISED, by_mitsuba
 from rooms import needs_arrays, own_shapes, table
 
 from malus.renderers import render
@@ -12,7 +12,6 @@ from malus.scenes import (
     Area,
     Camera,
     Conductor,
-    Dielectric,
     Distant,
     Light,
     Placed,
@@ -20,19 +19,11 @@ from malus.scenes import (
     Sampling,
     Scene,
     Sky,
-    SkyPolarisation,
     Sphere,
     Surroundings,
 )
 
-PAINT = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="polarised")
-CHALK = Dielectric(eta=1.5, alpha=0.3, albedo=0.6, body="unpolarised")
 GOLD = Conductor(eta=0.2, k=3.0, alpha=0.2)
-LIGHTS: list[Light] = [
-    Distant(incidence_deg=60, polarised=Polariser(angle_deg=30)),
-    Area(incidence_deg=50, polarised=Polariser(angle_deg=110, degree=0.7)),
-    Sky(sun_elevation_deg=20, polarised=SkyPolarisation()),
-]
 
 pytestmark = needs_arrays
 
@@ -50,7 +41,7 @@ def golden_table(light: Light, resolution: int = 16) -> Scene:
     return scene.model_copy(update={"surroundings": Surroundings(name="gold", objects=gold)})
 
 
-@pytest.mark.parametrize("light", LIGHTS, ids=lambda light: light.label)
+@pytest.mark.parametrize("light", POLARISED, ids=lambda light: light.label)
 def test_with_nothing_near_a_room_is_its_object_alone(light: Light) -> None:
     """Polarised light at the first hit in rooms, which have another kernel."""
     far = Placed(shape=Sphere(), surface=CHALK, position=(0, 0, -500))
@@ -89,7 +80,7 @@ def test_light_by_way_of_other_objects_is_what_mitsuba_renders() -> None:
     assert (wrong[1:] > 10).all()
 
 
-@pytest.mark.parametrize("light", [LIGHTS[0], LIGHTS[2]], ids=lambda light: light.label)
+@pytest.mark.parametrize("light", [POLARISED[0], POLARISED[2]], ids=lambda light: light.label)
 def test_a_degree_is_a_mixture_by_way_of_other_objects_too(light: Light) -> None:
     """Light of degree p is p of that of degree 1 and the rest unpolarised, along every path."""
     stokes = {}
