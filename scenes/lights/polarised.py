@@ -24,7 +24,6 @@ import numpy as np
 
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.lights.lights import Area, Distant, Light, Sky, transmission_axis
-from malus.scenes.polarisation import viewing_frame
 
 
 @dataclass(frozen=True)
@@ -44,26 +43,6 @@ class Oscillation:
     axis: tuple[float, float, float]
     degree: float
     scattered: bool
-
-    def ratios(self, toward: Float64Array) -> Float64Array:
-        """s1/s0 and s2/s0 (..., 2) of the light from directions `toward` (..., 3), in the world.
-
-        In the frame of one who looks there from the origin, upright: see
-        `malus.scenes.polarisation.viewing_frame`. NaN straight up and straight down.
-
-        Examples
-        --------
-        Right of a sun that is straight ahead, the light of the sky oscillates vertically:
-
-        >>> sky = Oscillation((0.0, 0.0, -1.0), 0.8, scattered=True)
-        >>> sky.ratios(np.array([1.0, 0.0, 0.0])).tolist()
-        [-0.8, 0.0]
-        """
-        along = viewing_frame(np.cross(toward, self.axis), -toward)
-        x, y = along[..., 0], along[..., 1]
-        squared = x**2 + y**2  # sin²γ
-        scale = self.degree / (2.0 - squared if self.scattered else squared)
-        return np.stack([(x**2 - y**2) * scale, 2.0 * x * y * scale], axis=-1)
 
 
 def oscillation(light: Light) -> Oscillation | None:
