@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import io
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
+import click
 import pytest
 from rich.console import Console
 from rich.table import Table
 
+import malus
+from malus.bench.cli import cli
 from malus.bench.commands.list import (
     _UNSHOWN,
     SHOWN_NM,
@@ -25,6 +28,9 @@ from malus.bench.commands.list import (
     _surfaces,
     _swatches,
 )
+from malus.bench.datasets import export
+from malus.bench.datasets.layouts import LAYOUTS
+from malus.bench.learning.options import PRIORS
 from malus.bench.public.lists import (
     list_lights,
     list_materials,
@@ -35,6 +41,8 @@ from malus.bench.public.lists import (
     list_surfaces,
     list_swatches,
 )
+from malus.bench.scoring.profiles import PROFILES
+from malus.reconstruct.photos.mosaic import BAYER_ORDERS
 from malus.scenes import InputError
 from malus.scenes.materials.albedo import reflectance
 
@@ -143,3 +151,26 @@ def test_no_list_breaks_words_on_80_columns(make: Callable[[], Table]) -> None:
     broken = {word for cell in cells for word in cell.split()} - words
     # As wide as the longest word of a list's columns can be: names of keys.
     assert {word for word in broken if len(word) <= 17} == set()
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "there"),
+    [
+        ("export", "layout", export.FORMATS),
+        ("export", "pixels", export.PIXELS),
+        ("score", "layout", LAYOUTS),
+        ("score", "profiles", [name.removeprefix("profile:") for name in PROFILES]),
+        ("filter", "illuminant", malus.illuminants()),
+        ("filter", "separation", malus.separations()),
+        ("capture", "bayer", BAYER_ORDERS),
+        ("train", "prior", PRIORS),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_the_command_line_offers_all_that_there_is(
+    command: str, option: str, there: Iterable[str]
+) -> None:
+    """Commands list it anew, so that their help answers before anything heavy is imported."""
+    (param,) = (p for p in cli.commands[command].params if p.name == option)
+    assert isinstance(param.type, click.Choice)
+    assert set(param.type.choices) == set(there)
