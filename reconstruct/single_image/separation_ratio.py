@@ -30,18 +30,17 @@ def ratio_diffuse(space: SourceSpace) -> Image:
     """
     labels = colour_clusters(space)
     kappa = np.ones(int(labels.max()) + 1, dtype=space.intensity.dtype)
-    step = max(1, space.lit.size // (1 << 20))
+    chroma, intensity = space.chroma.ravel(), space.intensity.ravel()
     for label in range(len(kappa)):
-        members = space.lit[::step] & (labels[::step] == label)
-        if members.any():
-            kappa[label] = _purest(space.chroma[::step][members], space.intensity[::step][members])
+        members = np.flatnonzero(space.lit & (labels == label))
+        members = members[:: max(1, len(members) // _SAMPLE)]
+        if len(members):
+            kappa[label] = _purest(chroma[members], intensity[members])
     return space.chroma / (kappa[labels] if len(kappa) > 1 else kappa[0])
 
 
 def _purest(chroma: Image, intensity: Image) -> float:
     """Saturation κ of one body colour: a high quantile, pixels weighted by their intensity."""
-    step = max(1, chroma.size // _SAMPLE)
-    chroma, intensity = chroma[::step], intensity[::step]
     saturation = chroma / intensity
     order = np.argsort(saturation, kind="stable")
     weight = np.cumsum(intensity[order], dtype=np.float64)

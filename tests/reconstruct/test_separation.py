@@ -129,6 +129,19 @@ def test_body_colours_keep_their_own(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_an_object_of_one_row_in_a_large_picture(method: str) -> None:
+    """Of many pixels a sample is looked at: it has those of the object, however flat that is."""
+    body, glare = dichromatic(side=32)
+    row = (body + glare).reshape(1, -1, 3).astype(np.float32)
+    large, mask = np.zeros((3, 1 << 20, 3), np.float32), np.zeros((3, 1 << 20), bool)
+    large[1, : row.shape[1]], mask[1, : row.shape[1]] = row, True
+    alone = separate(row, np.ones(row.shape[:2], bool), method=method).specular
+    inside = separate(large, mask, method=method).specular[mask]
+    # Erosion may take more steps in the larger picture; both have settled to 1e-5.
+    np.testing.assert_allclose(inside, alone[0], atol=1e-4)
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_a_matt_object_has_no_highlight(method: str) -> None:
     body, _ = dichromatic()
     mask = np.ones(body.shape[:2], bool)
