@@ -12,7 +12,7 @@ _BINS = 200
 _POPULATED = 0.01
 """Share of a cluster's lit pixels that must have at least the diffuse chromaticity."""
 _BRIGHT = 0.1
-"""Share of the brightest intensity below which noise raises the chromaticity."""
+"""Share of a body colour's brightest intensity below which noise raises the chromaticity."""
 
 
 def chromaticity_diffuse(space: SourceSpace) -> Image:
@@ -40,11 +40,12 @@ def chromaticity_diffuse(space: SourceSpace) -> Image:
     total = bands * space.intensity
     chromaticity = largest / np.where(total > 0, total, 1)
     labels = colour_clusters(space)
-    bright = space.lit & (space.intensity > _BRIGHT * _peak(space))
     result = np.zeros_like(space.intensity)
     for label in range(int(labels.max()) + 1):
         members = labels == label
-        diffuse_chromaticity = _diffuse_chromaticity(chromaticity[bright & members], bands)
+        lit = members & space.lit
+        bright = lit & (space.intensity > _BRIGHT * _peak(space.intensity[lit]))
+        diffuse_chromaticity = _diffuse_chromaticity(chromaticity[bright], bands)
         diffuse = np.maximum(bands * largest - total, 0) / (bands * diffuse_chromaticity - 1)
         result = np.where(members, diffuse / bands, result)
     return result
@@ -63,7 +64,6 @@ def _diffuse_chromaticity(chromaticity: Image, bands: int) -> float:
     return max(float(inside.mean()) if inside.size else float(edges[last]), edges[1])
 
 
-def _peak(space: SourceSpace) -> float:
-    """Intensity of the brightest lit pixels but for 2 %."""
-    values = space.intensity[space.lit]
-    return float(np.quantile(values, 0.98)) if values.size else 0.0
+def _peak(intensity: Image) -> float:
+    """Intensity (pixels,) of the brightest pixels but for 2 %."""
+    return float(np.quantile(intensity, 0.98)) if intensity.size else 0.0

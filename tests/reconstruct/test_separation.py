@@ -129,6 +129,19 @@ def test_body_colours_keep_their_own(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("light", [0.3, 0.09, 0.04])
+def test_a_dark_body_beside_a_bright_one_keeps_its_colour(method: str, light: float) -> None:
+    """What one body reflects says nothing of the highlights of another."""
+    body, _ = dichromatic()
+    body[:, 24:] = light * body[:, 24:, 1:2] * [1.4, 1.0, 0.6]
+    mask = np.ones(body.shape[:2], bool)
+    specular = separate(body, mask, method=method).specular
+    # Matt, so only the stops of each search remain, as above.
+    assert specular[:, 24:].max() < 0.01 * body[:, 24:].max()
+    assert specular[:, :24].max() < 0.01 * body.max()
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_an_object_of_one_row_in_a_large_picture(method: str) -> None:
     """Of many pixels a sample is looked at: it has those of the object, however flat that is."""
     body, glare = dichromatic(side=32)
