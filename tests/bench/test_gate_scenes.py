@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 from runs import SUITE
 
-from malus.bench.gates.baseline import DEFAULT_RULES, PooledMetric, measure
+from malus.bench.gates.baseline import DEFAULT_RULES, PooledMetric, default_rules, measure
 from malus.bench.gates.gate import HIDDEN_NOISE, gate, passed, updated
 from malus.bench.gates.gate_report import junit, markdown, tables
 from malus.bench.running.results import Results
@@ -84,6 +84,9 @@ def test_a_skill_that_another_seed_hides_in_every_scene_is_no_failure() -> None:
     suite = ElementTree.fromstring(junit(compared))[0]
     assert (suite.attrib["tests"], suite.attrib["skipped"]) == ("3", "1")
     assert len(suite.findall(".//skipped")) == 1
+    other_variant = dataclasses.replace(reviewed, run=reviewed.run | {"variant": {"name": "llvm"}})
+    hidden_there = without_metric(other_variant, "facing_skill")
+    assert outcomes(hidden_there, reviewed) == SAME | {"facing_skill": "not told"}
     # With the same random numbers, or where the method has no gain either, it is lost.
     same_seed = without_metric(reviewed, "facing_skill")
     for run in (same_seed, without_metric(hidden, "gain")):
@@ -126,6 +129,61 @@ def test_a_scene_that_is_not_finite_is_named_for_every_metric() -> None:
     assert outcomes(run, reviewed) == dict.fromkeys(SAME, "not finite")
 
 
+def test_a_scene_whose_noise_is_no_number_is_not_finite() -> None:
+    """The noise of the others alone would make the limit too narrow."""
+    reviewed = results(2)
+    table = reviewed.table
+    untold = (table["scene"] == f"{1:016x}") & (table["metric"] == "gain")
+    run = dataclasses.replace(reviewed, table=table.assign(noise=table["noise"].mask(untold)))
+    assert outcomes(run, reviewed) == SAME | {"gain": "not finite"}
+
+
+def test_scenes_weigh_by_their_polarised_energy() -> None:
+    """Of energies 1 and 9: gains of 0.5 and 1 are 0.95 together, the slope over all pixels."""
+    run = results(3)
+    values = [{"gain": 0.5, "signal": 0.1}, {"gain": 1.0, "signal": 0.3}]
+    # A scene without polarised light has no slope, and takes no part.
+    values.append({"gain": math.nan, "rotation": math.nan, "signal": 0.0})
+    for k, changed in enumerate(values):
+        for metric, value in changed.items():
+            row = (run.table["scene"] == f"{k:016x}") & (run.table["metric"] == metric)
+            run.table.loc[row, "value"] = value
+    gain, rotation = (
+        value
+        for value in measure(run)
+        if isinstance(value, PooledMetric) and value.metric != "facing_skill"
+    )
+    assert (gain.value, rotation.value) == pytest.approx((0.95, VALUES["rotation"]), rel=1e-12)
+    assert gain.signal == pytest.approx(0.05**0.5, rel=1e-12)  # root mean square of 0.1 and 0.3
+    assert gain.scenes == 2
+
+
+def captures(names: tuple[str, ...], skills: tuple[float, ...]) -> Results:
+    """Results of captures, whose skill is the plain one; NaN where their noise hides the guess's
+    error."""
+    rows = [
+        {"scene": name, **GROUP, "surface": name, **WHOLE, "metric": metric, "value": value}
+        for name, skill in zip(names, skills, strict=True)
+        for metric, value in (VALUES | {"skill": skill}).items()
+        if metric != "facing_skill"
+    ]
+    record = {"suite": {"name": "desk"}, "captures": [{"scene": name} for name in names]}
+    return Results(pd.DataFrame.from_records(rows).assign(noise=NOISE), record)
+
+
+def test_a_capture_without_a_skill_is_gated_by_its_other_values() -> None:
+    """A matt object polarises less than the camera's noise: no fault of the method."""
+    run = captures(("glass", "felt"), (0.8, math.nan))
+    reviewed = updated(run, None, default_rules(run))
+    gated = {(value.metric, value.surface) for value in reviewed.values}
+    every = {(metric, name) for metric in ("gain", "rotation") for name in ("glass", "felt")}
+    assert gated == every | {("skill", "glass")}
+    compared = gate(captures(("felt", "glass"), (math.nan, 0.8)), reviewed)
+    assert [one.outcome for one in compared] == 5 * ["same"]
+    lost = gate(captures(("glass", "felt"), (math.nan, math.nan)), reviewed)
+    assert [one.key[0] for one in lost if one.outcome == "missing"] == ["skill"]
+
+
 def test_noise_that_scenes_share_does_not_fall_with_their_number() -> None:
     """Scenes of one seed share their random numbers: two alike know no more than one."""
     for scenes in (1, 2):
@@ -161,6 +219,8 @@ def test_what_no_rule_gates_is_nothing_new() -> None:
     of_gains = reviewed.model_copy(update={"rules": DEFAULT_RULES[:1]})
     for baseline, expected in ((reviewed, ["rotation"]), (of_gains, [])):
         compared = gate(results(2), baseline)
+        kept = [value.metric for value in updated(results(2), baseline, ()).values]
+        assert kept == (list(SAME) if baseline is reviewed else ["gain"])
         assert [one.key[0] for one in compared if one.outcome == "new"] == expected
 
 
