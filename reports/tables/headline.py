@@ -129,15 +129,23 @@ def _figure5(rows: pd.DataFrame) -> Iterator[Tile]:
 
 
 def _table1(colours: pd.DataFrame, best: str, suite: str, note: str) -> Iterator[Tile]:
-    """Colour differences and errors of I_max and I_min, as in Table I."""
+    """Colour differences and errors of I_max and I_min, as in Table I.
+
+    The paper's method stands beside the best one where it has an error on the same scenes.
+    """
     paper = next((name for name in PAPER_TABLE1 if name.endswith(f", {suite.capitalize()}")), "")
     for formula in ("ΔE76", "NMSE"):
         for image in ("I_max", "I_min"):
             chosen = (colours["formula"] == formula) & (colours["image"] == image)
-            means = colours[chosen].set_index("method")["mean"]
+            own = colours[chosen].set_index("method")
+            means, scenes = own["mean"], own["scenes"]
             if best not in means:
                 continue
-            others = [name for name in (PAPER_METHOD, TRIVIAL) if name in means and name != best]
+            others = [
+                name
+                for name in (PAPER_METHOD, TRIVIAL)
+                if name != best and scenes.get(name) == scenes[best]
+            ]
             beside = [f"{name}: {_error(means[name], formula)}" for name in others]
             if paper:
                 beside.append(f"{paper}: {PAPER_TABLE1[paper][formula, image]}")

@@ -278,6 +278,21 @@ def test_scenes_that_no_method_could_score_are_among_those_left_out() -> None:
     assert "on the 11 of 12 scenes of eq8" in headline_of(rows)
 
 
+def test_colours_of_two_methods_stand_side_by_side_on_the_same_scenes_only() -> None:
+    """Where eq8 left out what is hard for every method, it would seem the better one."""
+    plain = sample.coloured()
+    eq8 = plain[plain["method"] == "eq8"]
+    hard = eq8["scene"].isin(eq8["scene"].unique()[6:])
+    colours = eq8["metric"].isin(["delta_e76_i_max", "delta_e76_i_min"])
+    best = eq8.assign(
+        method="visible", value=eq8["value"].mask(hard & colours, 5.0).replace(0.95, 0.99)
+    )
+    rows = pd.concat([plain[plain["method"] == "unpolarised"], best, eq8], ignore_index=True)
+    assert "3.00 mean ΔE76 of I_max by visible; eq8: 1.00; unpolarised: 3.00" in headline_of(rows)
+    fewer = pd.concat([rows[rows["method"] != "eq8"], eq8[~hard]], ignore_index=True)
+    assert "3.00 mean ΔE76 of I_max by visible; unpolarised: 3.00" in headline_of(fewer)
+
+
 def test_errors_of_degree_and_angle_stand_first_where_they_were_asked_for(
     table: pd.DataFrame,
 ) -> None:
