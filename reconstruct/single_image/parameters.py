@@ -157,7 +157,8 @@ def fit_parameters(
         index = index_of(middle, float(level.mean()) / irradiance)
     peak = max(float(pixels.max()), np.finfo(np.float64).tiny)
     eta_known = eta is not None or irradiance is not None
-    notes = _notes(eta_known, index, roughness, level)
+    found = (index if eta is None else None), (roughness if alpha is None else None)
+    notes = _notes(eta_known, *found, level)
     return SurfaceParameters(index, eta_known, roughness, body, albedo, level, error / peak, notes)
 
 
@@ -298,8 +299,10 @@ def _weights(
     return weights, float(np.sqrt(np.mean(residual**2)))
 
 
-def _notes(eta_known: bool, eta: float, alpha: float, level: FloatArray) -> tuple[str, ...]:
-    """What was assumed and what failed, in words."""
+def _notes(
+    eta_known: bool, eta: float | None, alpha: float | None, level: FloatArray
+) -> tuple[str, ...]:
+    """What was assumed and what failed, in words; index and roughness are None where given."""
     notes = []
     if not eta_known:
         notes.append(f"eta is assumed ({TYPICAL_ETA:g}): the irradiance is not known")
@@ -307,7 +310,7 @@ def _notes(eta_known: bool, eta: float, alpha: float, level: FloatArray) -> tupl
         notes.append(
             f"eta ran into its bound {eta:g}: the level of specular light is not plausible"
         )
-    if min(alpha / ALPHA_RANGE[0], ALPHA_RANGE[1] / alpha) < 1.01:
+    if alpha is not None and min(alpha / ALPHA_RANGE[0], ALPHA_RANGE[1] / alpha) < 1.01:
         notes.append(f"alpha ran into its bound {alpha:.2g}")
     if not np.any(level > 0):
         notes.append("the shape explains the picture best without specular light")

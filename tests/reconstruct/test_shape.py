@@ -199,6 +199,21 @@ def test_without_an_irradiance_eta_is_assumed_and_says_so() -> None:
     assert any("eta is assumed" in note for note in fit.notes)
 
 
+def test_only_what_was_searched_runs_into_a_bound() -> None:
+    theta = np.linspace(0, 1.4, 400)
+    normals = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
+    facing = np.array([0.0, 0.0, 1.0])
+    # Smoother than any roughness that is searched, and darker than any index.
+    specular = 1e-6 * specular_shading(normals, facing, 0.02)
+    pixels = (diffuse_shading(normals, facing, "unpolarised") + specular)[:, None]
+    fit = fit_parameters(pixels, normals, facing, "unpolarised", irradiance=1.0)
+    assert [note.split(" ran")[0] for note in fit.notes] == ["eta", "alpha"]
+    given = fit_parameters(
+        pixels, normals, facing, "unpolarised", irradiance=1.0, eta=fit.eta, alpha=0.02
+    )
+    assert given.notes == ()
+
+
 @pytest.mark.parametrize(("alpha", "incidence_deg"), [(0.15, 30), (0.3, 60)])
 def test_a_sphere_its_index_and_roughness(alpha: float, incidence_deg: float) -> None:
     truth = sphere(alpha, 1.5, incidence_deg)
