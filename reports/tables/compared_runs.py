@@ -80,8 +80,10 @@ class Change:
             return "same"
         if not self.metric.better:
             return "changed"
-        best = self.metric.best([self.before, self.after])
-        return "better" if best == self.after else "worse"
+        before, after = (self.metric.goodness(value) for value in (self.before, self.after))
+        if math.isnan(before):  # and after: the difference is of the scenes that are finite in both
+            before, after = 0.0, self.metric.goodness(self.difference)
+        return "better" if after > before else "worse"
 
 
 def compared(names: Sequence[str], runs: Sequence[ResultsLike]) -> list[Change]:

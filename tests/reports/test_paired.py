@@ -210,6 +210,22 @@ def test_an_infinite_value_is_as_good_as_its_metric_says(
     assert change.outcome == outcome
 
 
+@pytest.mark.parametrize("change", [-0.05, 0.05])
+@pytest.mark.parametrize("lost", [(0, 0), (0, 1)], ids=["same scene", "another scene"])
+def test_scenes_that_are_finite_in_both_runs_decide_where_both_have_others(
+    change: float, lost: tuple[int, int]
+) -> None:
+    """A method that is not finite on one scene of each run: the means of both are no numbers."""
+    values = np.array([0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
+    both = [values.copy(), values + change]
+    for numbers, scene in zip(both, lost, strict=True):
+        numbers[scene] = math.nan
+    runs = [run_of({"nmse": {"eq8": list(numbers)}}) for numbers in both]
+    (line,) = RunComparison.of(("a", "b"), runs).changes
+    assert line.difference == pytest.approx(change)
+    assert line.outcome == ("better" if change < 0 else "worse")
+
+
 def test_plain_values_tell_infinity_from_no_number() -> None:
     runs = [run_of({"psnr": {"eq8": values}}) for values in (GOOD, PERFECT)]
     (line,) = RunComparison.of(("a", "b"), runs).numbers()
