@@ -14,6 +14,7 @@ from scipy import stats
 
 from malus.reports.tables.compared_runs import RunComparison
 from malus.reports.tables.metric_definitions import DEFINITIONS, definition_of
+from malus.reports.tables.other_images import same_images
 from malus.reports.tables.paired import half_width, paired, ranked_pairs, student_width
 from malus.reports.tables.paper_table import number_with_error, paper_table
 from malus.scenes.core.errors import InputError
@@ -303,6 +304,18 @@ def test_a_change_beyond_the_noise_of_other_images_is_told() -> None:
     before, after = (_other_images(v, s, 0.01) for v, s in ((values, 0.1), (fallen, 0.2)))
     assert _outcomes(before, after) == {"skill": "not told", "gain": "worse"}
     assert "1 not told (skill)" in RunComparison.of(("a", "b"), (before, after)).headline
+
+
+def test_an_infinite_value_is_told_on_other_images_too() -> None:
+    """No noise makes an error zero."""
+    before, after = (_other_images({"psnr": v}, s, 0.01) for v, s in ((GOOD, 0.1), (PERFECT, 0.2)))
+    assert _outcomes(before, after) == {"psnr": "better"}
+
+
+@pytest.mark.parametrize(("signal", "same"), [(0.1 * (1 + 1e-6), True), (0.1 * (1 + 1e-4), False)])
+def test_images_that_differ_by_rounding_are_the_same(signal: float, same: bool) -> None:
+    """Of single precision, 6e-8 a value; noise of 10⁴ samples in all is a hundredth."""
+    assert same_images(pd.Series([0.1, 0.2]), pd.Series([signal, 0.2])) is same
 
 
 def test_an_estimate_that_is_not_finite_is_worse_on_other_images_too() -> None:
