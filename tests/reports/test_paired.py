@@ -303,13 +303,19 @@ def test_a_change_beyond_the_noise_of_other_images_is_told() -> None:
     fallen = {"skill": [0.4, 0.5, 0.6], "gain": [0.8, 0.85, 0.9]}
     before, after = (_other_images(v, s, 0.01) for v, s in ((values, 0.1), (fallen, 0.2)))
     assert _outcomes(before, after) == {"skill": "not told", "gain": "worse"}
-    assert "1 not told (skill)" in RunComparison.of(("a", "b"), (before, after)).headline
+    comparison = RunComparison.of(("a", "b"), (before, after))
+    assert "1 not told (skill)" in comparison.headline
+    (gain,) = (change for change in comparison.changes if change.metric.name == "gain")
+    # One comparison, for which chance has all of its 5 %: nothing is told of the skill.
+    assert gain.half_width == pytest.approx(0.005 + 1.959964 * 1.6 * 2**0.5 * 0.01, rel=1e-6)
 
 
 def test_an_infinite_value_is_told_on_other_images_too() -> None:
     """No noise makes an error zero."""
     before, after = (_other_images({"psnr": v}, s, 0.01) for v, s in ((GOOD, 0.1), (PERFECT, 0.2)))
     assert _outcomes(before, after) == {"psnr": "better"}
+    # Nor does any make a value exactly equal.
+    assert _outcomes(before, _other_images({"psnr": GOOD}, 0.2, 0.01)) == {"psnr": "same"}
 
 
 @pytest.mark.parametrize(("signal", "same"), [(0.1 * (1 + 1e-6), True), (0.1 * (1 + 1e-4), False)])
