@@ -72,7 +72,8 @@ class MaskedPixels:
         """Estimate of a method for both rows, (2, pixels, bands).
 
         Another `observation` than that of the truth may be given to a method that works pixel by
-        pixel. Any other method is given whole pictures, and the pixels are taken from its results.
+        pixel. Any other method is given whole pictures, and the pixels are taken from its results;
+        what it tells of them besides is that of the picture as rendered, in one row.
         """
         if method.per_pixel:
             withheld: dict[str, Any] = dict.fromkeys(INPUTS - method.needs)
@@ -83,11 +84,10 @@ class MaskedPixels:
         image, s1, s2 = (
             self._rows([getattr(result, name) for result in results]) for name in _STOKES
         )
-        flags = [result.valid for result in results if result.valid is not None]
-        valid = np.stack([flag.ravel()[self.indices] for flag in flags]) if flags else None
-        deviations = [result.deviation for result in results if result.deviation is not None]
-        deviation = self._rows(deviations) if deviations else None
-        return Components(image, s1, s2, valid, results[0].converged, deviation)
+        told = results[0]
+        valid = None if told.valid is None else told.valid.reshape(1, -1)[:, self.indices]
+        deviation = None if told.deviation is None else self._rows([told.deviation])
+        return Components(image, s1, s2, valid, told.converged, deviation)
 
     def stokes_of(self, estimate: Components) -> tuple[FloatArray, FloatArray]:
         """Estimated Stokes vectors (pixels, bands, 3), and what the draw changes in their errors.

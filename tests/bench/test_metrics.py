@@ -227,6 +227,22 @@ def test_pixels_are_invalid_as_rendered_and_not_by_their_noise() -> None:
         assert Judge(truth).score(method).invalid == 1
 
 
+def test_what_a_method_tells_of_the_noisy_picture_alone_is_not_scored() -> None:
+    """One of its own may tell invalid pixels, and its error, only where it finds any."""
+    truth = made_up_truth()
+    truth.specular_noise[truth.mask] = 0.01
+
+    def seldom(observation: Observation) -> Components:
+        image, mask = observation.image, observation.mask
+        if np.array_equal(image, truth.image):
+            return Components(image, 0 * image, 0 * image)
+        return Components(image, 0 * image, 0 * image, ~mask, deviation=np.ones_like(image))
+
+    score = Judge(truth).score(Method("seldom", frozenset(), seldom, "", per_pixel=False))
+    assert score.invalid == 0
+    assert score.extra == ()
+
+
 def test_table_values_belong_together() -> None:
     """The mean over single angles, and over bands, is the value over all of them."""
     values = list(Judge(made_up_truth()).score(GUESS).values())
