@@ -181,6 +181,7 @@ def test_other_scenes_are_compared_by_their_means() -> None:
     (change,) = comparison.changes
     interval = stats.ttest_ind(b, a, equal_var=False).confidence_interval(0.95)
     assert not change.paired
+    assert change.scenes == 7  # of the run that has fewer
     assert change.difference == pytest.approx((interval.high + interval.low) / 2)
     assert change.half_width == pytest.approx((interval.high - interval.low) / 2)
 
@@ -232,12 +233,22 @@ def test_plain_values_tell_infinity_from_no_number() -> None:
     (line,) = RunComparison.of(("a", "b"), runs).numbers()
     assert (line["after"], line["difference"], line["half_width"]) == ("Infinity", "Infinity", None)
     assert json.loads(json_text(line)) == line
+    (line,) = RunComparison.of(("b", "a"), runs[::-1]).numbers()
+    assert (line["before"], line["difference"]) == ("Infinity", "-Infinity")
 
 
 def test_changes_are_in_the_order_of_the_first_run() -> None:
     names = [f"m{number}" for number in range(12)]
     runs = [run_of({"nmse": {name: [1.0, 2, 3] for name in names}}) for _ in range(2)]
     assert [change.key[0] for change in RunComparison.of(("a", "b"), runs).changes] == names
+
+
+def test_what_became_worse_stands_first() -> None:
+    values = np.array([0.5, 0.6, 0.7])
+    before = run_of({"skill": {"a": list(values), "b": list(values)}})
+    after = run_of({"skill": {"a": list(values + 0.1), "b": list(values - 0.1)}})
+    changed = RunComparison.of(("a", "b"), (before, after)).changed
+    assert [line[0] for line in changed.lines] == ["worse", "better"]
 
 
 def test_scenes_that_are_no_longer_scored_are_told() -> None:
@@ -304,7 +315,8 @@ def test_a_change_beyond_the_noise_of_other_images_is_told() -> None:
     before, after = (_other_images(v, s, 0.01) for v, s in ((values, 0.1), (fallen, 0.2)))
     assert _outcomes(before, after) == {"skill": "not told", "gain": "worse"}
     comparison = RunComparison.of(("a", "b"), (before, after))
-    assert "1 not told (skill)" in comparison.headline
+    told = "changes beyond chance: 1 compared, 0 better, 1 worse, 0 changed; 1 not told (skill)"
+    assert comparison.headline.startswith(told)
     (gain,) = (change for change in comparison.changes if change.metric.name == "gain")
     # One comparison, for which chance has all of its 5 %: nothing is told of the skill.
     assert gain.half_width == pytest.approx(0.005 + 1.959964 * 1.6 * 2**0.5 * 0.01, rel=1e-6)
