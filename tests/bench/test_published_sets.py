@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from pathlib import Path
@@ -15,6 +16,7 @@ import malus
 from malus.bench.commands.score import score_command
 from malus.bench.datasets.published_sets import score_published
 from malus.scenes import InputError
+from malus.scenes.polarisation import PAPER_ANGLES_DEG
 
 SIDE = 16
 NAMES = ("a", "b", "c")
@@ -70,6 +72,20 @@ def test_skill_is_one_minus_the_missing_part(tmp_path: Path, layout: str) -> Non
         ratios = [-10 * math.log10(np.mean((part * missing) ** 2)) for part in (1.0, 0.1)]
         own = psnr[psnr.scene == name].set_index("method").value
         assert [own["unpolarised"], own["predictions"]] == pytest.approx(ratios, abs=0.01)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_the_error_of_the_guess_is_what_it_lacks(tmp_path: Path, channels: int) -> None:
+    """I(ϑ) = ½ (s0 − s1 cos 2ϑ − s2 sin 2ϑ): the guess I/2 lacks all but the first."""
+    stokes = stokes_of("a")[..., :channels, :]
+    as_pol(tmp_path, "a", stokes)
+    rows = score_published(tmp_path, "pol").headlines.set_index("metric").value
+    s0, s1, s2 = np.moveaxis(stokes, -1, 0)
+    double = 2 * np.radians(np.reshape(PAPER_ANGLES_DEG, (-1, 1, 1, 1)))
+    lacking = 0.5 * (s1 * np.cos(double) + s2 * np.sin(double)) / s0.max()
+    # 16 bits of four pictures leave 1e-5 of a tenth of the polarisation.
+    assert rows["nmse"] == pytest.approx(np.mean(lacking**2), rel=1e-4)
+    assert rows["delta_e76"] > 0  # grey is a colour, too
 
 
 def test_the_mask_of_a_set_counts(tmp_path: Path) -> None:
@@ -158,6 +174,19 @@ def test_a_range_that_polarises_beyond_all_light_is_refused(tmp_path: Path) -> N
     as_rgb2pol(tmp_path / "truth", "a", stokes_of("a"))  # by 0.2 to 0.5
     with pytest.raises(InputError, match="more in 100% of values; check `layout` or `component_r"):
         score_published(tmp_path / "truth", "rgb2pol", component_range=(-9, 9))
+
+
+@pytest.mark.parametrize(("factor", "beyond"), [(2.75, 7), (3.1, 9)])
+def test_noise_may_polarise_half_of_the_values_beyond_all_light(
+    tmp_path: Path, factor: float, beyond: int
+) -> None:
+    """Degrees are 0.2 + 0.3 y: with that range, so many of 16 rows are above 1."""
+    as_rgb2pol(tmp_path / "truth", "a", stokes_of("a"))
+    degrees = factor * (0.2 + 0.3 * np.arange(SIDE) / SIDE)
+    assert np.count_nonzero(degrees > 1) == beyond
+    refused = pytest.raises(InputError, match="more in 56% of values") if beyond > 8 else None
+    with refused or contextlib.nullcontext():
+        score_published(tmp_path / "truth", "rgb2pol", component_range=(-factor, factor))
 
 
 def test_scores_of_a_set_have_a_table_and_no_page(tmp_path: Path) -> None:

@@ -186,6 +186,27 @@ def test_other_scenes_are_compared_by_their_means() -> None:
     assert change.half_width == pytest.approx((interval.high - interval.low) / 2)
 
 
+def test_two_comparisons_share_the_chance_of_a_false_alarm() -> None:
+    """Welch's interval at 97.5 % each; of scenes that both runs have, these alone are paired."""
+    rng = np.random.default_rng(3)
+    a, b = rng.normal(0.5, 0.1, (2, 6))
+    before, after = (run_of({"skill": {"eq8": list(v), "mine": list(v)}}) for v in (a, b))
+    after.table.loc[after.table["method"] == "eq8", "scene"] += " other"
+    own = after.table["method"] == "mine"
+    after.table.loc[own & after.table["scene"].isin(["s4", "s5"]), "scene"] += " other"
+    changes = RunComparison.of(("a", "b"), (before, after)).changes
+    welch = stats.ttest_ind(b, a, equal_var=False).confidence_interval(0.975)
+    student = stats.ttest_rel(b[:4], a[:4]).confidence_interval(0.975)
+    assert [(change.paired, change.scenes) for change in changes] == [(False, 6), (True, 4)]
+    widths = [(interval.high - interval.low) / 2 for interval in (welch, student)]
+    assert [change.half_width for change in changes] == pytest.approx(widths)
+
+
+def test_equal_values_are_neither_better_nor_worse() -> None:
+    pair = paired(table_of({"psnr": {"a": [1.0, 2, 4], "b": [1.0, 3, 3]}}), "psnr", "a", "b")
+    assert (pair.better, pair.worse, pair.scenes) == (1, 1, 3)
+
+
 PERFECT, GOOD, NONE = [math.inf, 30, 31], [40.0, 30, 31], [math.nan, 30, 31]
 
 
