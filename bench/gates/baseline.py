@@ -28,8 +28,6 @@ GatedMetric = Literal["gain", "rotation", "facing_skill", "skill"]
 """Metrics whose standard error is known; in the others noise looks like a change. The plain skill
 is gated only on captures, whose pictures stay the same."""
 
-_SKILLS = ("facing_skill", "skill")
-
 CAPTURES = "captures"
 """Key of the record of results of real captures, and what stands for their variant."""
 
@@ -219,11 +217,11 @@ def measure(results: Results) -> Iterator[PooledMetric | tuple[str, ...]]:
     signal = table[table.metric == "signal"][[*keys, "value"]].rename(columns={"value": "signal"})
     gated = table[table.metric.isin(_gated(results))]
     gated = gated.merge(signal[signal.signal > 0], on=keys)
-    # A skill without a value is of a truth that is all noise, or of no pixel that faces the camera:
+    # Without a value the truth has no polarisation, or noise alone, or no pixel faces the camera:
     # nothing to compare with. Where the estimate is not finite its error is no number either.
     errors = table[table.metric == "nmse"][[*keys, "value"]].rename(columns={"value": "nmse"})
     gated = gated.merge(errors, on=keys, how="left")
-    gated = gated[~gated.metric.isin(_SKILLS) | gated.value.notna() | gated.nmse.isna()]
+    gated = gated[gated.value.notna() | gated.nmse.isna()]
     if gated.empty:
         raise InputError(
             "results",
