@@ -123,6 +123,9 @@ def colours(path: Path) -> None:
 
 HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + bytes([128, 128, 128, 129]) * 32
 
+PFM = b"PF\n4 2\n-1.0\n" + np.linspace(0.1, 2.0, 24).astype("<f4").tobytes()
+DEEP_PGM = b"P5\n4 2\n4095\n" + np.arange(0, 4000, 500).astype(">u2").tobytes()
+
 
 def npy(path: Path) -> None:
     np.save(path, np.full((4, 4, 3), 0.5, np.float32))

@@ -147,6 +147,8 @@ READERS = {
     "jpeg": Reader(of_file("a.jpg", read_picture), contents.picture("jpeg")),
     "tiff": Reader(of_file("a.tif", read_picture), contents.picture("tiff", np.uint16)),
     "picture-exr": Reader(of_file("a.exr", read_picture), written("a.exr", contents.colours)),
+    "picture-pfm": Reader(of_file("a.pfm", read_picture), lambda: contents.PFM),
+    "picture-pgm-deep": Reader(of_file("a.pgm", read_picture), lambda: contents.DEEP_PGM),
     "picture-hdr": Reader(of_file("a.hdr", read_picture), lambda: contents.HDR),
     "environment-exr": Reader(
         of_file("a.exr", lambda path: radiance_map(Environment(name=str(path)))),

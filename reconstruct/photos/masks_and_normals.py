@@ -144,7 +144,7 @@ def _check_objects(path: Path, objects: int) -> None:
 
 
 def read_normals(path: Path | str, shape: tuple[int, int]) -> Float32Array:
-    """Normals (height, width, 3) from a .npy or EXR of vectors, or a picture of ½ (n + 1).
+    """Normals (height, width, 3) from a .npy, EXR or PFM of vectors, or a picture of ½ (n + 1).
 
     An EXR has them in R, G, B or, as renderers write them, in X, Y, Z of a layer; both in the
     picture's frame: x right, y up, z towards the camera. A TIFF of floats, some of them below 0 or
@@ -178,7 +178,7 @@ def _vectors(path: Path) -> AnyArray:
         return _not_encoded(path, vectors)
     picture = read_picture(path, linear=True)
     vectors = picture.linear
-    if picture.kind == "EXR":
+    if picture.kind in ("EXR", "PFM"):
         vectors = _not_encoded(path, vectors)
     elif picture.transfer is not None or not (vectors.min() < 0 or _are_unit(vectors)):
         vectors = 2 * vectors - 1

@@ -30,6 +30,7 @@ ORIENTATION = 274
 SUFFIX_OF = {
     "PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "EXR": ".exr", "WEBP": ".webp",
     "JPEG2000": ".jp2", "AVIF": ".avif", "HEIF": ".heic", "BMP": ".bmp", "PPM": ".ppm",
+    "PFM": ".pfm",
 }  # fmt: skip
 """Suffix of the files of each kind that is written."""
 

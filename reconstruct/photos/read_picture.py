@@ -1,9 +1,9 @@
 """Ordinary pictures in: linear light inside, and what is needed to write the form they came in.
 
-PNG and TIFF of up to 16 bits, JPEG, WebP, JPEG 2000, AVIF, HEIC, BMP, PPM, Radiance (.hdr), TIFF
-and OpenEXR of floats; grey or RGB, with or without alpha. Size, bit depth, profile and metadata go
-out as they came in, and what does not is told in the picture's notes. A picture with an EXIF
-orientation is turned upright first: the angles of a polariser are those that a viewer sees.
+PNG, TIFF and PPM of up to 16 bits, JPEG, WebP, JPEG 2000, AVIF, HEIC, BMP, Radiance (.hdr), PFM,
+TIFF and OpenEXR of floats; grey or RGB, with or without alpha. Size, bit depth, profile and
+metadata go out as they came in, and what does not is told in the picture's notes. A picture with an
+EXIF orientation is turned upright first: the angles of a polariser are those that a viewer sees.
 """
 
 from __future__ import annotations
@@ -33,9 +33,11 @@ from malus.reconstruct.photos.picture import (
 from malus.reconstruct.photos.read_camera_raw import RAW_SUFFIXES, read_camera_raw
 from malus.reconstruct.photos.read_exr import read_exr
 from malus.reconstruct.photos.read_jpeg2000 import read_jpeg2000
+from malus.reconstruct.photos.read_ppm import is_ppm, read_ppm
 from malus.reconstruct.photos.read_tiff import read_tiff
 from malus.scenes.core.arrays import AnyArray
-from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.errors import InputError, counted, reading
+from malus.scenes.core.pfm import read_pfm
 from malus.scenes.core.quiet import quiet
 from malus.scenes.core.rgbe import read_rgbe
 
@@ -44,7 +46,8 @@ SUFFIXES = {
     ".tif": "TIFF", ".tiff": "TIFF", ".exr": "EXR", ".webp": "WEBP", ".avif": "AVIF",
     ".jp2": "JPEG2000", ".j2k": "JPEG2000", ".jpx": "JPEG2000", ".jpf": "JPEG2000",
     ".heic": "HEIF", ".heif": "HEIF", ".hif": "HEIF", ".bmp": "BMP", ".ppm": "PPM",
-    ".pgm": "PPM", ".pnm": "PPM", ".hdr": "HDR", **dict.fromkeys(sorted(RAW_SUFFIXES), "RAW"),
+    ".pgm": "PPM", ".pnm": "PPM", ".hdr": "HDR", ".pfm": "PFM",
+    **dict.fromkeys(sorted(RAW_SUFFIXES), "RAW"),
 }  # fmt: skip
 _FORMATS = ("PNG", "JPEG", "WEBP", "AVIF", "HEIF", "BMP", "PPM")
 """What Pillow is asked for; a file may bear the suffix of another one of them."""
@@ -122,13 +125,26 @@ def read_picture(path: Path | str, linear: bool = False, part: str | int | None 
         return readers[kind](path, linear, part)
     if part is not None:
         raise InputError("part", "a file of several parts, OpenEXR or TIFF", kind, "leave it out")
-    if kind == "JPEG2000":
-        return read_jpeg2000(path, linear)
-    if kind == "RAW":
-        return read_camera_raw(path)
-    if kind == "HDR":
-        return Picture(read_rgbe(path, check_size), "EXR", None, notes=(_RGBE,))
+    plain: dict[str, Callable[[Path, bool], Picture]] = {
+        "JPEG2000": read_jpeg2000,
+        "RAW": lambda path, _: read_camera_raw(path),
+        "HDR": lambda path, _: Picture(read_rgbe(path, check_size), "EXR", None, notes=(_RGBE,)),
+        "PFM": lambda path, _: _of_floats(path),
+    }
+    if kind in plain:
+        return plain[kind](path, linear)
+    if is_ppm(path):
+        return read_ppm(path, linear)
     return _read_with_pillow(path, kind, linear)
+
+
+def _of_floats(path: Path) -> Picture:
+    """A PFM, whose floats are linear light."""
+    light = read_pfm(path, check_size)
+    bad = int(np.count_nonzero(~np.isfinite(light)))
+    if bad:
+        raise InputError(str(path), "finite values", counted(bad, "other"), "clean the picture")
+    return Picture(light, "PFM", None)
 
 
 def _read_with_pillow(path: Path, kind: str, linear: bool) -> Picture:
@@ -208,7 +224,7 @@ def _opened(path: Path) -> Any:
 
 def _check_form(path: Path, image: Any) -> tuple[str, ...]:
     """Refuse forms that would not go out as they came in; notes on what is left out."""
-    deep_grey = image.mode == "I" and image.format in ("PNG", "PPM")
+    deep_grey = image.mode == "I" and image.format == "PNG"
     if image.mode not in _MODES and not deep_grey:
         form = _REFUSED.get(image.mode, f"mode {image.mode}")
         raise InputError(str(path), "grey or RGB of 8 or 16 bits", form, "convert it to RGB")
@@ -222,21 +238,7 @@ def _check_form(path: Path, image: Any) -> tuple[str, ...]:
             notes.append(f"the file holds {frames} pictures: the first is read")
     elif frames > 1:
         raise InputError(str(path), "one picture", f"{frames}", "save the one that you mean")
-    _check_depth(path, image)
     return tuple(notes)
-
-
-def _check_depth(path: Path, image: Any) -> None:
-    """Refuse more bits than Pillow reads of PPM, which it would cut in silence."""
-    if image.format != "PPM" or image.mode != "RGB":
-        return
-    with path.open("rb") as file:
-        head = file.read(4096)
-    header = [word for line in head.split(b"\n") for word in line.split(b"#")[0].split()]
-    bits = int(header[3]).bit_length() if header[0] in (b"P3", b"P6") else 8
-    if bits > 8:
-        hint = "convert it to a 16-bit PNG or TIFF"
-        raise InputError(str(path), "8 bits a channel of PPM", f"{bits} bits", hint)
 
 
 def _metadata(path: Path, image: Any) -> dict[str, Any]:

@@ -116,19 +116,29 @@ def _nearest_codes(light: Float32Array, curve: Float64Array) -> Codes:
 
 def srgb_transfer(bits: int) -> Transfer:
     """The curve of sRGB (IEC 61966-2-1) for codes of that many bits."""
-    codes = np.linspace(0.0, 1.0, 1 << bits)
+    return srgb_codes((1 << bits) - 1)
+
+
+def srgb_codes(largest: int) -> Transfer:
+    """The curve of sRGB for codes from 0 to `largest`."""
+    codes = np.linspace(0.0, 1.0, largest + 1)
     return Transfer(np.asarray(colour_science().models.eotf_sRGB(codes))[None], "sRGB")
 
 
 def linear_transfer(bits: int) -> Transfer:
-    """Codes that are proportional to light.
+    """Codes of that many bits that are proportional to light.
 
     Examples
     --------
     >>> linear_transfer(8).table[0, 255].item()
     1.0
     """
-    return Transfer(np.linspace(0.0, 1.0, 1 << bits)[None], "linear")
+    return linear_codes((1 << bits) - 1)
+
+
+def linear_codes(largest: int) -> Transfer:
+    """Codes from 0 to `largest` that are proportional to light."""
+    return Transfer(np.linspace(0.0, 1.0, largest + 1)[None], "linear")
 
 
 def power_transfer(gamma: float, bits: int) -> Transfer:

@@ -32,7 +32,9 @@ def write_picture(path: Path, picture: Picture) -> None:
     InputError
         If it cannot be written.
     """
-    writers = {"PNG": _png, "TIFF": _tiff, "EXR": _exr, "JPEG2000": _jpeg2000}
+    writers = {
+        "PNG": _png, "TIFF": _tiff, "EXR": _exr, "JPEG2000": _jpeg2000, "PPM": _ppm, "PFM": _pfm,
+    }  # fmt: skip
     writer = writers.get(picture.kind, _with_pillow)
     replace_file(path, lambda temporary: writer(temporary, picture))
 
@@ -110,7 +112,7 @@ def _with_chunks(plain: bytes, extra: Iterable[tuple[bytes, bytes]]) -> bytes:
 
 
 def _with_pillow(path: Path, picture: Picture) -> None:
-    """JPEG, WebP, AVIF, HEIC, BMP and PPM."""
+    """JPEG, WebP, AVIF, HEIC and BMP."""
     import PIL.Image
 
     metadata, options = dict(picture.metadata), _OPTIONS.get(picture.kind, {})
@@ -183,6 +185,23 @@ def _floats(picture: Picture) -> AnyArray:
     if picture.premultiplied:
         light = times_alpha(light, picture.alpha)
     return np.concatenate([light, picture.alpha[..., None].astype(np.float32)], axis=-1)
+
+
+def _ppm(path: Path, picture: Picture) -> None:
+    """A binary PPM or PGM with the largest code that it came with."""
+    assert picture.transfer is not None
+    codes, largest = _codes(picture), picture.transfer.table.shape[1] - 1
+    height, width = codes.shape[:2]
+    header = f"P{6 if codes.ndim == 3 else 5}\n{width} {height}\n{largest}\n"
+    dtype = "u1" if largest <= _COARSE else ">u2"
+    path.write_bytes(header.encode() + codes.astype(dtype).tobytes())
+
+
+def _pfm(path: Path, picture: Picture) -> None:
+    """A PFM, the bottom row first, the low byte first."""
+    height, width, channels = picture.linear.shape
+    header = f"{'PF' if channels == 3 else 'Pf'}\n{width} {height}\n-1.0\n"
+    path.write_bytes(header.encode() + picture.linear[::-1].astype("<f4").tobytes())
 
 
 def _exr(path: Path, picture: Picture) -> None:

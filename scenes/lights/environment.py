@@ -15,6 +15,7 @@ import numpy as np
 
 from malus.scenes.core.arrays import Float32Array, Float64Array
 from malus.scenes.core.errors import InputError, reading
+from malus.scenes.core.pfm import read_pfm
 from malus.scenes.core.quiet import quiet
 from malus.scenes.core.rgbe import read_rgbe
 from malus.scenes.lights import interior, sky
@@ -71,10 +72,10 @@ def radiance_map(light: MapLight) -> Float32Array:
         return interior.interior_radiance(light, toward, weights).astype(np.float32)
     if light.name == "studio":
         return _studio()
-    readers = {".exr": _read_exr_map, ".hdr": _read_hdr}
+    readers = {".exr": _read_exr_map, ".hdr": _read_colours, ".pfm": _read_colours}
     suffix = light.file.suffix.lower()
     if suffix not in readers:
-        expected = "studio, or the path of an .exr or .hdr file"
+        expected = "studio, or the path of an .exr, .hdr or .pfm file"
         raise InputError("environment", expected, light.name, "correct the name")
     path = light.checked()
     return _valid_radiance(readers[suffix](path), path)
@@ -207,9 +208,9 @@ def _exr_header(path: Path) -> dict[str, Any]:
     return header
 
 
-def _read_hdr(path: Path) -> Float32Array:
-    """Mean of the colours of a file in Radiance's RGBE format, whose rows run from the top."""
-    colours = read_rgbe(path, check_size)
+def _read_colours(path: Path) -> Float32Array:
+    """Mean of the colours of a file in Radiance's RGBE format, or of a PFM; rows from the top."""
+    colours = (read_pfm if path.suffix.lower() == ".pfm" else read_rgbe)(path, check_size)
     with np.errstate(over="ignore"):  # infinite radiance is refused by name
         values = np.asarray(colours.mean(axis=-1), dtype=np.float32)
     _check_layout(path, values)

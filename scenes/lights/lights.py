@@ -222,7 +222,7 @@ class AllAround(Model):
 
 
 class Environment(NamedFile, AllAround):
-    """Light from all around: a radiance map that malus brings, or an EXR or HDR file.
+    """Light from all around: a radiance map that malus brings, or an EXR, HDR or PFM file.
 
     Maps are equirectangular with y up: see `malus.scenes.lights.environment`, and turned as
     `AllAround` says.

@@ -31,7 +31,7 @@ DIGITS = 6
 _SUFFIXES = {
     "mesh": (".obj", ".ply", ".stl", ".off", ".glb", ".gltf"),
     "image": (".png", ".exr"),
-    "environment": (".exr", ".hdr"),
+    "environment": (".exr", ".hdr", ".pfm"),
 }
 
 

@@ -225,17 +225,6 @@ def test_plain_containers(tmp_path: Path, suffix: str) -> None:
         np.testing.assert_array_equal(np.asarray(image), SMOOTH)
 
 
-def test_deep_netpbm(tmp_path: Path) -> None:
-    grey = CODES_16[..., 0]
-    (tmp_path / "a.pgm").write_bytes(b"P5\n24 16\n65535\n" + grey.astype(">u2").tobytes())
-    linear = read_picture(tmp_path / "a.pgm", linear=True).linear
-    np.testing.assert_allclose(linear[..., 0], grey / 65535, rtol=1e-6)
-    colour = CODES_16[..., :3].astype(">u2")
-    (tmp_path / "a.ppm").write_bytes(b"P6\n# made up\n24 16\n65535\n" + colour.tobytes())
-    with pytest.raises(InputError, match="found 16 bits"):
-        read_picture(tmp_path / "a.ppm")
-
-
 def test_moving_pictures_are_refused(tmp_path: Path) -> None:
     frames = [PIL.Image.fromarray(codes) for codes in (SMOOTH, 255 - SMOOTH, SMOOTH[::-1])]
     for suffix in ("webp", "png"):

@@ -169,6 +169,17 @@ def test_a_radiance_file_gives_the_map_that_it_holds(tmp_path: Path) -> None:
     assert found == pytest.approx(radiance_map(Environment(name=str(exr))), rel=0.01, abs=1.0)
 
 
+@pytest.mark.parametrize("kind", ["PF", "Pf"])
+def test_a_file_of_floats_gives_the_map_that_it_holds(tmp_path: Path, kind: str) -> None:
+    """Its bottom row stands first: a map upside down would light from the floor."""
+    colours = made_up_map() if kind == "PF" else made_up_map()[..., :1]
+    rows = b"".join(row.astype(">f4").tobytes() for row in colours[::-1])
+    path = tmp_path / "map.pfm"
+    path.write_bytes(f"{kind}\n16 8\n1.0\n".encode() + rows)
+    found = radiance_map(Environment(name=str(path)))
+    np.testing.assert_allclose(found, colours.mean(axis=-1), rtol=1e-6)  # float32
+
+
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
