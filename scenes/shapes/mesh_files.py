@@ -14,6 +14,7 @@ import numpy as np
 
 from malus.scenes.core.arrays import Float64Array
 from malus.scenes.core.errors import InputError, reading
+from malus.scenes.shapes.gltf import UnreadGltf, gltf_with_plain_numbers
 from malus.scenes.shapes.ply import MeshArrays, holds_strips, read_ply
 from malus.scenes.shapes.polygons import UncutFace, cut_polygons
 from malus.scenes.shapes.text_meshes import (
@@ -39,7 +40,13 @@ _OPTIONAL_READERS = {
 _WHOLE = "check that the file is whole and needs no other file"
 _HINTS = {"gltf": "export it as .glb, or with embedded buffers: no other file is opened"}
 
-_REWRITTEN = {"obj": obj_with_triangles, "off": off_with_triangles, "stl": stl_by_its_count}
+_REWRITTEN = {
+    "obj": obj_with_triangles,
+    "off": off_with_triangles,
+    "stl": stl_by_its_count,
+    "glb": gltf_with_plain_numbers,
+    "gltf": gltf_with_plain_numbers,
+}
 """Formats of which trimesh would read another mesh."""
 
 _NOWHERE = logging.NullHandler()
@@ -113,6 +120,9 @@ def _reading(file: Path, kind: str) -> Iterator[None]:
             where, expected = f"mesh {file}, face {face.number}", "a face that can be cut"
             hint = "cut it into triangles in the program that wrote the file"
             raise InputError(where, expected, str(face), hint) from None
+        except UnreadGltf as part:
+            expected = "a mesh of plain triangles, at rest"
+            raise InputError(f"mesh {file}", expected, str(part), part.hint) from None
         except WrongCorner as face:
             expected = f"vertices from 1 to {face.vertices} in face {face.number}"
             hint = "count the vertices of the file from 1, or back from the face as -1, -2, ..."

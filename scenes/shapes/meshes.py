@@ -214,7 +214,8 @@ def load_mesh(
     ----------
     path : str or Path
         Any mesh format trimesh reads: OBJ, PLY, STL, GLB, ... Files that it refers to (materials,
-        textures, buffers) are never opened.
+        textures, buffers) are never opened. Of glTF skins, morph targets, triangle fans, instances
+        and compression are refused.
     shading : {"smooth", "flat", "file"} or Crease
         Normals: averages over the faces round a vertex weighted by their angles, none, or the
         file's own; with a `Crease`, averages that do not cross edges sharper than it.
