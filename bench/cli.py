@@ -111,7 +111,8 @@ def main() -> None:
         sys.exit(BAD_INPUT)
     except click.ClickException as mistake:
         message = " ".join(mistake.format_message().split()).rstrip(".")
-        _stop(f"{message}. See `{_command_path(mistake)} --help`.", BAD_INPUT)
+        end = "" if message.endswith("?") else "."
+        _stop(f"{message}{end} See `{_command_path(mistake)} --help`.", BAD_INPUT)
     except ValueError as mistake:
         # Imported here, because `--help` must not wait for it.
         from malus.scenes.core.errors import InputError

@@ -35,6 +35,7 @@ def list_command(what: str) -> None:
     from malus.bench.commands.console import plain_console
     from malus.bench.public.lists import list_lights, list_patterns, list_shapes
     from malus.scenes.core.errors import InputError
+    from malus.scenes.core.validation import near
 
     tables: dict[str, Callable[[], Table]] = {
         "suites": _suites,
@@ -51,7 +52,8 @@ def list_command(what: str) -> None:
         "sensors": _sensors,
     }
     if what != "everything" and what not in tables:
-        raise InputError("list", f"one of {', '.join(tables)}", what, "or leave it out for all")
+        hint = near(what, tables) or "or leave it out for all"
+        raise InputError("list", f"one of {', '.join(tables)}", what, hint)
     console = plain_console()
     for name, make in tables.items():
         if what in (name, "everything"):
