@@ -40,6 +40,7 @@ from malus.reconstruct.photos.capture_stacks import Stack, open_stack, read_fram
 from malus.reconstruct.photos.mosaic import (
     check_frame,
     check_mosaic,
+    colour_hints,
     demosaic,
     spread_over_neighbours,
 )
@@ -64,7 +65,7 @@ class Capture(NamedTuple):
     clipped : (height, width) bool, any picture at the largest value that the sensor gives
     names : file names
     assumption : a sentence on how the files' values were turned into light
-    hints : what may be wrong with levels, and the option that would mend it
+    hints : what may be wrong with levels or colours, and the option that would mend it
     one_exposure : whether all pictures are one frame, between which nothing can move
     channels : names of the channels where they are bands of a spectrum: `450nm` and so on
 
@@ -307,6 +308,7 @@ def _read_mosaic(
     clipped = spread_over_neighbours(clipped, bayer)
     check_light(str(path), [frame], clipped)
     hints = level_hints(frame[None], clipped, piled, levels.black is not None)
+    hints += colour_hints(frame[..., 0], bayer)
     names = tuple(f"{angle:g}°" for angle in mosaic)
     return Capture(
         demosaic(frame[..., 0], bayer), angles_deg, clipped, names, picture.assumption,
