@@ -369,6 +369,13 @@ def _require_one_set(folder: Path, names: Sequence[str], column: Column) -> None
             f"{len(whole)} sets: {', '.join(whole[:4])}",
             f"give each a folder of its own, or name those that belong together in {ANGLES_FILE}",
         )
+    letters = [re.sub(r"\d+", "", rest) for rest in column.rest]
+    of_set = {re.sub(r"\d+", "", Path(rest).stem) for rest in whole}
+    foreign = [n for n, word in zip(names, letters, strict=True) if of_set and word not in of_set]
+    if foreign:
+        hint = f"take it out of the folder, or name the pictures' angles in {ANGLES_FILE}"
+        expected = f"pictures of one set, {whole[0]}"
+        raise InputError(str(folder / foreign[0]), expected, "another name", hint)
 
 
 def check_angles(where: str, angles: Sequence[float]) -> None:

@@ -195,6 +195,7 @@ def test_radians_in_angles_json(tmp_path: Path, unit: str | None) -> None:
         ("-22,5_b 22,5_b 67,5_b", (-22.5, 22.5, 67.5)),
         ("I0 I45_b2 I90", (0, 45, 90)),
         ("a0 a10 a20 a30", (0, 10, 20, 30)),
+        ("a0_1 a60_1 a120_1 a90_2", (0, 60, 120, 90)),  # taken again
         ("a_0_5 a_22_5 a_45_5 a_67_5", (0, 22, 45, 67)),
         ("a_22_7 a_67_7 a_112_7", (22, 67, 112)),
     ],
@@ -211,6 +212,7 @@ def test_the_angle_is_the_number_that_varies(names: str, angles: tuple[float, ..
         ("image0 image1 image2 image3", "only count pictures"),
         ("0_90 45_135 90_180 135_225", "one number in the names that can be the angle"),
         ("s1_0 s1_60 s1_120 s2_0 s2_60 s2_120", "one scene, found 2 sets"),
+        ("000_000 000_045 000_090 000_135 000_rgb", "000_rgb.png: expected pictures of one set"),
         ("a b c", "no number"),
         ("pol_0 pol_45 pol_90 dark_1", "a dark or flat frame, by its name; give it as `black`"),
         ("a0 a90 a180", "three or more angles"),
