@@ -51,6 +51,10 @@ from malus.scenes.core.brief_repr import brief_repr
 from malus.scenes.core.errors import InputError
 from malus.scenes.polarisation import analyser
 
+_LOSSY = (
+    "a JPEG mixes neighbouring pixels, and so the angles: save frames of the camera as PNG or TIFF"
+)
+
 MAX_CAPTURE_PIXELS = 4 * MAX_PIXELS
 """Of all pictures together: 6 GB for those of three channels, while they are put into one array."""
 
@@ -309,6 +313,7 @@ def _read_mosaic(
     check_light(str(path), [frame], clipped)
     hints = level_hints(frame[None], clipped, piled, levels.black is not None)
     hints += colour_hints(frame[..., 0], bayer)
+    hints += [_LOSSY] if picture.kind == "JPEG" else []
     names = tuple(f"{angle:g}°" for angle in mosaic)
     return Capture(
         demosaic(frame[..., 0], bayer), angles_deg, clipped, names, picture.assumption,

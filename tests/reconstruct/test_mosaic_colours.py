@@ -1,4 +1,4 @@
-"""A colour camera's frame that is read as grey, or with the colours in other places, is told."""
+"""A frame that is read as grey though it has colours, has them elsewhere, or is a JPEG, is told."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 import tifffile
 
@@ -60,3 +61,14 @@ def test_green_stands_on_its_own_diagonal(tmp_path: Path, order: str, given: str
     assert ("the other diagonal looks green" in hints) is not same_diagonal
     if not same_diagonal:
         assert order in hints.rpartition("as in")[2]
+
+
+def test_a_lossy_frame_is_told(tmp_path: Path) -> None:
+    """At quality 75, which is usual, the angle of polarisation was 2 degrees off."""
+    codes = (_frame(None) / 16).astype(np.uint8)
+    hints = {}
+    for suffix in ("jpg", "png"):
+        PIL.Image.fromarray(codes).save(tmp_path / f"frame.{suffix}")
+        hints[suffix] = "".join(read_capture(tmp_path / f"frame.{suffix}", mosaic=SONY).hints)
+    assert "save frames of the camera as PNG or TIFF" in hints["jpg"]
+    assert "JPEG" not in hints["png"]
