@@ -94,7 +94,7 @@ def read_ply(content: bytes) -> MeshArrays:
     rows.check_end()
     vertex = columns.get("vertex", {})
     if not {"x", "y", "z"} <= set(vertex):
-        raise ValueError("expected vertices with x, y and z")
+        raise ValueError("no vertices with x, y and z")
     vertices = np.asarray(_numbers(vertex, ("x", "y", "z")))
     faces = _polygons(vertices, columns.get("face", {}))
     triangles = [faces, _strips(columns.get("tristrips", {}))]
@@ -127,20 +127,20 @@ def _elements(header: bytes) -> tuple[str, list[Element]]:
         elif words[:1] == ["element"] and len(words) == 3:
             rows = int(words[2])
             if not 0 <= rows <= _MOST_ROWS:
-                raise ValueError(f"expected a number of rows, found {rows}")
+                raise ValueError(f"{rows} rows of an element")
             elements.append(Element(words[1], rows, ()))
         elif words[:1] == ["property"] and elements:
             last = elements[-1]
             added = (*last.properties, _property(words, order or ""))
             elements[-1] = Element(last.name, last.rows, added)
     if order is None:
-        raise ValueError("expected a header with a known format")
+        raise ValueError("no header with a known format")
     return order, elements
 
 
 def _property(words: Sequence[str], order: str) -> Property:
     if len(words) not in (3, 5) or any(word not in _TYPES for word in _type_words(words)):
-        raise ValueError(f"expected a property, found {' '.join(words)[:60]!r}")
+        raise ValueError(f"{' '.join(words)[:60]!r} for a property")
     types = [np.dtype(order + _TYPES[word]) for word in _type_words(words)]
     return Property(words[-1], types[-1], types[0] if len(types) > 1 else None)
 
@@ -233,7 +233,7 @@ class _BinaryRows(_Rows):
 
 def _count(value: float) -> int:
     if not 0 <= value < _MOST_ROWS:
-        raise ValueError(f"expected the length of a list, found {value}")
+        raise ValueError(f"a list of the length {value}")
     return int(value)
 
 

@@ -107,6 +107,13 @@ def test_damaged_files_are_refused_in_one_line(tmp_path: Path, content: bytes) -
         load_mesh(tmp_path / "a.ply")
 
 
+def test_a_refusal_says_once_what_was_expected(tmp_path: Path) -> None:
+    path = tmp_path / "x.ply"
+    path.write_bytes(ply_of_polygons("ascii").replace(b"property float x", b"property float X"))
+    with pytest.raises(InputError, match="readable ply file, found no vertices with x, y and z;"):
+        load_mesh(path)
+
+
 def test_a_missing_texture_is_nobodys_business(tmp_path: Path) -> None:
     """In a program of its own: there the log of trimesh goes to the error stream."""
     file = CASES / "names_a_texture.ply"
