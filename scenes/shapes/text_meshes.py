@@ -8,6 +8,7 @@ for text without faces.
 
 from __future__ import annotations
 
+import codecs
 import re
 from dataclasses import dataclass, field
 
@@ -17,6 +18,8 @@ from malus.scenes.shapes.polygons import cut_polygons
 
 _MARK = b"\xef\xbb\xbf"
 """What some programs write before UTF-8."""
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""And before UTF-16, as PowerShell does."""
 _LINE_END = re.compile(rb"\r\n?")
 _CONTINUED = re.compile(rb"\\\n")
 _NO_ELEMENT = re.compile(rb"(?m)^ +| *#[^\n]*")
@@ -82,6 +85,8 @@ def obj_with_triangles(content: bytes) -> bytes:
 
 def _plain_lines(content: bytes) -> bytes:
     """The same elements, each in one line that begins with its name and a blank."""
+    if content.startswith(_UTF16):
+        content = content.decode("utf-16").encode()
     content = _LINE_END.sub(b"\n", content.removeprefix(_MARK))
     return _NO_ELEMENT.sub(b"", _CONTINUED.sub(b" ", content).replace(b"\t", b" "))
 

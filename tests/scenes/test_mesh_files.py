@@ -182,6 +182,18 @@ def test_lines_of_obj_mean_the_same_however_they_are_written(
     np.testing.assert_array_equal(meshes["written"].faces, meshes["plain"].faces)
 
 
+@pytest.mark.parametrize("mark", ["utf-16-le", "utf-16-be"])
+def test_an_obj_of_16_bits_a_letter_is_the_same_mesh(tmp_path: Path, mark: str) -> None:
+    """As PowerShell writes it; its negative indices were counted from the end of the file."""
+    text = TETRAHEDRON.replace("f 1 3 2", "f -4 -2 -3") + "v 9 9 9\n"
+    (tmp_path / "plain.obj").write_text(text)
+    (tmp_path / "wide.obj").write_bytes(("\ufeff" + text).encode(mark))
+    plain, wide = (load_mesh(tmp_path / f"{name}.obj", "flat")[0] for name in ("plain", "wide"))
+    np.testing.assert_array_equal(wide.vertices, plain.vertices)
+    np.testing.assert_array_equal(wide.faces, plain.faces)
+    assert len(wide.faces) == 4
+
+
 @pytest.mark.parametrize("header", [b"solid box", b"solid facet", b""])
 @pytest.mark.parametrize("behind", [0, 2, 80])
 def test_binary_stl_is_read_by_its_count(tmp_path: Path, header: bytes, behind: int) -> None:
