@@ -33,6 +33,8 @@ _REDUCED = 1
 """Bit of a page's subfile type that says it is a small copy of another one."""
 _HINTS = {
     "float64": "write it as float32", "CFA": "develop it", "LINEAR_RAW": "develop it",
+    "MINISWHITE": "save it with 0 for black",
+    **dict.fromkeys(("int8", "int16", "int32", "uint32"), "write it as uint16 or float32"),
     "four channels of grey": "write RGB with opacity; pictures through a polariser are a capture",
 }  # fmt: skip
 """What to do about forms that are refused, where that is not to convert them to RGB."""

@@ -69,6 +69,24 @@ def test_alpha_of_a_tiff_keeps_its_meaning(
         assert a.pages.first.extrasamples == b.pages.first.extrasamples
 
 
+@pytest.mark.parametrize(
+    ("dtype", "photometric", "told"),
+    [
+        ("int16", "minisblack", "found int16; write it as uint16 or float32"),
+        ("uint32", "rgb", "found uint32; write it as uint16 or float32"),
+        ("uint8", "miniswhite", "found MINISWHITE; save it with 0 for black"),
+    ],
+)
+def test_what_to_do_about_other_numbers_is_told(
+    tmp_path: Path, dtype: str, photometric: str, told: str
+) -> None:
+    """To convert grey codes to RGB mends none of them."""
+    shape = (8, 8, 3) if photometric == "rgb" else (8, 8)
+    tifffile.imwrite(tmp_path / "a.tif", np.ones(shape, dtype), photometric=photometric)
+    with pytest.raises(InputError, match=told):
+        read_picture(tmp_path / "a.tif")
+
+
 def test_pages_are_refused_or_chosen_and_thumbnails_told(tmp_path: Path) -> None:
     path = CASES / "capture_pages/frame.tif"
     with pytest.raises(InputError, match="found 4 pages; choose a page with `part`"):
