@@ -138,16 +138,21 @@ def _check_output() -> None:
 def _check_surroundings() -> None:
     """Refuse a working folder that is gone, and a number of threads that numba cannot be given.
 
-    Every family would fail of the one, and the other end where numba is imported.
+    Every family would fail of the one, and the other end where numba is imported, or print a
+    traceback there.
     """
     try:
         os.getcwd()
     except FileNotFoundError:
         _stop("working folder: expected a folder, found a removed one; `cd` to another", BAD_INPUT)
     threads = os.environ.get("NUMBA_NUM_THREADS", "")
-    if re.fullmatch(r"\s*(0|-\d+)\s*", threads):
-        expected = f"expected a number above 0, found {threads}; unset it"
-        _stop(f"environment variable NUMBA_NUM_THREADS: {expected}", BAD_INPUT)
+    if not threads:
+        os.environ.pop("NUMBA_NUM_THREADS", None)  # set to nothing, numba tells it in a traceback
+    elif not re.fullmatch(r"\s*\+?0*[1-9]\d*\s*", threads):
+        from malus.scenes.core.errors import InputError
+
+        where = "environment variable NUMBA_NUM_THREADS"
+        _stop(str(InputError(where, "a number above 0", threads, "unset it")), BAD_INPUT)
 
 
 def _obey_stops() -> None:

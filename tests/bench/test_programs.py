@@ -178,9 +178,9 @@ def test_a_working_folder_that_is_gone_is_told(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("threads", ["0", "-2"])
+@pytest.mark.parametrize("threads", ["0", "-2", "abc", "2.5", " "])
 def test_no_threads_are_told(threads: str) -> None:
-    """The import of numba ended in a traceback."""
+    """Numba ended in a traceback, or printed one where it was no number, and went on."""
     done = subprocess.run(
         [sys.executable, "-m", "malus", "list", "methods"],
         env=os.environ | {"NUMBA_NUM_THREADS": threads},
@@ -188,6 +188,22 @@ def test_no_threads_are_told(threads: str) -> None:
         text=True,
     )
     assert done.returncode == 2
-    assert f"NUMBA_NUM_THREADS: expected a number above 0, found {threads}; " in one_line(
-        done.stderr
+    told = repr(threads) if threads == " " else threads
+    assert f"NUMBA_NUM_THREADS: expected a number above 0, found {told}; " in one_line(done.stderr)
+    assert done.stderr.count("\n") == 1
+
+
+def test_threads_set_to_nothing_are_as_many_as_without() -> None:
+    """Numba printed a traceback of them, and took as many."""
+    script = (
+        "import sys; sys.argv = ['malus', 'list', 'methods']\n"
+        "from malus.bench.cli import main; main(); import numba"
     )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=os.environ | {"NUMBA_NUM_THREADS": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
