@@ -39,7 +39,7 @@ from malus.renderers.datasets.listed_scenes import being_written, check_parts_di
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, chosen_variant, mitsuba, use_threads
 from malus.scenes.core.errors import InputError
-from malus.scenes.core.remote import as_path
+from malus.scenes.core.remote import as_path, is_here
 from malus.scenes.core.versions import versions
 from malus.scenes.scene import Scene
 from malus.scenes.suite import Suite
@@ -128,7 +128,7 @@ def render_dataset(
         by_cluster = 0
         if on_cluster:
             client = stack.enter_context(cluster_client(workers, scheduler))
-            render_part = partial(_render_part, chosen, str(out), retry_failed, timeout)
+            render_part = partial(_render_part, chosen, _address(folder), retry_failed, timeout)
             by_cluster = _spread(render_part, planned, folder, client, variant, progress)
         done = _render_families(chosen, planned, folder, variant, progress, worker, retry_failed)
         done["rendered"] += by_cluster
@@ -177,10 +177,24 @@ def _spread(
     return done() - before
 
 
+def _address(folder: Path) -> str:
+    """Path or URL of a folder, the same for workers, which have working folders of their own."""
+    return str(folder.absolute() if is_here(folder) else folder)
+
+
 def _render_part(
     suite: Suite, out: str, retry_failed: bool, timeout: float | None, part: str, backend: str
 ) -> None:
-    """Render a part on a worker, which ends itself where its families take too long."""
+    """Render a part on a worker, which ends itself where its families take too long.
+
+    Raises
+    ------
+    InputError
+        Where the worker does not see the folder: what it rendered would be lost on its disk.
+    """
+    if is_here(as_path(out)) and not as_path(out).is_dir():
+        hint = "give a folder or URL that all see, or render with `part` on each machine"
+        raise InputError("out", "a folder that every worker sees", f"a worker without {out}", hint)
     families = len(planned_dataset(suite, chosen_variant(backend), part).families)
     seconds = TIMEOUT_SECONDS if timeout is None else timeout
     with at_most(min(seconds * max(families, 1), LONGEST_SECONDS)):

@@ -6,7 +6,8 @@ of the run; workers need no disk and share none.
 
 Where a worker dies, is killed for its memory or loses its connection, Dask gives its family to
 another worker. A worker whose family takes too long ends itself. A family that has killed
-`ATTEMPTS` workers is recorded as failed.
+`ATTEMPTS` workers is recorded as failed. A worker with other versions or files ends the run
+(`worker_check`), and so does a cluster without any worker.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import logging
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
@@ -27,8 +29,9 @@ from malus.bench.running.family_task import FamilyResult, FamilyTask
 from malus.bench.running.inside_worker import at_most
 from malus.bench.running.parts import Failure
 from malus.bench.running.work import Engine, in_worker_process, work
+from malus.bench.running.worker_check import UnfitWorker, check_workers, fit_variant, made_with
 from malus.bench.running.worker_process import TIMEOUT_SECONDS, WorkerProcess, main_hidden
-from malus.renderers.variant import BACKENDS, Variant, choose
+from malus.renderers.variant import BACKENDS, Variant
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.model import content_id
 
@@ -40,6 +43,12 @@ WAITING = 32
 
 CONNECT_SECONDS = 30
 """Longest wait for a scheduler and its first worker."""
+
+WITHOUT_WORKERS_SECONDS = 300.0
+"""Longest wait for a worker after all were lost: as long as Dask takes to miss one."""
+
+POLL_SECONDS = 0.02
+"""Time after which it is looked again whether a task is finished."""
 
 FILES, FILES_A_WORKER = 24, 12
 """Open files that a new cluster takes; 17 to 22, and 7 to 10 a worker, were counted."""
@@ -112,8 +121,9 @@ def spread(
     Raises
     ------
     InputError
-        If the scheduler is lost.
+        If the scheduler is lost, all workers are, or one has other versions or files.
     """
+    check_workers(client)
     source = iter(tasks)
     threads = sum(client.nthreads().values())
     running = {}
@@ -121,12 +131,15 @@ def spread(
 
     def hand_over(count: int) -> None:
         for task in islice(source, count):
-            future = client.submit(_remote, task, variant.name, timeout, key=_key(task), pure=False)
+            made = made_with(task)
+            given = (task, variant.name, timeout, made)
+            future = client.submit(_remote, *given, key=_key(task, made), pure=False)
             running[future.key] = task
             finished.add(future)
 
     hand_over(WAITING + 2 * threads)
     while running:
+        _wait_for_next(finished, client)
         future = next(finished)
         task = running.pop(future.key)
         result = _result(future)
@@ -136,12 +149,37 @@ def spread(
         hand_over(1)
 
 
-def _remote(task: FamilyTask, variant: str, timeout: float) -> FamilyResult:
+def _wait_for_next(finished: Any, client: Any) -> None:
+    """Wait until a task is finished; not for ever while there is no worker.
+
+    Raises
+    ------
+    InputError
+        If there is none for `WITHOUT_WORKERS_SECONDS`.
+    """
+    last_seen = last_asked = time.monotonic()
+    while not finished.has_ready():
+        time.sleep(POLL_SECONDS)
+        now = time.monotonic()
+        if now < last_asked + 1.0:
+            continue
+        last_asked = now
+        with suppress(Exception):  # a scheduler that is lost is told by the tasks
+            last_seen = now if client.nthreads() else last_seen
+        if now > last_seen + WITHOUT_WORKERS_SECONDS:
+            found = f"none for {WITHOUT_WORKERS_SECONDS:g} s"
+            hint = "start `dask worker ADDRESS`, and give the command again"
+            raise InputError("scheduler", "one with a worker", found, hint)
+
+
+def _remote(
+    task: FamilyTask, variant: str, timeout: float, expected: dict[str, str]
+) -> FamilyResult:
     """Do one task on a worker, with the worker's own variant of that name."""
-    backends = {name: backend for backend, name in BACKENDS.items()}
-    stop_profiler(_distributed().get_worker())
+    worker = _distributed().get_worker()
+    stop_profiler(worker)
     with _one_at_a_time:
-        own_variant = choose(backends[variant])
+        own_variant = fit_variant(variant, task, expected, worker.address)
         with at_most(timeout):
             return work(task, own_variant)
 
@@ -156,8 +194,10 @@ def spread_parts(
     Raises
     ------
     InputError
-        If the scheduler is lost, or a part tells a mistake of the user's.
+        If the scheduler is lost, a worker has other versions, or a part tells a mistake of the
+        user's.
     """
+    check_workers(client)
     backends = {name: backend for backend, name in BACKENDS.items()}
     arguments = (backends[variant.name],)
     futures = {
@@ -191,13 +231,22 @@ def stop_profiler(worker: Any) -> None:
             worker.loop.add_callback(callback.stop)
 
 
-def _key(task: FamilyTask) -> str:
-    """Name of a task at the scheduler, by its content: runs on one cluster share what both need."""
-    return f"malus-{content_id([task.id, task.methods, sorted(task.examples)])}"
+def _key(task: FamilyTask, made: dict[str, str]) -> str:
+    """Name of a task at the scheduler, by its content: runs on one cluster share what both need.
+
+    `made` is of `made_with`: a method whose file has changed is another.
+    """
+    return f"malus-{content_id([task.id, task.methods, made, sorted(task.examples)])}"
 
 
 def _result(future: Any) -> FamilyResult:
-    """Result of a future that is finished; a task that failed gives a result that says so."""
+    """Result of a future that is finished; a task that failed gives a result that says so.
+
+    Raises
+    ------
+    InputError
+        If the scheduler is lost, or the worker is not fit for any task.
+    """
     if future.status == "finished":
         return future.result()
     if future.status != "error":
@@ -205,8 +254,11 @@ def _result(future: Any) -> FamilyResult:
             "scheduler", "one that answers", f"a task {future.status}", "give the command again"
         )
     error = future.exception()
+    if isinstance(error, UnfitWorker):
+        raise error
     if type(error).__name__ == "KilledWorker":
-        reason = f"{ATTEMPTS} workers died of it (memory, time, or a crash of the renderer)"
+        killed = error.allowed_failures + 1  # of a cluster that was there, as its owner chose
+        reason = f"{killed} workers died of it (memory, time, or a crash of the renderer)"
         return FamilyResult(failures=[Failure(None, None, reason)])
     return FamilyResult(failures=[Failure.of(error)])
 
