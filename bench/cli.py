@@ -50,8 +50,9 @@ tables, which stay: looking among them every time takes a twentieth of a report.
 
 STOPPED = "stopped; the same command "
 GOES_ON, BEGINS_ANEW = "goes on where it was", "begins anew"
-KEEPING = ("run", "render", "train")
-"""Commands that keep what is done when they are stopped."""
+FROM_VALIDATION = "goes on from its last validation"
+KEEPING = ("run", "render")
+"""Commands that keep what is done when they are stopped; a training does at every validation."""
 
 
 @click.group(
@@ -170,11 +171,16 @@ def _terminate(number: int, frame: object) -> None:
 def _stopped(words: Sequence[str]) -> str:
     """What the same command does after a stop; most begin anew, as studies do without --rows."""
     keeps = any(word.startswith("--rows") for word in words)
-    if words and words[0] in KEEPING:
-        command = cli.commands[words[0]]
-        params = command.make_context(words[0], list(words[1:]), resilient_parsing=True).params
-        keeps = params.get("suite") not in STUDIES and not params.get("ablates")
-    return STOPPED + (GOES_ON if keeps else BEGINS_ANEW)
+    if not words or words[0] not in (*KEEPING, "train"):
+        return STOPPED + (GOES_ON if keeps else BEGINS_ANEW)
+    command = cli.commands[words[0]]
+    params = command.make_context(words[0], list(words[1:]), resilient_parsing=True).params
+    if words[0] == "train":
+        from malus.bench.learning.options import DEFAULT_MODEL, kept_state
+
+        keeps = not params["ablates"] and kept_state(params["out"] or DEFAULT_MODEL).exists()
+        return STOPPED + (FROM_VALIDATION if keeps else BEGINS_ANEW)
+    return STOPPED + (GOES_ON if params.get("suite") not in STUDIES else BEGINS_ANEW)
 
 
 def _reason(error: OSError | MemoryError | ImportError) -> str:

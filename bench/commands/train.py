@@ -61,7 +61,7 @@ def train_command(
     """
     from malus.bench.commands.console import plain_console
     from malus.bench.commands.printing import print_json
-    from malus.bench.learning.options import TrainingOptions
+    from malus.bench.learning.options import DEFAULT_MODEL, TrainingOptions
     from malus.bench.public.train import ablate, shape_of, train
     from malus.bench.running.progress import with_progress
     from malus.scenes.core.errors import InputError
@@ -76,7 +76,7 @@ def train_command(
         rows = with_progress(console, "reading", lambda show: ablate(dataset, options, show))
         print_json(rows) if as_json else plain_console().print(_table(rows))
         return
-    model = out or Path("net.onnx")
+    model = out or DEFAULT_MODEL
     done = with_progress(
         console, "reading", lambda show: train(dataset, model, options, show, begin_from)
     )

@@ -11,11 +11,10 @@ from typing import Any
 import jax
 import numpy as np
 
+from malus.bench.learning.options import kept_state
 from malus.bench.learning.training import Progressed, State
 from malus.scenes.core.errors import InputError, reading
 from malus.scenes.core.files import replace_file
-
-_STATE = "state.npz"
 
 
 class KeptTraining:
@@ -32,7 +31,8 @@ class KeptTraining:
     """
 
     def __init__(self, model: Path, about: dict[str, Any], began: float) -> None:
-        self.folder = model.with_name(f"{model.name}.training")
+        self._state = kept_state(model)
+        self.folder = self._state.parent
         self._about = json.dumps(about, sort_keys=True)
         self._began = began
 
@@ -50,7 +50,7 @@ class KeptTraining:
         numbers["seconds"] = self.seconds
         texts = {"about": self._about, "numbers": json.dumps(numbers)}
         arrays |= {name: np.array(text) for name, text in texts.items()}
-        replace_file(self.folder / _STATE, lambda path: np.savez(path, **arrays))
+        replace_file(self._state, lambda path: np.savez(path, **arrays))
 
     def read(self, start: State) -> Progressed | None:
         """The training that was kept, if there is one; `start` is a state of the same network.
@@ -60,7 +60,7 @@ class KeptTraining:
         InputError
             One with other data, options, versions or device, or a damaged one.
         """
-        path = self.folder / _STATE
+        path = self._state
         if not path.exists():
             return None
         again = f"remove the folder {self.folder} to begin anew"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 from malus.scenes.core.errors import InputError
 
@@ -17,9 +18,22 @@ PACKAGES = ("jax", "optax", "onnx", "onnxruntime")
 SECONDS = 600.0
 """Time that a training takes by default."""
 
+DEFAULT_MODEL = Path("net.onnx")
+"""File that `malus train` writes where none is named."""
 
 SMALLEST = 16
 """Fewest pixels a side of pictures to train on: the network's coarsest level has one."""
+
+
+def kept_state(model: Path) -> Path:
+    """File in which a training that is not finished is kept, beside its model.
+
+    Examples
+    --------
+    >>> kept_state(Path("nets/net.onnx")).as_posix()
+    'nets/net.onnx.training/state.npz'
+    """
+    return model.with_name(f"{model.name}.training") / "state.npz"
 
 
 @dataclass(frozen=True)

@@ -158,18 +158,24 @@ def test_a_mistake_is_all_that_is_printed(option: tuple[str, str]) -> None:
         (("run", "stress"), "begins anew"),
         (("run", "--out", "results/new", "--seed=2", "stress"), "begins anew"),
         (("train", "dataset", "--ablate"), "begins anew"),
-        (("train", "dataset", "--steps", "9"), "goes on where it was"),
+        (("train", "dataset", "--steps", "9"), "goes on from its last validation"),
+        (("train", "dataset", "--out", "other.onnx"), "begins anew"),
         (("export", "data"), "begins anew"),
         ((), "begins anew"),
     ],
 )
 def test_a_stop_tells_what_the_same_command_does(
-    words: tuple[str, ...], says: str, monkeypatch: pytest.MonkeyPatch
+    words: tuple[str, ...], says: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    """A training keeps nothing before its first validation, and said that it goes on."""
+
     def stopped(**_: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("malus.bench.cli.cli.main", stopped)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "net.onnx.training").mkdir()
+    (tmp_path / "net.onnx.training" / "state.npz").touch()
     done = run_malus(*words)
     assert (done.returncode, done.stderr) == (130, f"malus: stopped; the same command {says}\n")
 
