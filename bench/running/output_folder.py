@@ -59,8 +59,13 @@ def check_holds(out: Path, content: str) -> None:
     Raises
     ------
     InputError
-        If it holds something else than `content`, or cannot be read.
+        If it holds something else than `content`, cannot be read, or has no name in UTF-8.
     """
+    try:
+        str(out.absolute() if is_here(out) else out).encode()
+    except UnicodeEncodeError:  # of an older system: what writes tables and images opens none
+        found, hint = "one in another encoding", "choose another `out`"
+        raise InputError(f"output folder {out}", "a path in UTF-8", found, hint) from None
     with _told(out):
         held = next((name for mark, name in FOLDERS.items() if (out / mark).exists()), content)
         held = "a file" if out.is_file() else held

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,8 @@ def test_a_report_reads_the_studies_beside_it_before_it_draws(
         (("--out", "{folder}/photo.png"), "photo.png"),
         (("--out", "{dataset}"), "expected a new folder, or a run, found a dataset"),
         (("--timeout", "-1"), "--timeout"),
+        # As of an older system, or a locale that is no UTF-8: a traceback after the first family.
+        (("--out", "{folder}/" + os.fsdecode(b"q\xff")), "expected a path in UTF-8"),
     ],
 )
 def test_a_wrong_option_of_a_run_is_the_only_line(
