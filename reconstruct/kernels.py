@@ -21,6 +21,7 @@ import numba
 import numpy as np
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
+from numba.core.sigutils import normalize_signature
 
 Loop = TypeVar("Loop", bound=Callable[..., Any])
 
@@ -63,8 +64,26 @@ class _Cache(FunctionCache):  # type: ignore[misc]
     """Numba's cache, with all that is compiled into a loop in the key of its machine code.
 
     Numba by itself looks at the loop's own file only: the loop would go on with the old code of
-    what it calls in other modules.
+    what it calls in other modules. What cannot be stored or is not what was stored costs the time
+    to compile it: a full disk, files that a power cut left empty, and the machine code for other
+    types that another process gave the same name at the same moment.
     """
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """The machine code for arguments of these types; None where there is none that is whole."""
+        try:
+            found = super().load_overload(signature, target)
+        except Exception:  # a damaged file raises anything
+            with contextlib.suppress(OSError):
+                self._cache_file.flush()
+            return None
+        types = normalize_signature(signature)[0]
+        return found if found is not None and found.signature.args == types else None
+
+    def save_overload(self, signature: Any, compiled_loop: Any) -> None:
+        """Store the machine code for arguments of these types, where there is room."""
+        with contextlib.suppress(OSError):
+            super().save_overload(signature, compiled_loop)
 
     def _index_key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
         fields = [getattr(argument, "fields", ()) for argument in signature]  # of named tuples

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import subprocess
 import sys
 from collections import namedtuple
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -102,6 +105,73 @@ def test_machine_code_follows_what_a_loop_takes_from_other_modules(
     assert total(2.0, "value + 5") == 16.0
     assert total(4.0, "value + 5") == 32.0
     assert cached == [0, 1, 0, 0]
+
+
+LOOP = """
+from malus.reconstruct.kernels import compiled
+
+@compiled
+def doubled(values):
+    return 2 * values[0]
+"""
+
+
+@pytest.fixture
+def begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]:
+    """Gives the same loop as often as it is called, each time as a new process has it."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    (tmp_path / "kept_loop.py").write_text(LOOP)
+    importlib.invalidate_caches()
+
+    def begin() -> Any:
+        monkeypatch.delitem(sys.modules, "kept_loop", raising=False)
+        return importlib.import_module("kept_loop").doubled
+
+    return begin
+
+
+def hits(loop: Any) -> int:
+    return sum(loop.stats.cache_hits.values())
+
+
+def test_a_full_disk_costs_the_cache_only(
+    begun: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the user's home, where there is room for the results: the run ended, and named neither."""
+
+    def no_room(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("numba.core.caching.IndexDataCacheFile._open_for_write", no_room)
+    assert begun()(np.array([3.0])) == 6.0
+
+
+@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
+def test_a_file_that_a_power_cut_left_empty_is_made_again(
+    begun: Callable[[], Any], ending: str
+) -> None:
+    """Every run ended in a traceback, until somebody removed it."""
+    values = np.array([3.0])
+    loop = begun()
+    loop(values)
+    (path,) = Path(loop._cache._cache_file._cache_path).glob(f"kept_loop.*{ending}")
+    path.write_bytes(b"")
+    found = [(loop(values), hits(loop)) for loop in (begun(), begun())]
+    assert found == [(6.0, 0), (6.0, 1)]
+
+
+def test_machine_code_of_other_types_is_not_run(begun: Callable[[], Any]) -> None:
+    """Two processes that compile at once may give theirs one name, and the last one's is there."""
+    single, double = (np.array([3.0], dtype) for dtype in (np.float32, np.float64))
+    loop = begun()
+    assert (loop(single), loop(double)) == (6.0, 6.0)
+    files = sorted(Path(loop._cache._cache_file._cache_path).glob("kept_loop.*.nbc"))
+    one, other = (path.read_bytes() for path in files)
+    files[0].write_bytes(other)
+    files[1].write_bytes(one)
+    loop = begun()
+    assert (loop(double), loop(single), hits(loop)) == (6.0, 6.0, 0)
 
 
 def test_machine_code_follows_the_fields_of_an_argument() -> None:
