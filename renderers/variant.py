@@ -15,14 +15,14 @@ import re
 import signal
 import subprocess
 import sys
-import tempfile
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 
 from malus.scenes.core.errors import InputError
+from malus.scenes.core.files import write_text
 from malus.scenes.core.quiet import quiet
 
 SCALAR = "scalar_spectral_polarized"
@@ -183,14 +183,8 @@ def _read_cache() -> dict[str, bool]:
 
 def _write_cache(answers: dict[str, bool]) -> None:
     """Store the answers; where the cache cannot be written, every run probes for a second."""
-    path = _cache_file()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
-            json.dump(answers, file)
-        os.replace(file.name, path)
-    except OSError:
-        return
+    with suppress(OSError, InputError):
+        write_text(_cache_file(), json.dumps(answers))
 
 
 def _cuda() -> Variant | None:

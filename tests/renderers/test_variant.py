@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -41,6 +42,19 @@ def test_versions_that_abort_are_no_candidates(
     for name in names[:3]:
         monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(no_libraries / name))
         assert variant.llvm_candidates() == []
+
+
+def test_a_cache_that_cannot_be_written_leaves_no_file(
+    no_libraries: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every run left one more, where a quota was used up."""
+
+    def no_room(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "replace", no_room)
+    variant._write_cache({"a": True})
+    assert list((no_libraries / "cache").iterdir()) == []
 
 
 @pytest.mark.parametrize(
