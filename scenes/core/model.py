@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Any, Self
+from typing import Any, Never, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
 
-from malus.scenes.core.errors import InputError
+from malus.scenes.core.errors import InputError, counted
 from malus.scenes.core.registry import lookup
 from malus.scenes.core.validation import first_problem
 
@@ -31,8 +31,10 @@ class Model(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    def __init__(self, /, **data: Any) -> None:
-        """Validate the values of the fields."""
+    def __init__(self, /, *unnamed: Never, **data: Any) -> None:
+        """Validate the values of the fields, each given by its name."""
+        if unnamed:
+            raise self._by_name(unnamed)
         try:
             super().__init__(**data)
         except ValidationError as error:
@@ -40,6 +42,14 @@ class Model(BaseModel):
 
     # So pydantic makes nested models without it, and an error in one keeps its place.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def _by_name(cls, unnamed: tuple[object, ...]) -> InputError:
+        """What to say of values without a name, of which nobody knows what they are meant for."""
+        keys = [name for name in cls.model_fields if name != "kind"]
+        hint = f"write key=value; known: {', '.join(keys)}" if keys else "leave it out"
+        found = f"{counted(len(unnamed), 'value')} without a name: {unnamed[0]!r}"
+        return InputError(cls.__name__, "every value by its name", found, hint)
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """The fields as plain values, each written by its own type.

@@ -35,6 +35,12 @@ PAINT = Dielectric(eta=1.5, alpha=0.3)
         (lambda: Camera(resolution=16.5), "Camera, key resolution: expected a valid integer"),
         (lambda: Scene(wavelengths_nm=550), "Scene, key"),
         (lambda: Distant(), "Distant, key incidence_deg: expected this key, found nothing"),
+        (
+            lambda: Distant(60),
+            "Distant: expected every value by its name, found 1 value without a name: 60; "
+            "write key=value; known: incidence_deg, azimuth_deg",
+        ),
+        (lambda: Sphere(1, 2), "Sphere: .*found 2 values without a name: 1; leave it out"),
         (lambda: Dielectric(etta=1.5, alpha=0.3), "did you mean eta"),
         (
             lambda: Scene(
