@@ -10,7 +10,7 @@ import numpy as np
 
 from malus.reconstruct.observation import Inapplicable
 from malus.scenes.core.arrays import Float64Array
-from malus.scenes.lights.environment import directions, radiance_map, solid_angles
+from malus.scenes.lights.environment import directions, light_shares, radiance_map
 from malus.scenes.lights.lights import Area, Distant, Light, MapLight
 from malus.scenes.lights.sky import parts
 
@@ -128,7 +128,7 @@ def _sphere(values: Float64Array, alpha: float, rotation: Float64Array | None = 
     least_rows = max(math.pi * NODES_A_LOBE / (2.0 * alpha), 32.0)
     step = max(1, int(height / least_rows))  # the last block of a map may be shorter
     rows, columns = np.arange(0, height, step), np.arange(0, width, step)
-    weight = solid_angles(height, width) * values
+    weight = light_shares(height, width) * values
 
     def summed(plane: Float64Array) -> Float64Array:
         return np.add.reduceat(np.add.reduceat(plane, rows, axis=0), columns, axis=1).ravel()

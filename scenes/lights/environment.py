@@ -1,7 +1,9 @@
 """Radiance maps of light from all around.
 
 A map is equirectangular, its rows from straight up (+y) to straight down, its columns by the angle
-atan2(x, −z) from 0 to 2π: the first column shows the direction behind the object.
+atan2(x, −z) from 0 to 2π: the first column shows the direction behind the object. A pixel's middle
+has its radiance; between middles it is interpolated in both angles, beyond the outermost rows it is
+theirs.
 """
 
 from __future__ import annotations
@@ -109,6 +111,25 @@ def solid_angles(height: int, width: int) -> Float64Array:
     """
     edges = np.cos(np.linspace(0.0, math.pi, height + 1))
     return (edges[:-1] - edges[1:])[:, None] * (2 * math.pi / width)
+
+
+def light_shares(height: int, width: int) -> Float64Array:
+    """Steradians over which each row's pixels shine, shape (height, 1), as maps are interpolated.
+
+    A row shines half-way into both beside it, and an outermost one over all of its pole besides:
+    those have 8 % more than their band of `solid_angles`.
+
+    Examples
+    --------
+    >>> (light_shares(64, 128) / solid_angles(64, 128))[[0, 1, -1], 0].round(3).tolist()
+    [1.083, 1.0, 1.083]
+    """
+    step = math.pi / height
+    middles = (np.arange(height) + 0.5) * step
+    # Integrals of straight flanks, which fall to zero a step from the middle, times the sine.
+    shares = np.sin(middles) * (2.0 * (1.0 - math.cos(step)) / step)
+    shares[[0, -1]] = (2.0 - shares[1:-1].sum()) / min(height, 2)
+    return shares[:, None] * (2 * math.pi / width)
 
 
 def _studio() -> Float32Array:

@@ -14,7 +14,7 @@ from malus.reconstruct import Components, Inapplicable, Observation, get_method
 from malus.reconstruct import image as image_module
 from malus.reconstruct.quadrature import _sphere
 from malus.scenes import Distant, Uniform
-from malus.scenes.lights.environment import directions, solid_angles
+from malus.scenes.lights.environment import directions, light_shares
 
 ABOUT_NORMALS = ("eq8", "visible", "shadowed", "smooth")
 # A table is within 1e-6 of the integral; DoLP is that error times I_s/I ≤ 1.
@@ -197,14 +197,14 @@ def test_lights_are_as_exact_as_they_say_up_to_the_rim() -> None:
 @pytest.mark.parametrize("shape", [(128, 256), (101, 199), (37, 64), (8, 1000)])
 def test_directions_of_a_map_keep_a_sun_where_it_is(shape: tuple[int, int], alpha: float) -> None:
     """Blocks of pixels need not divide the map: the last pixel lights from its place, too."""
-    toward, solid = directions(*shape), solid_angles(*shape)
+    toward, shares = directions(*shape), light_shares(*shape)
     for row, column in ((0, 0), (shape[0] // 3, shape[1] // 2), (shape[0] - 1, shape[1] - 1)):
         values = np.zeros(shape)
         values[row, column] = 5.0
         lamp = _sphere(values, alpha)
         # One product and one division in double precision.
         np.testing.assert_allclose(lamp.toward, [toward[row, column]], atol=1e-12)
-        np.testing.assert_allclose(lamp.power, 5.0 * solid[row], rtol=1e-12)
+        np.testing.assert_allclose(lamp.power, 5.0 * shares[row], rtol=1e-12)
 
 
 @settings(deadline=None, derandomize=True, max_examples=15)

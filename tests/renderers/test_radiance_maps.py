@@ -13,7 +13,7 @@ from rooms import needs_arrays
 from malus.renderers.mitsuba.lighting import environment_emitter
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import Environment, Interior, Sky
-from malus.scenes.lights.environment import directions, radiance_map
+from malus.scenes.lights.environment import directions, light_shares, radiance_map, solid_angles
 from malus.scenes.lights.lights import MapLight
 
 pytestmark = needs_arrays
@@ -57,3 +57,19 @@ def test_between_two_rows_is_their_mean(stripes: Environment) -> None:
     found = from_directions(stripes, toward)
     np.testing.assert_allclose(found[::2], 0.75 * values + 0.25 * above, rtol=1e-5)
     np.testing.assert_allclose(found[1::2], 0.75 * values + 0.25 * below, rtol=1e-5)
+
+
+@pytest.mark.parametrize("row", [0, 1, 4])
+def test_methods_weigh_a_row_by_the_light_that_the_renderer_makes_of_it(
+    row: int, tmp_path: Path
+) -> None:
+    """By its band alone, a lamp in an outermost row would be told 8 % too dim."""
+    path = tmp_path / "lamp.exr"
+    plane = np.zeros((5, 10), np.float32)
+    plane[row] = 1.0
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Y": plane}).write(str(path))
+    fine = 500, 20
+    rendered = from_directions(Environment(name=str(path)), directions(*fine))
+    light = float((rendered * solid_angles(*fine)).sum())
+    # A sum over 100 directions a row; single precision adds less.
+    assert float(10 * light_shares(5, 10)[row, 0]) == pytest.approx(light, rel=1e-4)
