@@ -14,6 +14,7 @@ import numpy as np
 
 from malus.renderers.mitsuba.lighting import environment_emitter
 from malus.scenes.camera import Camera
+from malus.scenes.core.arrays import Float32Array
 from malus.scenes.core.errors import InputError
 from malus.scenes.lights.lights import Area, Distant, Light, Uniform
 from malus.scenes.lights.sky import parts
@@ -37,6 +38,11 @@ NEAR_CLIP, FAR_CLIP = 1e-2, 1e4
 """Where rays of Mitsuba's cameras begin and end if nothing else is said."""
 LAMP_DISTANCE = 1000.0
 """Distance of a lamp in radii of the objects: its direction differs by 0.06° at most."""
+
+DUST = 1e-9
+"""Components of normals that are taken for 0, a sixtieth of the rounding of others. The square of
+what interpolation makes of smaller ones is 0 in float32: Mitsuba then divides by no length, and
+light from a face that faces the camera has no number for s1 and s2."""
 
 
 def sensor(
@@ -158,11 +164,16 @@ def mesh_object(mi: ModuleType, mesh: TriangleMesh, bsdf: Any) -> Any:
     parameters["vertex_positions"] = np.ravel(mesh.vertices)
     parameters["faces"] = np.ravel(mesh.faces)
     if mesh.normals is not None:
-        parameters["vertex_normals"] = np.ravel(mesh.normals)
+        parameters["vertex_normals"] = _without_dust(np.ravel(mesh.normals))
     if mesh.uv is not None:
         parameters["vertex_texcoords"] = np.ravel(mesh.uv)
     parameters.update()
     return result
+
+
+def _without_dust(components: Float32Array) -> Float32Array:
+    """Components of unit vectors, 0 where they are below `DUST`."""
+    return np.where(np.abs(components) < DUST, np.float32(0.0), components)
 
 
 def emitters(mi: ModuleType, light: Light, lamp_distance: float = LAMP_DISTANCE) -> dict[str, Any]:

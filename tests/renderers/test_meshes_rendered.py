@@ -22,6 +22,7 @@ from malus.scenes import (
     Sampling,
     Scene,
     Sphere,
+    Superquadric,
     Uniform,
 )
 from malus.scenes.polarisation import dolp
@@ -105,3 +106,20 @@ def test_a_mesh_is_refused_where_nearly_all_that_is_seen_are_backs(
     told = pytest.raises(InputError, match="flip the faces") if refused else nullcontext()
     with told:
         check_facing(normals, np.arange(100), Camera(resolution=10), shape)
+
+
+def test_light_of_a_box_that_faces_the_camera_has_numbers() -> None:
+    """Normals of its front differ from straight towards the camera by as little as 1e-30.
+
+    Along that line nothing is polarised, by symmetry.
+    """
+    box = Superquadric(e1=0.1, e2=0.1)
+    for elevation in (0.0, 90.0):
+        camera = Camera(resolution=24, elevation_deg=elevation)
+        scene = Scene(shape=box, surface=SURFACE, light=Uniform(), camera=camera)
+        truth = render_family([scene], Sampling(samples=64)).truth(scene)
+        front = truth.mask & (truth.normals[..., 2] > 1 - 1e-6)
+        assert front.sum() > 50
+        # Noise of 64 samples, of hundreds of pixels: six errors.
+        error = np.sqrt(np.square(truth.standard_error[front][..., 1:]).sum()) / front.sum()
+        assert np.abs(truth.stokes[front][..., 1:].mean(axis=(0, 1))).max() < 6 * error
