@@ -33,8 +33,9 @@ class Truth:
     mask : (height, width) bool
         Pixels that the object covers entirely.
     standard_error : (height, width, bands, 3)
-        Standard error of the sum of both lobes; among several objects the variances of
-        neighbouring pixels enter too (`malus.renderers.mitsuba.pooled`).
+        Standard error of the sum of both lobes; among several objects, and where few samples of
+        a pixel are lit, the variances of neighbouring pixels enter too
+        (`malus.renderers.mitsuba.pooled`).
     specular_noise, diffuse_noise : (height, width, bands, 3)
         Half the difference of two independent half renders: one draw of the error of `specular`
         and `diffuse`. Passed through a method, it gives the noise of the method's score.

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from malus.renderers.families.nodes import Nodes, NodesByAlbedo
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.mitsuba.lobe_samples import Lobes
+from malus.renderers.mitsuba.pooled import pooled_where_rare
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import BoolArray, Float32Array
+from malus.scenes.lights.lights import Distant
 from malus.scenes.scene import Scene
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -87,6 +89,11 @@ class Family:
         ValueError
             If the scene belongs to another family or its index lies outside the nodes.
         """
+        truth, draws = self.unpooled_truth(scene, standard_error), self.lobes.draws
+        return with_pooled_error(truth, draws) if standard_error and draws else truth
+
+    def unpooled_truth(self, scene: Scene, standard_error: bool = True) -> Truth:
+        """As `truth`, with the standard errors of each pixel's own samples."""
         self._check(scene)
         of_nodes, factors = self.nodes.of_scene(scene)
         weights, albedo = of_nodes.astype(np.float32), factors.astype(np.float32)[:, None]
@@ -193,6 +200,21 @@ class Family:
         else:
             image[self.lobes.pixels] = values
         return image.reshape(side, side, *values.shape[1:])
+
+
+def with_pooled_error(truth: Truth, draws: int) -> Truth:
+    """A truth whose standard errors are its neighbours' too in pixels that few of `draws` light.
+
+    Unchanged under a distant light, which every sample meets that sees it.
+    """
+    if isinstance(truth.scene.light, Distant):
+        return truth
+    owner = truth.mask.astype(np.int32) - 1
+    own = np.square(truth.standard_error)
+    variance = pooled_where_rare(own, truth.image, owner, draws)
+    # Of all others the errors stay to the bit, also those whose squares are rounded to 0.
+    error = np.where(variance == own, truth.standard_error, np.sqrt(variance))
+    return replace(truth, standard_error=error)
 
 
 def interpolation_error(nodes: Nodes | NodesByAlbedo, lobes: Lobes) -> dict[str, float]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from malus.renderers.families.interpolated import Family
+from malus.renderers.families.interpolated import Family, with_pooled_error
 from malus.renderers.family_key import FamilyKey
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import AnyArray, Float32Array
@@ -53,12 +53,12 @@ class PatternedFamily:
         if FamilyKey.of(scene) != self.key:
             raise ValueError(f"scene {scene.id}: expected a scene of this family")
         parts = [
-            family.truth(with_part(scene, index), standard_error)
+            family.unpooled_truth(with_part(scene, index), standard_error)
             for index, family in enumerate(self.families)
         ]
         eta = np.stack([part.eta for part in parts])
         alpha = np.array([part.alpha for part in parts])
-        return replace(
+        truth = replace(
             parts[0],
             scene=scene,
             specular=_sum([part.specular for part in parts]),
@@ -73,6 +73,7 @@ class PatternedFamily:
             eta_map=self.shares @ eta,
             alpha_map=self.shares @ alpha,
         )
+        return with_pooled_error(truth, self.samples) if standard_error else truth
 
     def _error(self, parts: list[Truth]) -> AnyArray:
         """Standard error: a sample is on one surface, so two have covariance -mean times mean."""

@@ -49,6 +49,9 @@ class Lobes:
         Variances of the mean of all samples, and the covariance of both lobes, where asked for.
     s3, s3_variance : (2, K, P), (K, P), or None
         The fourth Stokes component, all of it specular, where it can be non-zero.
+    draws : int or None
+        Independent draws that each pixel's own variances come from; None where these are those of
+        neighbouring pixels too.
     copy_seconds : float
         Time that passed between the last kernel and these arrays: copies from the device, and
         means of the sums.
@@ -65,6 +68,7 @@ class Lobes:
     covariance: Float32Array | None = None
     s3: Float32Array | None = None
     s3_variance: Float32Array | None = None
+    draws: int | None = None
     copy_seconds: float = 0.0
 
     def at(self, nodes: slice | list[int]) -> Lobes:
@@ -167,6 +171,7 @@ def _with_variances(
     scale = np.float32(1.0 / (samples - 1))
     return replace(
         lobes,
+        draws=samples,
         # Rounding can leave a tiny negative variance where all samples are equal.
         specular_variance=as_float32(np.maximum(specular - mean_specular**2, 0) * scale),
         diffuse_variance=as_float32(np.maximum(diffuse - mean_diffuse**2, 0) * scale),

@@ -35,7 +35,7 @@ from malus.renderers.mitsuba.padding import padding
 from malus.renderers.mitsuba.patterns import surface_shares
 from malus.renderers.mitsuba.placed import object_bsdf, parts_of, pattern_on, placed_object
 from malus.renderers.mitsuba.polarised_emitters import room_emitters
-from malus.renderers.mitsuba.pooled import pooled
+from malus.renderers.mitsuba.pooled import pooled, pooled_where_rare
 from malus.renderers.mitsuba.rays import Film, stream_number, streams, to_camera_frame
 from malus.renderers.mitsuba.translate import LAMP_DISTANCE, sensor
 from malus.renderers.truth import Truth
@@ -50,6 +50,7 @@ from malus.scenes.core.arrays import (
     UInt32Array,
 )
 from malus.scenes.core.errors import InputError
+from malus.scenes.lights.lights import Distant
 from malus.scenes.materials.surface import Patterned
 from malus.scenes.scene import Sampling, Scene, may_be_circular
 
@@ -126,10 +127,12 @@ class RoomImages:
     s3_variance: Float32Array | None = None
 
     @classmethod
-    def of_sums(cls, sums: FloatArray, owner: Int32Array, samples: int, bounced: bool) -> Self:
+    def of_sums(
+        cls, sums: FloatArray, owner: Int32Array, samples: int, bounced: bool, drawn: bool
+    ) -> Self:
         """From sums over samples (channels, halves, pixels, settings), and owners of pixels.
 
-        Where light has `bounced`, it may come by rare paths, and variances are `pooled`.
+        Light comes to pixels by few samples where it `bounced` or was `drawn`: see `pooled`.
         """
         side = math.isqrt(len(owner))
 
@@ -140,29 +143,26 @@ class RoomImages:
             return means / np.float32(samples // HALVES)
 
         specular, diffuse, squares = (mean(part) for part in (_SPECULAR, _DIFFUSE, _SQUARES))
+        means, s3 = specular + diffuse, mean(_S3)
+        means = np.concatenate([means, s3], axis=-1)
+        squares = np.concatenate([squares, mean(_S3_SQUARE)], axis=-1)
         hits = sums[_HITS, :, :, 0].sum(axis=0)
         owner = np.where((owner >= 0) & (hits == samples), owner, -1).reshape(side, side)
         normals = as_float32(sums[_NORMAL, :, :, 0].sum(axis=1).T)
-
-        def variance(squares: FloatArray, means: FloatArray) -> Float32Array:
-            # Rounding can leave a tiny negative variance where all samples are equal.
-            of_one = np.maximum(squares.mean(axis=0) - means.mean(axis=0) ** 2, 0)
-            of_pixel = pooled(of_one, owner) if bounced else of_one
-            return np.asarray(of_pixel / np.float32(samples - 1), np.float32)
-
-        images = cls(
+        # Rounding can leave a tiny negative variance where all samples are equal.
+        of_one = np.maximum(squares.mean(axis=0) - means.mean(axis=0) ** 2, 0)
+        variance = (pooled(of_one, owner) if bounced else of_one) / np.float32(samples - 1)
+        if drawn and not bounced:
+            variance = pooled_where_rare(variance, means.mean(axis=0)[..., 0], owner, samples)
+        return cls(
             specular=as_float32(specular),
             diffuse=as_float32(diffuse),
-            variance=variance(squares, specular + diffuse),
+            variance=as_float32(variance[..., :3]),
             normals=normals,
             owner=owner,
             touched=np.asarray(normals.any(axis=-1)),
-        )
-        if len(sums) == _CHANNELS:
-            return images
-        s3, s3_squares = mean(_S3), mean(_S3_SQUARE)
-        return replace(
-            images, s3=as_float32(s3[..., 0]), s3_variance=variance(s3_squares, s3)[..., 0]
+            s3=as_float32(s3[..., 0]) if s3.size else None,
+            s3_variance=as_float32(variance[..., 3]) if s3.size else None,
         )
 
 
@@ -264,8 +264,8 @@ class Room:
         All settings share their random numbers, so that images are smooth functions of them.
         """
         sums = np.stack([self._sums(of_surfaces) for of_surfaces in settings], axis=-1)
-        bounced = self.path is not None
-        return RoomImages.of_sums(sums, self.owner, self.sampling.samples, bounced)
+        bounced, drawn = self.path is not None, not isinstance(self.described.light, Distant)
+        return RoomImages.of_sums(sums, self.owner, self.sampling.samples, bounced, drawn)
 
     def _of_band(self, band: int) -> list[Setting]:
         """Index and albedo of every surface in a band."""

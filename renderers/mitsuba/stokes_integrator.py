@@ -65,6 +65,7 @@ def render_lobes(
         normals=unit(normals[pixels]),
         normal_spread=spread_of(normals[pixels]),
         covered=covered[pixels],
+        draws=batches,
     )
 
 
