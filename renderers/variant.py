@@ -42,6 +42,8 @@ _LLVM_FOLDERS = (
 )
 
 
+_NVIDIA = Path("/proc/driver/nvidia")
+
 FEWEST_THREADS = 2
 """Threads of Dr.Jit, the calling one among them. Alone, that keeps numbers too small for full
 precision, which the others round to zero: standard errors of 0 would be 1e-21 on one core only."""
@@ -119,7 +121,7 @@ def made_by(renderer: str) -> str:
 
 def _probe(variant: str, llvm: Path | None) -> bool:
     """Whether small renders come out right in a subprocess; the answer is cached on disk."""
-    stamp = f"{llvm}:{llvm.stat().st_mtime_ns}" if llvm else _driver()
+    stamp = f"{llvm}:{llvm.stat().st_mtime_ns}" if llvm else _devices()
     key = f"{variant}|{stamp}|{made_by('mitsuba')}|{sys.executable}"
     answers = _read_cache()
     if key not in answers:
@@ -131,12 +133,18 @@ def _probe(variant: str, llvm: Path | None) -> bool:
     return answers[key]
 
 
-def _driver() -> str:
-    """Version of NVIDIA's driver, where Linux tells it: with a new one the probe is repeated."""
+def _devices() -> str:
+    """NVIDIA's driver, the cards' models, where Linux tells them, and which of them CUDA may use.
+
+    Machines of a cluster share a cache; a job that may use no card says nothing of one that may.
+    """
     try:
-        return Path("/proc/driver/nvidia/version").read_text("utf-8").splitlines()[0]
-    except (OSError, ValueError, IndexError):
-        return ""
+        lines = (_NVIDIA / "version").read_text("utf-8").splitlines()[:1]
+        for file in sorted(_NVIDIA.glob("gpus/*/information")):
+            lines += [line for line in file.read_text("utf-8").splitlines() if "Model" in line]
+    except (OSError, ValueError):
+        lines = []
+    return "|".join([*lines, os.environ.get("CUDA_VISIBLE_DEVICES", "all")])
 
 
 def _self_check_in_subprocess(variant: str, llvm: str) -> bool | None:

@@ -97,6 +97,33 @@ def test_a_probe_that_came_to_no_end_is_made_again(
     assert variant._read_cache() == {}
 
 
+def test_what_one_card_does_is_not_believed_of_others(
+    no_libraries: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Jobs and machines of a cluster share a home, and with it the answers."""
+    monkeypatch.setattr(variant, "_NVIDIA", no_libraries)
+    card = no_libraries / "gpus" / "0000:01:00.0" / "information"
+    card.parent.mkdir(parents=True)
+    works: list[bool] = []
+    monkeypatch.setattr(variant, "_self_check_in_subprocess", lambda *_: works.pop())
+
+    def probed(driver: str, model: str, may_use: str | None, answer: bool | None) -> bool:
+        (no_libraries / "version").write_text(f"NVRM version: {driver}\nGCC version: 12\n")
+        card.write_text(f"Model: \t\t {model}\nIRQ: \t\t 17\n")
+        if may_use is None:
+            monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+        else:
+            monkeypatch.setenv("CUDA_VISIBLE_DEVICES", may_use)
+        works[:] = [] if answer is None else [answer]
+        return variant._probe(variant.CUDA, None)
+
+    assert probed("580", "NVIDIA H200", "", answer=False) is False
+    assert probed("580", "NVIDIA H200", None, answer=True) is True
+    assert probed("580", "NVIDIA K80", None, answer=False) is False
+    assert probed("590", "NVIDIA K80", None, answer=True) is True
+    assert probed("580", "NVIDIA H200", None, answer=None) is True  # remembered
+
+
 def test_a_probe_that_was_killed_is_made_again(
     no_libraries: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
