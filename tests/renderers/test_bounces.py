@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from plain import (
     GOLD,
     LAMP,
@@ -31,9 +32,11 @@ from malus.renderers.families.family import render_family
 from malus.renderers.families.interpolated import Family
 from malus.renderers.variant import choose, mitsuba
 from malus.scenes import (
+    Camera,
     Conductor,
     Dielectric,
     InputError,
+    MeshFile,
     Patterned,
     Sampling,
     Scene,
@@ -125,6 +128,37 @@ def test_the_error_of_interpolation_is_that_of_the_held_out_render(
     # Rounding of single precision is a hundredth of these errors.
     assert family.interpolation_error["rms"] == pytest.approx(max(rms), rel=0.02)
     assert family.interpolation_error["worst"] == pytest.approx(max(worst), rel=0.02)
+
+
+@needs_arrays
+def test_paths_do_not_end_at_random_in_a_deep_hollow(tmp_path: Path) -> None:
+    """Where they would, by surfaces, images of one seed would jump from an index to the next."""
+    box = trimesh.creation.box((1, 1, 2))
+    lid = (box.vertices[box.faces][..., 2] > 0).all(axis=1)
+    well = trimesh.Trimesh(box.vertices, box.faces[~lid, ::-1], process=False)
+    well.export(tmp_path / "well.ply")
+    shape = MeshFile(path=str(tmp_path / "well.ply"), shading="flat")
+    camera = Camera(resolution=6, half_width=0.3)
+    scenes = [
+        Scene(
+            shape=shape,
+            surface=Dielectric(eta=eta, alpha=0.2, albedo=0.9),
+            light=Uniform(),
+            camera=camera,
+        )
+        for eta in np.linspace(1.33, 1.7, 12).tolist()
+    ]
+
+    def family(depth: int) -> Family:
+        rendered = render_family(scenes, Sampling(samples=16, max_depth=depth))
+        assert isinstance(rendered, Family)
+        return rendered
+
+    deep, shallow = family(12), family(5)
+    light, less = (f.truth(scenes[0]).image.mean() for f in (deep, shallow))
+    assert light > 1.05 * less  # of paths that are long enough for an end at random
+    # The documented error of the interpolation; with ends at random it is 1e-2.
+    assert 0 < deep.interpolation_error["rms"] < 1e-5
 
 
 @needs_arrays
