@@ -26,9 +26,11 @@ from malus.scenes.random_suite.splits import (
     separate,
 )
 from malus.scenes.random_suite.templates import (
+    WEIGHT,
     Distribution,
     distributions,
     drawn,
+    is_weight,
     joined,
     variants,
     with_files,
@@ -145,7 +147,7 @@ class SurroundingsTemplate(Model):
     """Keys of an item of `surroundings`, all of which may hold ranges and choices."""
 
     name: str = Field(min_length=1, max_length=100)
-    objects: Templates = ()
+    objects: tuple[dict[str, Any], ...] = ()
     clutter: Any = None
 
 
@@ -363,6 +365,6 @@ def _weighted(item: Any) -> tuple[Any, float]:
     if not isinstance(item, Mapping) or "weight" not in item:
         return item, 1.0
     weight = item["weight"]
-    if isinstance(weight, bool) or not isinstance(weight, int | float) or not 0 < weight < 1e9:
-        raise InputError("key weight", "a number above 0", repr(weight), "correct this value")
+    if not is_weight(weight):
+        raise InputError("key weight", WEIGHT, repr(weight), "correct this value")
     return {key: value for key, value in item.items() if key != "weight"}, float(weight)

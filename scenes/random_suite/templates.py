@@ -27,6 +27,8 @@ OPTION = "option"
 """Key of what a choice has chosen, in the path of a value inside it."""
 DIGITS = 6
 """Significant digits of a drawn number: enough, and the same on every machine."""
+WEIGHT = "a number above 0 and below 1e9"
+"""What a weight is, in words."""
 
 _SUFFIXES = {
     "mesh": (".obj", ".ply", ".stl", ".off", ".glb", ".gltf"),
@@ -181,19 +183,26 @@ def _ends(template: Mapping[str, Any], kind: str, number: type) -> tuple[Any, An
 
 def _checked_weights(weights: Any, count: int) -> tuple[float, ...]:
     valid = (
-        isinstance(weights, list | tuple)
-        and len(weights) == count
-        and all(_is_weight(weight) for weight in weights)
+        isinstance(weights, list | tuple) and len(weights) == count and all(map(is_weight, weights))
     )
     if not valid:
-        expected = f"a number above 0 for each of the {count} choices"
+        expected = f"{WEIGHT} for each of the {count} choices"
         raise InputError("key weights", expected, repr(weights), "correct the list")
     return tuple(map(float, weights))
 
 
-def _is_weight(value: Any) -> bool:
+def is_weight(value: Any) -> bool:
+    """Whether a value may weigh an item of an axis or a choice.
+
+    Weights are divided by their sum, which must not overflow.
+
+    Examples
+    --------
+    >>> is_weight(2), is_weight(0), is_weight(True), is_weight(1e308)
+    (True, False, False, False)
+    """
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and 0 < value < math.inf
+    return number and 0 < value < 1e9
 
 
 def _rounded(value: float, low: float, high: float) -> float:

@@ -187,6 +187,7 @@ def test_clutter_is_spread_evenly_over_the_floor() -> None:
         ({"materials": ["pmma", "watre"]}, r"materials\.1.*watre"),
         ({"materials": [{"eta": {"choice": []}}]}, "a list of values"),
         ({"materials": [{"eta": {"choice": [1.4], "weights": [0]}}]}, "above 0"),
+        ({"materials": [{"eta": {"choice": [1.4, 2], "weights": [1e308] * 2}}]}, "below 1e9"),
         ({"lights": [{"kind": "distant", "incidence_deg": {"uniform": [0, 200]}}]}, "180"),
         ({"lights": [{"kind": "uniform", "weight": 0}]}, "weight"),
         ({"shapes": [{"kind": "blob", "seed": {"integers": [0.5, 9]}}]}, "two whole numbers"),
@@ -213,6 +214,14 @@ def test_a_wrong_range_is_told_in_one_line(change: dict[str, Any], says: str) ->
 def test_wrong_splits_and_axes_are_told(change: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=says):
         Suite.parse(BASE | {"random": AXES} | change, "test")
+
+
+@pytest.mark.parametrize("thing", [["plane"], "plane", 3])
+def test_an_object_that_is_no_table_is_told(thing: object) -> None:
+    around = [{"name": "floor", "objects": [thing]}]
+    for splits in (None, SPLITS):
+        with pytest.raises(InputError, match=r"surroundings\.0.*objects\.0.*table"):
+            suite(splits, surroundings=around)
 
 
 def test_a_large_range_of_integers_ends_its_bands_between_two_of_them() -> None:
