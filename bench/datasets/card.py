@@ -15,7 +15,7 @@ from pydantic import Field
 from malus.bench.datasets.croissant import croissant
 from malus.bench.running.distributions import value_distributions
 from malus.renderers.datasets.dataset import Dataset
-from malus.renderers.datasets.dataset_record import DatasetRecord, read_dataset
+from malus.renderers.datasets.dataset_record import MAX_DATASET_BYTES, DatasetRecord, read_dataset
 from malus.scenes.core.errors import InputError
 from malus.scenes.core.files import read_json, replace_file, replace_text
 from malus.scenes.core.model import Model
@@ -24,8 +24,6 @@ from malus.scenes.scene import Scene
 from malus.scenes.suite import Suite
 
 CARD, PICTURE, CROISSANT, SPLITS = "README.md", "conventions.png", "croissant.json", "splits.json"
-
-MAX_SPLITS_BYTES = 1 << 28
 
 IMAGES = {
     "scene.json": "The scene, and size and SHA-256 of every image.",
@@ -129,7 +127,7 @@ def keep_splits(dataset: Dataset, folder: Path) -> None:
     if not path.exists():
         (folder / SPLITS).unlink(missing_ok=True)
         return
-    content = read_json(path, MAX_SPLITS_BYTES)[0]
+    content = read_json(path, MAX_DATASET_BYTES)[0]
     splits = SplitsRecord.parse(content, str(path)).splits
     counts = Counter(name for names in splits.values() for name in names)
     wrong = sorted({name for name, count in counts.items() if count > 1})

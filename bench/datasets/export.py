@@ -40,7 +40,7 @@ from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
 from malus.renderers.datasets.dataset import Dataset, open_dataset
-from malus.renderers.datasets.dataset_record import CONVENTIONS
+from malus.renderers.datasets.dataset_record import CONVENTIONS, MAX_DATASET_BYTES
 from malus.renderers.datasets.planes import S3, S3_ERRORS
 from malus.renderers.datasets.spectral_exr import write_exr
 from malus.renderers.truth import Truth
@@ -59,7 +59,6 @@ WriteAll = Callable[[Dataset, Path, Progress], None]
 """Writes all scenes of a dataset to a folder."""
 
 WORDS, MAX_WORDS_BYTES = "conventions.json", 1 << 20
-MAX_NAMES_BYTES = 1 << 28
 _OF_SCENES = " of the scenes "
 _ID = re.compile(r"[0-9a-f]{16}")
 PIXELS = ("exr", "png")
@@ -190,7 +189,7 @@ def _in_the_way(opened: Dataset, layout: str, folder: Path) -> str:
         earlier = {name: name for name in entries if _ID.fullmatch(name)}
     elif (layout in LAYOUTS or layout == "neisf") and (folder / NAMES).exists():
         names = view_names(opened) if layout == "neisf" else _names(opened)
-        earlier = dict(read_json(folder / NAMES, MAX_NAMES_BYTES)[0])
+        earlier = dict(read_json(folder / NAMES, MAX_DATASET_BYTES)[0])
     else:
         return "an export of other scenes"
     others = len(earlier.keys() - names.keys())

@@ -13,7 +13,8 @@ from malus.scenes.random_suite.splits import SplitName
 from malus.scenes.scene import Scene
 
 DATASET = "dataset.json"
-MAX_DATASET_BYTES = 1 << 28
+MAX_DATASET_BYTES = 1 << 33
+"""Of a file that lists scenes: room for the 10 million of the largest suite, 400 bytes each."""
 
 CONVENTIONS = {
     "image": "rows from the top; x to the right, y up, z towards the viewer",

@@ -19,15 +19,14 @@ from typing import Literal, Self, TextIO
 
 from pydantic import Field, ValidationError, model_validator
 
-from malus.renderers.datasets.dataset_record import FailedScene, SceneEntry
+from malus.renderers.datasets.dataset_record import MAX_DATASET_BYTES, FailedScene, SceneEntry
 from malus.scenes.core.errors import InputError, first_line
-from malus.scenes.core.files import open_regular, replace_text
+from malus.scenes.core.files import read_bounded, replace_text
 from malus.scenes.core.model import Model
 from malus.scenes.core.remote import is_here
 from malus.scenes.core.result_files import PARTS
 from malus.scenes.random_suite.splits import SplitName
 
-MAX_LIST_BYTES = 1 << 28
 _NAME = re.compile(r"[0-9]+-of-[0-9]+\.jsonl")
 
 
@@ -209,11 +208,7 @@ def read_parts(folder: Path) -> Iterator[PartContent]:
 def read_part(path: Path) -> PartContent | None:
     """What a list tells; None where there is none, or it is none of ours."""
     try:
-        with open_regular(path) as file:
-            raw = file.read(MAX_LIST_BYTES + 1)
-        if len(raw) > MAX_LIST_BYTES:
-            return None
-        lines = raw.decode("utf-8", "replace").splitlines()
+        lines = read_bounded(path, MAX_DATASET_BYTES).decode("utf-8", "replace").split("\n")
         content = PartContent(Part.model_validate_json(lines[0]))
     except (InputError, ValueError, IndexError):
         return None

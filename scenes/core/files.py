@@ -254,10 +254,7 @@ def read_json(path: Path, limit: int) -> tuple[Any, str]:
     InputError
         Missing, a link, too large, or no JSON.
     """
-    with open_regular(path) as file:
-        raw = file.read(limit + 1)
-    if len(raw) > limit:
-        raise InputError(str(path), f"at most {limit} bytes", "more", "is this file from malus?")
+    raw = read_bounded(path, limit)
     with reading(str(path), "a JSON file", "write it again"):
         return json.loads(raw), hashlib.sha256(raw).hexdigest()
 
@@ -293,6 +290,23 @@ def open_regular(path: Path) -> BinaryIO:
         os.close(handle)
         raise InputError(str(path), "a regular file", "something else", "check the path")
     return os.fdopen(handle, "rb")
+
+
+def read_bounded(path: Path, limit: int) -> bytes:
+    """The bytes of a regular file of at most `limit` bytes; of a larger one nothing is read.
+
+    Raises
+    ------
+    InputError
+        Missing, a link, or too large.
+    """
+    with open_regular(path) as file:
+        # Python would ask for the memory of as many bytes as it shall read at most.
+        size = file.seek(0, os.SEEK_END)
+        if size <= limit:
+            file.seek(0)
+            return file.read(size)
+    raise InputError(str(path), f"at most {limit} bytes", f"{size}", "is this file from malus?")
 
 
 def digest(path: Path) -> tuple[int, str]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,9 +18,12 @@ from runs import NOBODY, SUITE
 
 from malus.bench.datasets.render import render_dataset
 from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset_record import MAX_DATASET_BYTES, SceneEntry
 from malus.renderers.datasets.scene_folder import IMAGES
 from malus.renderers.datasets.spectral_exr import read_exr, write_exr
-from malus.scenes import InputError
+from malus.scenes import InputError, load_suite
+from malus.scenes.core.files import read_json
+from malus.scenes.suite import MOST_SCENES
 
 Damage = Callable[[Path], None]
 
@@ -168,6 +173,32 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
     os.truncate(path, 1 << 30)  # sparse: takes no room
     with pytest.raises(InputError, match="at most"):
         read_exr(path, (4, 4), ["Y"])
+
+
+def test_a_record_that_is_too_large_is_not_read_and_a_small_one_costs_its_own_size(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "dataset.json"
+    path.write_text("{}", "utf-8")
+    tracemalloc.start()
+    assert read_json(path, MAX_DATASET_BYTES)[0] == {}
+    # The buffer of an open file is 8 kB or a block of the disk; the limit is thousands of times it.
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    os.truncate(path, MAX_DATASET_BYTES + 1)  # sparse: takes no room
+    with pytest.raises(InputError, match=f"at most {MAX_DATASET_BYTES} bytes"):
+        open_dataset(tmp_path)
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
+
+
+def test_a_dataset_of_the_most_scenes_that_a_suite_may_have_can_be_read_back() -> None:
+    suite = load_suite("random")
+    scenes = itertools.islice(suite.scenes(), 40)
+    more = {"origin": "0" * 16, "bytes": 10**7, "index": MOST_SCENES, "split": "train"}
+    entries = [SceneEntry.of(scene, "0" * 64, **more).model_dump() for scene in scenes]
+    # As `dataset.json` is written, with the indentation and comma of every line.
+    average = len(json.dumps({"scenes": entries}, indent=1)) / len(entries)
+    assert average * MOST_SCENES < MAX_DATASET_BYTES
 
 
 def test_damaged_scenes_are_rendered_again(tmp_path: Path) -> None:
