@@ -133,7 +133,7 @@ def _all_of(value: Any) -> Any:
     if value == "all":
         return tuple(MAPS)
     if isinstance(value, tuple | list):
-        return tuple(name for name in value if name not in ALWAYS)
+        return tuple(name for name in value if not isinstance(name, str) or name not in ALWAYS)
     return value
 
 

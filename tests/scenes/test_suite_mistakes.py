@@ -28,6 +28,7 @@ from malus.scenes import InputError, load_suite
         ('kind = "sphere"', 'kind = "torus", minor = 0.8', "minor radius below"),
         ('kind = "uniform"', 'kind = "distant"', "incidence_deg"),
         ('name = "mine"', 'name = "mine"\ntypo = 1', "typo"),
+        ('name = "mine"', 'name = "mine"\nmaps = [{}]', "maps.0"),
         ("methods = [", "methods = [[", "TOML"),
         ('"eq8"', '"os:system"', "name it as a method of the run"),
         ('name = "mine"', "", "name"),
