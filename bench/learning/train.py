@@ -290,6 +290,8 @@ def ablation(
 ) -> Iterator[dict[str, Any]]:
     """Train once for each row of `ABLATION` and yield its skill on val and test.
 
+    A row that changes nothing of the options, which the first network has, is left out.
+
     The first network is also measured as method `net` runs it: with its estimates for a picture
     and its mirror image averaged, at each of `MAGNIFICATIONS`.
     """
@@ -297,6 +299,8 @@ def ablation(
     data = read_data(folder, options, progress)
     for row, change in ABLATION.items():
         own = replace(options, **change)
+        if change and own == options:
+            continue  # the first network is this one
         training = fit(data.train, data.val, own, progress, lambda _: None)
         # What the first could afford, all get.
         options = replace(options, seconds=None, steps=training.steps)

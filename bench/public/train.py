@@ -102,6 +102,7 @@ def ablate(
     dataset : path of a folder
     options : TrainingOptions, optional
         Of the first network; the others differ in the prior, or in how far pictures are turned.
+        Where the first is one of them, it is trained once.
         All take as many steps as the first.
     progress : function of (steps done, steps in all, label)
 

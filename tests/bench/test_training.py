@@ -338,3 +338,21 @@ def test_the_ablation_has_five_rows(spheres: Path, monkeypatch: pytest.MonkeyPat
     rows = json.loads(done.stdout)
     assert [row["row"] for row in rows] == ["as it is", train.AS_RUN]
     assert all(np.isfinite([row["val"], row["test"]]).all() for row in rows)
+
+
+def test_the_ablation_trains_no_network_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    trained = []
+
+    def noted(_: object, __: object, options: TrainingOptions, *___: object) -> Any:
+        trained.append(options)
+        return training.Progressed(training.start(options), {}, 2, 2, [])
+
+    monkeypatch.setattr(train, "fit", noted)
+    monkeypatch.setattr(train, "read_data", lambda *_: train.Data(*[None] * 5))
+    monkeypatch.setattr(train, "_compared", lambda row, *_: row)
+    for given in ({}, {"prior": "lobes"}, {"turn_deg": 0.0}, {"turn_deg": 180.0}):
+        trained.clear()
+        # Seconds for the first, whose steps all others get: they are the same training even so.
+        rows = list(train.ablation(Path(), replace(QUICK, steps=None, seconds=1, **given), silent))
+        distinct = {(options.prior, options.turn_deg) for options in trained}
+        assert len(trained) == len(distinct) == len(rows) - 1 == (3 if given else 4)
