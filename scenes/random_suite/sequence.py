@@ -3,9 +3,10 @@
 Every name has a sequence of its own: van der Corput's, with its points and its digits scrambled as
 Owen does, in the form of hashes (Laine and Karras, "Stratified Sampling for Stochastic
 Transparency", 2011, with Vegdahl's constants; Burley, "Practical Hash-based Owen Scrambling", JCGT
-9(4), 2020). Of the first 2^k numbers one lies in each of 2^k equal intervals, and sequences of
-different names are as good as independent: together they are a Latin hypercube that can be
-extended.
+9(4), 2020). Of the first 2^k numbers one lies in each of 2^k equal intervals: together the
+sequences are a Latin hypercube that can be extended. Those of different names are uncorrelated but
+for chance, which is 1.25 times as large as among independent draws, 0.09 among 200 scenes and 0.013
+among 10 000 (rms): scenes 2j and 2j + 1 lie in opposite halves of every name's numbers.
 
 scipy's generators count through their points and number their dimensions. Here point `i` is
 computed at once, a larger count changes no earlier point, and a further key in a suite none of the

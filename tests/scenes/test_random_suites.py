@@ -124,14 +124,25 @@ def test_items_are_drawn_by_their_weights() -> None:
     assert abs(Counter(s.body for s in (x.surface for x in scenes))["polarised"] - 200) <= 4
 
 
-def test_numbers_are_stratified_and_as_good_as_independent() -> None:
+def test_numbers_are_stratified_and_nearly_independent() -> None:
     names = [f"key {place}" for place in range(12)]
     table = np.array([[Numbers(5, i)(name) for name in names] for i in range(1024)])
     for column in table.T:
         assert sorted((column * 1024).astype(int)) == list(range(1024))
     correlation = np.corrcoef(table.T) - np.eye(len(names))
-    # Of 66 correlations of 1024 independent pairs the largest is below 4.5 / √1024 almost always.
-    assert np.abs(correlation).max() < 4.5 / math.sqrt(1024)
+    # Of 66 correlations of 1024 independent pairs the largest is below 3.6 / √1024 almost always.
+    assert np.abs(correlation).max() < 1.25 * 3.6 / math.sqrt(1024)
+
+
+def test_chance_correlations_are_as_large_as_is_told() -> None:
+    names, count = [f"key {place}" for place in range(40)], 256
+    table = np.array([[Numbers(2, i)(name) for name in names] for i in range(count)])
+    assert ((table[::2] < 0.5) != (table[1::2] < 0.5)).all()  # neighbours in opposite halves
+    pairs = np.corrcoef(table.T)[np.triu_indices(len(names), 1)]
+    # The root of the mean square of 780 correlations is known to a part of 1 / √(2 · 780): 3 %.
+    assert np.sqrt(count * np.mean(pairs**2)) == pytest.approx(1.25, rel=3 * 0.03)
+    # Their mean is 0 within 4 of its standard errors: no two names go together on purpose.
+    assert abs(pairs.mean()) < 4 * 1.25 / math.sqrt(count * len(pairs))
 
 
 def test_clutter_touches_nothing_and_leaves_the_camera_clear() -> None:
