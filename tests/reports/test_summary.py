@@ -278,6 +278,15 @@ def test_scenes_that_no_method_could_score_are_among_those_left_out() -> None:
     assert "on the 11 of 12 scenes of eq8" in headline_of(rows)
 
 
+def test_the_best_method_is_that_of_the_largest_median(table: pd.DataFrame) -> None:
+    """One scene on which it fails badly, as the paper's method does somewhere, decides nothing."""
+    eq8 = table[table["method"] == "eq8"]
+    steady = eq8.assign(method="visible", value=eq8["value"].where(eq8["metric"] != "skill", 0.5))
+    failed = (table["scene"] == f"{0:016x}") & (table["metric"] == "skill")
+    rows = table.assign(value=table["value"].mask(failed & (table["method"] == "eq8"), -50.0))
+    assert best_method(pd.concat([rows, steady], ignore_index=True)) == "eq8"
+
+
 def test_colours_of_two_methods_stand_side_by_side_on_the_same_scenes_only() -> None:
     """Where eq8 left out what is hard for every method, it would seem the better one."""
     plain = sample.coloured()
