@@ -2,8 +2,9 @@
 
 Stokes vectors turn with the picture: by φ anticlockwise, (s1, s2) turn by 2φ; a mirror from left
 to right changes the sign of s2. Under a perspective camera the frame of a pixel far from the centre
-is turned a little against the image's (`scenes.polarisation.viewing_frame`), by at most 2° in a
-field of 40°; that is left out here.
+is turned a little against the image's (`scenes.polarisation.viewing_frame`), which is left out
+here. Mirrored pictures are right even so; turned by 20°, the most by default, AoLP is wrong by at
+most 1.3° in a field of 40° and 3.2° in one of 60°, turned by a right angle by 6.7° and 14.5°.
 """
 
 from __future__ import annotations

@@ -97,6 +97,32 @@ def test_turned_light_agrees_with_the_conventions() -> None:
         np.testing.assert_allclose(seen, expected, atol=ROUNDING)
 
 
+@pytest.mark.parametrize(
+    ("fov_deg", "turn_deg", "mirror", "worst_deg"),
+    [(40, 0, -1, 0), (60, 0, -1, 0), (40, 20, 1, 1.3), (60, 20, 1, 3.2), (40, 90, 1, 6.7)]
+    + [(60, 90, 1, 14.5), (60, 180, 1, 0)],
+)
+def test_pixels_off_the_centre_of_a_wide_field_turn_nearly_with_the_picture(
+    fov_deg: float, turn_deg: float, mirror: float, worst_deg: float
+) -> None:
+    x, y = np.tan(np.radians(fov_deg / 2)) * np.stack(places(512))
+    view = np.stack([-x, -y, np.ones_like(x)], -1)
+    view /= np.linalg.norm(view, axis=-1, keepdims=True)
+    # Light that oscillates at 30° in the frame of its pixel, as a vector of space.
+    frame = polarisation.viewing_frame(np.eye(3)[:, None, None], view)  # of the image's axes
+    vector = np.einsum("axyk,k->xya", frame, [np.cos(np.pi / 6), np.sin(np.pi / 6), 0])
+    cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    turned = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ np.diag([mirror, 1, 1])
+    seen = polarisation.viewing_frame(vector @ turned.T, view @ turned.T)
+    true = np.stack([np.ones_like(x), seen[..., 0] ** 2 - seen[..., 1] ** 2,
+                     2 * seen[..., 0] * seen[..., 1]], -1)  # fmt: skip
+    before = np.array([1.0, np.cos(np.pi / 3), np.sin(np.pi / 3)])
+    told = np.asarray(with_picture(before, motion(mirror, turn_deg)))
+    error = polarisation.aolp(true) - polarisation.aolp(told)
+    worst = np.abs((np.degrees(error) + 90) % 180 - 90).max()
+    assert worst == pytest.approx(worst_deg, abs=0.1)  # told to a tenth, half a pixel inside
+
+
 def test_magnified_pictures_keep_their_middle_and_know_their_edge() -> None:
     x, y = places()
     light = field(x, y, 0 * x)
