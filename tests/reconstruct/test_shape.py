@@ -202,6 +202,10 @@ def test_without_an_irradiance_eta_is_assumed_and_says_so() -> None:
     )
     assert not fit.eta_known
     assert any("eta is assumed" in note for note in fit.notes)
+    brighter = fit_parameters(
+        8.0 * truth.image[truth.mask], truth.normals[truth.mask], light_of(truth), "unpolarised"
+    )
+    assert brighter.error == pytest.approx(fit.error, rel=1e-6)  # over the largest value
 
 
 def test_only_what_was_searched_runs_into_a_bound() -> None:
