@@ -31,7 +31,7 @@ ROOMS = {
     ),
     "renderers": (
         "truth variant family_key", "mitsuba", "families", "torrance_sparrow", "rendering",
-        "datasets comparison self_check_scenes", "self_check",
+        "datasets comparison self_check_scenes", "self_check_laws", "self_check",
     ),
     "reconstruct": (
         "observation fresnel kernels", "pixel_block quadrature", "facets", "lobe_models",

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from malus.renderers import self_check, variant
-from malus.renderers.families import interpolated
+from malus.renderers import self_check, self_check_laws, self_check_scenes, variant
+from malus.renderers.families import interpolated, nodes
 from malus.renderers.mitsuba import bsdfs, lighting, path_traced, rays, shading, wavefront
 from malus.renderers.mitsuba.kernel_warnings import KernelWarning, refused_warnings
 from malus.renderers.self_check import self_check as checks
@@ -94,9 +94,68 @@ def with_errors_too_small_by_the_root_of_two(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(interpolated.Family, "_error", lambda *of: 0.5**0.5 * stated(*of))
 
 
+def with_pixels_that_share_random_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every other row of pixels has the numbers of the one above."""
+
+    def shared(mi: Any, number: Any, seed: Any) -> Any:
+        return rays.streams(mi, number // 64 * 64 + number % 32, seed)
+
+    for module in (shading, wavefront):
+        monkeypatch.setattr(module, "streams", shared)
+
+
+def with_bands_of_their_neighbours_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    weights = nodes.interpolation_weights
+    monkeypatch.setattr(
+        nodes, "interpolation_weights", lambda *of: np.roll(weights(*of), 1, axis=1)
+    )
+
+
+def with_half_precision(monkeypatch: pytest.MonkeyPatch) -> None:
+    draws = lighting._Distant.draws
+
+    def rounded(*of: Any) -> Any:
+        ((toward, weight),) = draws(*of)
+        ahead = 8193.0 * weight  # of 24 binary digits 11 stay: Veltkamp's splitting
+        return [(toward, ahead - (ahead - weight))]
+
+    monkeypatch.setattr(lighting._Distant, "draws", rounded)
+
+
+def with_a_sample_in_a_thousand_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    sums = wavefront.lobes_from_sums
+
+    def lossy(blocks: Any, layout: Any, samples: int, *more: Any) -> Any:
+        return sums([np.float32(0.999) * block for block in blocks], layout, samples, *more)
+
+    monkeypatch.setattr(wavefront, "lobes_from_sums", lossy)
+
+
+def with_the_light_of_the_first_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: dict[int, Any] = {}
+
+    def stale(mi: Any, light: Any, scene: Any) -> Any:
+        # The scene is kept as well, lest another get its number.
+        return kept.setdefault(id(scene), (lighting.sampler(mi, light, scene), scene))[0]
+
+    monkeypatch.setattr(wavefront, "sampler", stale)
+
+
+def with_a_lamp_too_polarised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a twentieth of its degree."""
+    angled = lighting._stokes
+    monkeypatch.setattr(lighting, "_stokes", lambda x, y, scale: angled(x, y, 1.05 * scale))
+
+
 @pytest.mark.parametrize(
     ("fault", "names"),
     [
+        (with_pixels_that_share_random_numbers, {"own random numbers"}),
+        (with_bands_of_their_neighbours_nodes, {"formulas"}),
+        (with_half_precision, {"formulas"}),
+        (with_a_sample_in_a_thousand_lost, {"formulas"}),
+        (with_the_light_of_the_first_recording, {"replayed kernel"}),
+        (with_a_lamp_too_polarised, {"polarised lamp"}),
         (without_shadow, {"mesh that shades itself"}),
         (with_the_lamps_polariser_turned, {"polarised lamp", "room of metal"}),
         (with_roughness_across_for_along, {"brushed metal"}),
@@ -133,7 +192,8 @@ def test_a_render_that_fails_is_a_check_that_failed(
     def broken(*_: object) -> None:
         raise RuntimeError("out of memory")
 
-    monkeypatch.setattr(self_check, "render_family", broken)
+    for module in (self_check_laws, self_check_scenes):
+        monkeypatch.setattr(module, "render_family", broken)
     done = list(checks(vectorised, short=True))
     assert not [check for check in done if check.passed]
     assert {check.why for check in done} == {"RuntimeError: out of memory"}
@@ -182,7 +242,8 @@ def test_a_full_kernel_cache_changes_neither_variant_nor_numbers(
 import resource, sys
 limit = int(sys.argv[1])
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
-from malus.renderers.self_check import SCENES, rendered, works
+from malus.renderers.self_check import works
+from malus.renderers.self_check_scenes import SCENES, rendered
 from malus.renderers.variant import Variant
 on_trial = Variant({vectorised.name!r}, "on trial", {vectorised.llvm!r})
 truth = rendered(on_trial, SCENES["metal"], seed=1)
@@ -207,12 +268,17 @@ def measured_reference(
     reference = {}
     for name, scene in scenes.items():
         seeds = range(1000, 1000 + runs)
-        covered = self_check.rendered(variant, scene, seed=0).mask
-        truths = (self_check.rendered(variant, scene, seed) for seed in seeds)
-        values = np.stack([self_check.region_means(truth, covered)[0] for truth in truths])
-        mean, spread = values.mean(axis=0), values.std(axis=0, ddof=1)
-        rows = ["".join("01"[int(pixel)] for pixel in row) for row in covered]
-        reference[name] = {"covered": rows, "mean": _digits(mean), "spread": _digits(spread)}
+        covered = self_check_scenes.rendered(variant, scene, seed=0).mask
+        truths = (self_check_scenes.rendered(variant, scene, seed) for seed in seeds)
+        values = np.stack([self_check_scenes.region_means(truth, covered)[0] for truth in truths])
+        mean = values.mean(axis=0)
+        together = np.stack([self_check.gains(of_seed, mean) for of_seed in values])
+        reference[name] = {
+            "covered": ["".join("01"[int(pixel)] for pixel in row) for row in covered],
+            "mean": _digits(mean),
+            "spread": _digits(values.std(axis=0, ddof=1)),
+            "gain spread": _digits(together.std(axis=0, ddof=1)),
+        }
     return reference
 
 

@@ -211,7 +211,7 @@ def test_variants_follow_one_another_in_one_process() -> None:
     if not variant.choose().vectorised:
         pytest.skip("only the scalar variant runs here")
     script = (
-        "from malus.renderers.self_check import rendered, SCENES\n"
+        "from malus.renderers.self_check_scenes import rendered, SCENES\n"
         "from malus.renderers.variant import choose\n"
         "for backend, vectorised in (('scalar', False), ('auto', True), ('scalar', False)):\n"
         "    variant = choose(backend)\n"
