@@ -102,7 +102,9 @@ def against_scalar(scene: Scene) -> np.ndarray:
         pytest.skip("only the scalar variant runs here: nothing to compare it with")
     ours = render_family([scene], Sampling(samples=64, seed=1)).truth(scene)
     theirs = render_family([scene], Sampling(samples=64, seed=2), choose("scalar")).truth(scene)
-    both = ours.mask & theirs.mask & (ours.image[..., 0] > 0)
+    # Pixels that are dark in both, four in ten of a ring's, tell nothing of errors.
+    lit = ((ours.image > 0) | (theirs.image > 0)).any(axis=-1)
+    both = ours.mask & theirs.mask & lit
     error = np.hypot(ours.standard_error, theirs.standard_error)[both]
     return ((ours.stokes - theirs.stokes)[both] / np.maximum(error, 1e-6)).ravel()
 
