@@ -25,7 +25,7 @@ from malus.bench.running.status import status
 from malus.reconstruct.photos.capture import read_capture
 from malus.reconstruct.photos.masks_and_normals import read_normals
 from malus.reconstruct.photos.read_picture import read_picture
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.scene_folder import read_record
 from malus.renderers.datasets.spectral_exr import read_spectral
 from malus.reports.tables import sample
@@ -101,7 +101,7 @@ def prediction(name: str) -> Callable[[Path, bytes], object]:
             for angle in (45, 90):
                 image = TRUTH.polarised(angle)
                 np.save(path.with_name(f"{angle}.npy"), image)
-        opened = open_dataset(dataset())
+        opened = open_folder(dataset())
         predictions, _ = find_predictions(folder, opened)
         return predictions.stokes(opened.scene(TRUTH.scene.id))
 

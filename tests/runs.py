@@ -23,7 +23,7 @@ from malus.bench.datasets.predictions import Predictions, find_predictions, prob
 from malus.bench.datasets.render import render_dataset
 from malus.bench.running import sharing
 from malus.bench.running.worker_process import WorkerProcess
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, InputError, load_suite
 from malus.scenes.core.result_files import EXAMPLES, PARTS
@@ -54,7 +54,7 @@ def formula_dataset(folder: Path, side: int = 14) -> Dataset:
     """A dataset of the same scenes, made without Mitsuba, `side` pixels a side."""
     suite = SUITE.model_copy(update={"camera": Camera(resolution=side)})
     render_dataset(suite, folder, NOBODY)
-    return open_dataset(folder)
+    return open_folder(folder)
 
 
 SMALL = load_suite("quick")

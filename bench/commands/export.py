@@ -57,9 +57,9 @@ def export_command(
     from malus.bench.commands.printing import print_json
     from malus.bench.datasets.export import export
     from malus.bench.running.progress import with_progress
-    from malus.renderers.datasets.dataset import open_dataset
+    from malus.renderers.datasets.dataset import open_folder
 
-    opened = open_dataset(dataset)
+    opened = open_folder(dataset)
     missing = max(0, opened.record.planned - len(opened))
     opened.check_begun()
     chosen = opened if split is None else opened.of_split(split)

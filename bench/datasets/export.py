@@ -39,7 +39,7 @@ from malus.bench.datasets.layouts import FROM_HORIZONTAL_DEG, scene_numbers
 from malus.bench.running.output_folder import prepare_folder
 from malus.bench.running.progress import Progress, silent
 from malus.reconstruct.photos.png16 import aolp_16bit, save_16bit, to_16bit
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.renderers.datasets.dataset_record import CONVENTIONS, MAX_DATASET_BYTES
 from malus.renderers.datasets.planes import S3, S3_ERRORS
 from malus.renderers.datasets.spectral_exr import write_exr
@@ -138,7 +138,7 @@ def export(
     16
     """
     lookup(layout, dict.fromkeys(FORMATS), "layout", f"one of {', '.join(FORMATS)}")
-    opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    opened = dataset if isinstance(dataset, Dataset) else open_folder(as_path(dataset))
     opened.check_begun()
     if layout in _WHOLE:
         check, write_all, words = _WHOLE[layout]

@@ -43,7 +43,7 @@ from malus.bench.scoring.score import as_method
 from malus.reconstruct import Components, Inapplicable, Method, get_method
 from malus.reconstruct.methods import by_name, guarded
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.renderers.truth import Truth
 from malus.scenes.core.arrays import FloatArray
 from malus.scenes.core.errors import InputError, printable
@@ -160,7 +160,7 @@ def _check_request(dataset: Dataset, names: Sequence[str], predicted: bool, name
 
 def _opened(dataset: Dataset | Path | str, split: str | None) -> tuple[Dataset, Dataset]:
     """A dataset that has scenes, and the part of it that is asked for."""
-    opened = dataset if isinstance(dataset, Dataset) else open_dataset(as_path(dataset))
+    opened = dataset if isinstance(dataset, Dataset) else open_folder(as_path(dataset))
     opened.check_begun()
     return opened.whole, opened if split is None else opened.of_split(split)
 

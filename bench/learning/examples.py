@@ -12,7 +12,7 @@ import numpy as np
 from malus.bench.learning.options import SMALLEST
 from malus.bench.running.progress import Progress
 from malus.bench.running.worker_process import WorkerProcess
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.scenes.core.arrays import AnyArray, BoolArray, Float64Array, IntArray
 from malus.scenes.core.cores import usable_cores
 from malus.scenes.core.errors import InputError
@@ -152,7 +152,7 @@ def read_some(
     folder: Path, split: str, places: IntArray, numbers: IntArray, factor: int
 ) -> Iterator[_One]:
     """Pictures of those numbers in a split, one after the other; `factor`² pixels become one."""
-    dataset = open_dataset(folder)
+    dataset = open_folder(folder)
     samples = dataset.samples(split, maps=("stokes", "mask", "standard_error"))
     rendered = dataset.scene(dataset.scenes[0]).shape
     for place, number in zip(places, numbers, strict=True):

@@ -23,7 +23,7 @@ from malus.bench.learning.options import TrainingOptions
 from malus.bench.learning.training import Progressed, fit, start
 from malus.bench.learning.validation import MAGNIFICATIONS, measured
 from malus.bench.running.progress import Progress
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.reports.figures.learning import figure_learning
 from malus.reports.figures.style import svg
 from malus.scenes.core.errors import InputError
@@ -85,7 +85,7 @@ def read_data(folder: Path, options: TrainingOptions, progress: Progress) -> Dat
         A dataset without splits train and val, or not of three bands, or damaged; no polarised
         light in the split val; a side that does not divide that of the pictures.
     """
-    dataset = open_dataset(folder)
+    dataset = open_folder(folder)
     counts = splits_of(dataset)
 
     def read(split: str) -> Examples:

@@ -16,8 +16,8 @@ import numpy as np
 from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
 from malus.bench.studies.study import Findings
-from malus.renderers.datasets.dataset import Dataset, open_dataset
-from malus.renderers.datasets.opened import open_dataset as open_any
+from malus.renderers.datasets.dataset import Dataset, open_folder
+from malus.renderers.datasets.opened import open_dataset
 from malus.renderers.datasets.samples import DEFAULT_MAPS
 from malus.renderers.variant import Variant, choose
 from malus.scenes.core.errors import InputError
@@ -55,7 +55,7 @@ def compare(variant: Variant, resolution: int, epochs: int) -> list[LoaderSpeed]
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         render_dataset("quick", folder / "dataset", variant, resolution=resolution, samples=4)
-        dataset = open_dataset(folder / "dataset")
+        dataset = open_folder(folder / "dataset")
         ways: dict[str, Callable[[], Iterator[Any]]] = {
             "EXR files, plainly": lambda: _plainly(dataset),
             "dataset": lambda: iter(dataset.samples()),
@@ -72,7 +72,7 @@ def compare(variant: Variant, resolution: int, epochs: int) -> list[LoaderSpeed]
 
 
 def _samples(folder: Path, crop: int | None = None) -> Iterator[Any]:
-    return iter(open_any(folder, maps=DEFAULT_MAPS, crop=crop))
+    return iter(open_dataset(folder, maps=DEFAULT_MAPS, crop=crop))
 
 
 def _measured(ways: dict[str, Callable[[], Iterator[Any]]], epochs: int) -> list[LoaderSpeed]:

@@ -214,7 +214,7 @@ class Dataset:
         return read_sensor(self.path / scene_id, self.scene(scene_id))
 
 
-def open_dataset(folder: Path | str) -> Dataset:
+def open_folder(folder: Path | str) -> Dataset:
     """Open the dataset in a folder, by path or URL.
 
     Parameters
@@ -241,7 +241,7 @@ def open_dataset(folder: Path | str) -> Dataset:
     >>> from malus.renderers.datasets.dataset_writer import DatasetWriter
     >>> with DatasetWriter(folder) as writer:
     ...     writer.add(render(scene, renderer="torrance-sparrow"))
-    >>> open_dataset(folder).truth(scene.id).scene == scene
+    >>> open_folder(folder).truth(scene.id).scene == scene
     True
     """
     opened = as_path(folder)

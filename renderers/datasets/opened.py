@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from malus.renderers.datasets import dataset as folders
-from malus.renderers.datasets.dataset import Dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.renderers.datasets.dataset_record import DATASET
 from malus.renderers.datasets.hdf5 import HDF5, Hdf5File
 from malus.renderers.datasets.samples import Samples, SampleSource
@@ -71,7 +70,7 @@ def open_dataset(
     if exported is not None:
         return Samples.of(exported, split, maps, crop, seed)
     try:
-        dataset = folders.open_dataset(opened)
+        dataset = open_folder(opened)
     except InputError as error:
         if (opened / DATASET).exists():
             raise

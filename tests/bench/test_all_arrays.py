@@ -16,7 +16,7 @@ from malus.bench.datasets.export import export
 from malus.bench.datasets.export_networks import write_components
 from malus.bench.datasets.render import render_dataset
 from malus.reconstruct.photos.png16 import to_16bit
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant
 from malus.scenes import InputError, Suite
@@ -65,7 +65,7 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     """A dielectric, and a metal under a polarised lamp, whose s3 is not zero."""
     folder = tmp_path_factory.mktemp("mixed")
     render_dataset(SUITE, folder)
-    return open_dataset(folder)
+    return open_folder(folder)
 
 
 def expected_of(dataset: Dataset, scene: str) -> dict[str, np.ndarray]:
@@ -227,7 +227,7 @@ def test_shards_of_an_older_export_are_gone(mixed: Dataset, tmp_path: Path) -> N
     export(tmp_path.with_name("few"), "webdataset", tmp_path)
     assert [path.name for path in tmp_path.glob("*.tar")] == ["malus-000000.tar"]
     samples = malus.open_dataset(tmp_path, maps=("stokes",))
-    expected = open_dataset(tmp_path.with_name("few"))
+    expected = open_folder(tmp_path.with_name("few"))
     after = samples[0]["stokes"]
     np.testing.assert_array_equal(after, expected.truth(expected.scenes[0]).stokes)
     assert not np.array_equal(after, before)

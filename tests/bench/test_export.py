@@ -19,7 +19,7 @@ from malus.bench.datasets.export import export
 from malus.bench.scoring.observe import observe
 from malus.reconstruct.photos.png16 import aolp_16bit
 from malus.renderers import Truth
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.scenes import InputError
 
@@ -35,7 +35,7 @@ def truth() -> Truth:
 def dataset(tmp_path: Path, truth: Truth) -> Dataset:
     with DatasetWriter(tmp_path / "dataset") as writer:
         writer.add(truth)
-    return open_dataset(tmp_path / "dataset")
+    return open_folder(tmp_path / "dataset")
 
 
 def stokes_by_least_squares(images: np.ndarray, radians: np.ndarray) -> np.ndarray:
@@ -207,7 +207,7 @@ def test_maps_of_the_material_are_handed_on(tmp_path: Path, truth: Truth) -> Non
     mapped = dataclasses.replace(truth, eta_map=index, alpha_map=rough)
     with DatasetWriter(tmp_path / "dataset") as writer:
         writer.add(mapped)
-    read_back = open_dataset(tmp_path / "dataset")
+    read_back = open_folder(tmp_path / "dataset")
     seen = observe(read_back.truth(truth.scene.id), frozenset({"eta", "alpha"}))
     export(read_back, "numpy", tmp_path / "out")
     with np.load(tmp_path / "out" / truth.scene.id / "truth.npz") as arrays:

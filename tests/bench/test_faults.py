@@ -30,7 +30,7 @@ from malus.bench.running.work import Engine, in_worker_process, in_worker_proces
 from malus.bench.running.worker_process import Died, WorkerProcess, retried
 from malus.reconstruct import Components, Observation, get_method
 from malus.renderers import Truth
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.scenes import InputError, Scene
 
 ROUGH = max(surface.alpha for surface in (scene.surface for scene in SUITE.scenes()))
@@ -291,7 +291,7 @@ def test_a_render_records_what_fails_and_goes_on(
     assert [(why.scene, why.reason) for _, why in progress.failed] == [
         (bad, "ZeroDivisionError: made up")
     ]
-    assert set(open_dataset(tmp_path).scenes) == {scene.id for scene in good}
+    assert set(open_folder(tmp_path).scenes) == {scene.id for scene in good}
     # It is remembered, until it is asked for or decided by another seed.
     assert render_dataset(SUITE, tmp_path, NOBODY)["failed"] == 1
     mended = render_dataset(SUITE, tmp_path, NOBODY, retry_failed=True)
@@ -321,7 +321,7 @@ def test_a_render_in_workers_is_the_same_and_survives_their_death(
     render_dataset(SUITE, tmp_path / "here", NOBODY)
     with WorkerProcess() as worker:
         render_dataset(SUITE, tmp_path / "apart", NOBODY, worker=worker)
-        here, there = open_dataset(tmp_path / "here"), open_dataset(tmp_path / "apart")
+        here, there = open_folder(tmp_path / "here"), open_folder(tmp_path / "apart")
         assert [entry.sha256 for entry in here.record.scenes] == [
             entry.sha256 for entry in there.record.scenes
         ]

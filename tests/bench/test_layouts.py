@@ -23,7 +23,7 @@ from malus.bench.datasets.layouts import LAYOUTS, layout_predictions
 from malus.bench.datasets.predictions import PredictionErrors
 from malus.bench.datasets.render import render_dataset
 from malus.bench.datasets.score import score_dataset
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.renderers.truth import Truth
 from malus.renderers.variant import Variant, choose
 from malus.scenes import Camera, InputError, Sampling, load_suite
@@ -243,7 +243,7 @@ def test_an_orbit_is_one_object(tmp_path: Path) -> None:
             ]
     red = [
         np.where(truth.mask, truth.stokes[:, :, 2, 1], 0)  # the band at 650 nm
-        for truth in open_dataset(tmp_path / "orbit").truths()
+        for truth in open_folder(tmp_path / "orbit").truths()
     ]
     for path in (tmp_path / "out").glob("*/images_s1/*.exr"):
         with OpenEXR.File(str(path), separate_channels=True) as file:

@@ -23,7 +23,7 @@ from malus.bench.running.plan import plan
 from malus.reconstruct.photos.capture import read_capture
 from malus.reconstruct.photos.capture_fit import fit_capture
 from malus.reconstruct.photos.sensor_stokes import demosaiced_stokes
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.dataset_record import CONVENTIONS
 from malus.renderers.datasets.sensor_files import SensorRecord, read_frame
 from malus.renderers.mitsuba.surface_maps import render_maps
@@ -52,7 +52,7 @@ def files(folder: Path) -> set[str]:
 
 def test_without_them_a_dataset_is_what_it_was(tmp_path: Path) -> None:
     render_dataset(SUITE, tmp_path, NOBODY)
-    dataset = open_dataset(tmp_path)
+    dataset = open_folder(tmp_path)
     assert dataset.record.conventions == CONVENTIONS
     first = tmp_path / dataset.scenes[0]
     record = json.loads((first / "scene.json").read_text("utf-8"))
@@ -71,7 +71,7 @@ def test_without_them_a_dataset_is_what_it_was(tmp_path: Path) -> None:
 def test_maps_come_back_to_the_bit(tmp_path: Path) -> None:
     suite = with_sensor(SENSOR, 12).model_copy(update={"maps": tuple(MAPS)})
     render_dataset(suite, tmp_path)
-    dataset = open_dataset(tmp_path)
+    dataset = open_folder(tmp_path)
     for truth in dataset.truths():
         stored = dataset.maps(truth.scene.id)
         assert list(stored) == list(MAPS)
@@ -91,7 +91,7 @@ def test_frames_follow_from_scene_and_seed_alone(tmp_path: Path, sensor: Sensor)
     """Whatever was rendered before: the truth and its id are enough to take the frame again."""
     suite = with_sensor(sensor)
     render_dataset(suite, tmp_path, NOBODY)
-    dataset = open_dataset(tmp_path)
+    dataset = open_folder(tmp_path)
     for truth in dataset.truths():
         frame = dataset.frame(truth.scene.id)
         seed = (suite.sampling.seed, seed_of(truth.scene))
@@ -108,7 +108,7 @@ def test_the_gain_of_a_frame_is_stored(tmp_path: Path) -> None:
     """Without it the words on how to get electrons from numbers name what no file has."""
     h5py = pytest.importorskip("h5py", reason="h5py is not installed")
     render_dataset(with_sensor(SENSOR), tmp_path / "dataset", NOBODY)
-    dataset = open_dataset(tmp_path / "dataset")
+    dataset = open_folder(tmp_path / "dataset")
     scene = dataset.scenes[0]
     path = tmp_path / "dataset" / scene / "scene.json"
     record = json.loads(path.read_text("utf-8"))
@@ -133,7 +133,7 @@ def test_a_sensor_can_be_added_but_not_replaced(tmp_path: Path) -> None:
     suite = with_sensor(SENSOR, SUITE.camera.resolution)
     assert render_dataset(suite, tmp_path, NOBODY)["rendered"] == 4
     assert render_dataset(suite, tmp_path, NOBODY)["rendered"] == 0
-    (tmp_path / open_dataset(tmp_path).scenes[0] / "raw.tiff").unlink()
+    (tmp_path / open_folder(tmp_path).scenes[0] / "raw.tiff").unlink()
     assert render_dataset(suite, tmp_path, NOBODY)["rendered"] == 1
     noisy = with_sensor(SENSOR.model_copy(update={"read_noise": 9.0}), SUITE.camera.resolution)
     for lacking in (noisy, SUITE):  # the frames that are there would be lost
@@ -144,7 +144,7 @@ def test_a_sensor_can_be_added_but_not_replaced(tmp_path: Path) -> None:
 
 def test_a_frame_that_is_not_what_its_record_says_is_refused(tmp_path: Path) -> None:
     render_dataset(with_sensor(SENSOR, 12), tmp_path, NOBODY)
-    dataset = open_dataset(tmp_path)
+    dataset = open_folder(tmp_path)
     one, other, *_ = dataset.scenes
     (tmp_path / one / "raw.tiff").write_bytes((tmp_path / other / "raw.tiff").read_bytes())
     with pytest.raises(InputError, match=r"raw.tiff"):
@@ -179,7 +179,7 @@ def test_a_file_of_sensitivities_is_not_looked_for_by_readers(tmp_path: Path) ->
     sensor = Sensor(sensitivities=SensitivityFile(path=str(curves)))
     render_dataset(with_sensor(sensor, 12), tmp_path / "dataset", NOBODY)
     curves.unlink()
-    dataset = open_dataset(tmp_path / "dataset")
+    dataset = open_folder(tmp_path / "dataset")
     frame = dataset.frame(dataset.scenes[0])
     assert len(frame.channels.wavelengths_nm) == 1
     assert score_dataset(dataset, ["sensor"]).table.method.unique() == ["sensor"]
@@ -204,7 +204,7 @@ def test_the_sensor_is_scored_as_a_method(tmp_path: Path) -> None:
 
 def test_the_scored_truth_is_in_the_sensors_channels(tmp_path: Path) -> None:
     render_dataset(with_sensor(COLOUR), tmp_path, NOBODY)
-    dataset = open_dataset(tmp_path)
+    dataset = open_folder(tmp_path)
     truth = next(dataset.truths())
     frame = dataset.frame(truth.scene.id)
     ideal = sensor_truth(truth, frame)
@@ -221,7 +221,7 @@ def test_the_raw_frame_is_read_as_that_of_a_camera(tmp_path: Path) -> None:
     """`malus capture` knows nothing of datasets, and sees the same degree of polarisation."""
     suite = with_sensor(PERFECT, 48).model_copy(update={"wavelengths_nm": (550.0,)})
     render_dataset(suite, tmp_path, NOBODY)
-    dataset = open_dataset(tmp_path)
+    dataset = open_folder(tmp_path)
     truth = next(dataset.truths())
     raw = tmp_path / truth.scene.id / "raw.tiff"
     fit = fit_capture(read_capture(raw, mosaic=(90, 45, 135, 0), linear=True))

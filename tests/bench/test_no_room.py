@@ -26,7 +26,7 @@ from runs import (
 from malus.bench import run
 from malus.bench.datasets.render import render_dataset
 from malus.bench.running.status import status
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.scenes.core.result_files import RUN, TABLE
 
 SIZES = ("--resolution", "8", "--samples", "2")
@@ -129,11 +129,11 @@ def test_a_render_on_a_full_disk_is_gone_on_with(made: Path, small: Path) -> Non
     out.mkdir()
     ballast = fill(small, ROOM["render"])
     full(out, *commands(made, out)["render"])
-    assert 0 <= len(list(open_dataset(out))) < 16
+    assert 0 <= len(list(open_folder(out))) < 16
     assert not status(out).failed
     make_room(small, ballast)
     assert run_malus(*commands(made, out)["render"]).returncode == 0
-    assert len(list(open_dataset(out))) == 16
+    assert len(list(open_folder(out))) == 16
 
 
 def test_a_run_on_a_full_disk_is_gone_on_with(made: Path, small: Path, tmp_path: Path) -> None:

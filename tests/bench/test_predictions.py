@@ -23,7 +23,7 @@ from malus.bench.commands.score import score_command
 from malus.bench.datasets.export import export
 from malus.bench.datasets.score import score_dataset
 from malus.reconstruct import get_method
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.spectral_exr import write_spectral
 from malus.renderers.variant import Variant
@@ -164,7 +164,7 @@ def test_noise_of_the_picture_is_not_counted_as_noise_of_a_prediction(tmp_path: 
     truth = dataclasses.replace(truth, specular_noise=noise, diffuse_noise=noise)
     with DatasetWriter(tmp_path / "dataset") as writer:
         writer.add(truth)
-    dataset = open_dataset(tmp_path / "dataset")
+    dataset = open_folder(tmp_path / "dataset")
     as_stokes(tmp_path, truth.scene.id, imperfect(truth.stokes))
     predictions, _ = check_predictions(dataset, tmp_path, quiet)
     table = score_dataset(dataset, [], predictions).headlines
@@ -317,7 +317,7 @@ def test_nothing_to_score_is_told(dataset: Dataset) -> None:
 def test_a_made_up_dataset_without_a_suite_is_scored(tmp_path: Path) -> None:
     with DatasetWriter(tmp_path) as writer:
         writer.add(made_up_truth())
-    results = score_dataset(open_dataset(tmp_path), [get_method("unpolarised")])
+    results = score_dataset(open_folder(tmp_path), [get_method("unpolarised")])
     assert len(results.headlines) > 0
 
 

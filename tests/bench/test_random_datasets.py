@@ -22,7 +22,7 @@ from malus.bench.running.distributions import histogram
 from malus.bench.running.status import status
 from malus.renderers.datasets import dataset as datasets
 from malus.renderers.datasets import part_list
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.variant import Variant
 from malus.scenes import Camera, InputError, Sampling, Suite, load_suite
@@ -88,8 +88,8 @@ def test_parts_in_a_store_elsewhere_are_the_whole(whole: Path) -> None:
     for number in (2, 1):
         render_dataset(drawn(), url, NOBODY, part=f"{number}/2")
     assert status(url).done == 10
-    dataset = open_dataset(url)
-    assert dataset.record == open_dataset(whole).record
+    dataset = open_folder(url)
+    assert dataset.record == open_folder(whole).record
     assert {path.name for path in as_path(url).iterdir()} == {p.name for p in whole.iterdir()}
 
 
@@ -108,8 +108,8 @@ def test_the_first_scenes_of_a_larger_suite_are_taken_over(whole: Path, tmp_path
     done = render_dataset(drawn(14), tmp_path / "more", NOBODY)
     assert (done["rendered"], done["taken_over"]) == (4, 10)
     assert content_of(tmp_path / "more").items() >= content_of(whole).items()
-    few = open_dataset(whole).scenes
-    assert open_dataset(tmp_path / "more").scenes[:10] == few
+    few = open_folder(whole).scenes
+    assert open_folder(tmp_path / "more").scenes[:10] == few
 
 
 def test_families_of_any_suite_are_parted(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_families_of_any_suite_are_parted(tmp_path: Path) -> None:
     for number in (1, 2):
         render_dataset(quick, tmp_path / "parts", NOBODY, part=f"{number}/2")
     assert content_of(tmp_path / "parts") == content_of(tmp_path / "whole")
-    assert open_dataset(tmp_path / "parts").scenes == open_dataset(tmp_path / "whole").scenes
+    assert open_folder(tmp_path / "parts").scenes == open_folder(tmp_path / "whole").scenes
 
 
 def test_status_counts_parts_while_they_are_made(tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_status_counts_parts_while_they_are_made(tmp_path: Path) -> None:
     assert "part 1/3: 2 of 4 done" in told
     done = render_dataset(drawn(), tmp_path, NOBODY, part="1/3")
     assert (done["rendered"], done["taken_over"]) == (2, 2)
-    assert len(open_dataset(tmp_path)) == 7
+    assert len(open_folder(tmp_path)) == 7
 
 
 def test_parts_that_were_copied_together_are_not_finished(tmp_path: Path) -> None:
@@ -157,12 +157,12 @@ def test_parts_that_were_copied_together_are_not_finished(tmp_path: Path) -> Non
         shutil.copytree(tmp_path / str(number), both, dirs_exist_ok=True)
     state = status(both)
     assert (state.done, state.left, state.finished) == (10, 0, False)
-    assert len(open_dataset(both)) == 5
+    assert len(open_folder(both)) == 5
     told = CliRunner().invoke(status_command, [str(both)]).output
     assert "The same command without --part takes over what parts have here." in told
     assert render_dataset(drawn(), both, NOBODY)["taken_over"] == 10
     assert status(both).finished
-    assert len(open_dataset(both)) == 10
+    assert len(open_folder(both)) == 10
 
 
 def test_a_part_of_other_renders_is_refused(tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_a_part_of_other_renders_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="a dataset of the same scenes, samples and seed, "):
             render_dataset(suite, tmp_path, variant, part="2/2")
     assert content_of(tmp_path) == before
-    assert len(open_dataset(tmp_path)) == 5
+    assert len(open_folder(tmp_path)) == 5
     assert status(tmp_path).left == 5
 
 
@@ -192,7 +192,7 @@ def test_scores_of_half_a_dataset_say_so(whole: Path, tmp_path: Path) -> None:
 def test_a_part_into_the_whole_leaves_it_whole(whole: Path, tmp_path: Path) -> None:
     shutil.copytree(whole, tmp_path / "again")
     render_dataset(drawn(), tmp_path / "again", NOBODY, part="1/2")
-    assert len(open_dataset(tmp_path / "again")) == status(tmp_path / "again").total == 10
+    assert len(open_folder(tmp_path / "again")) == status(tmp_path / "again").total == 10
 
 
 def test_resuming_and_status_read_no_scene(
@@ -206,7 +206,7 @@ def test_resuming_and_status_read_no_scene(
     monkeypatch.setattr(datasets, "read_record", refused)
     monkeypatch.setattr(datasets, "read_scene", refused)
     assert render_dataset(drawn(), tmp_path / "again", NOBODY)["taken_over"] == 10
-    assert status(tmp_path / "again").done == len(open_dataset(tmp_path / "again")) == 10
+    assert status(tmp_path / "again").done == len(open_folder(tmp_path / "again")) == 10
 
 
 def test_what_was_killed_before_it_was_listed_goes_on_by_its_list(tmp_path: Path) -> None:
@@ -224,7 +224,7 @@ def test_what_was_killed_before_it_was_listed_goes_on_by_its_list(tmp_path: Path
     (tmp_path / "dataset.json").unlink()
     done = render_dataset(drawn(), tmp_path, NOBODY, part="1/2")
     assert (done["rendered"], done["taken_over"]) == (1, 4)  # the fourth is looked at itself
-    assert len(open_dataset(tmp_path)) == 5
+    assert len(open_folder(tmp_path)) == 5
     assert status(tmp_path).done == 5
 
 
@@ -255,7 +255,7 @@ def test_scenes_that_are_alike_are_refused(tmp_path: Path) -> None:
 
 def test_splits_are_written_kept_by_exports_and_checked(whole: Path, tmp_path: Path) -> None:
     content = json.loads((whole / "splits.json").read_text("utf-8"))
-    dataset = open_dataset(whole)
+    dataset = open_folder(whole)
     names = [name for names in content["splits"].values() for name in names]
     assert sorted(names) == sorted(dataset.scenes)
     of_entries = {entry.scene: entry.split for entry in dataset.record.scenes}
@@ -288,12 +288,12 @@ def test_the_card_tells_what_the_dataset_is(whole: Path) -> None:
     }
     assert ", ".join(f"{split} {count}" for split, count in counts.items()) in text
     licensed = documents.card(
-        open_dataset(whole).record,
+        open_folder(whole).record,
         drawn(licence="https://creativecommons.org/licenses/by/4.0/"),
         [],
     )
     assert "of two scenes is so too" in licensed
-    of_axes = documents.card(open_dataset(whole).record, SUITE, [])
+    of_axes = documents.card(open_folder(whole).record, SUITE, [])
     assert "of two scenes is not: all have the same random numbers" in of_axes
     assert "licenses/by/4.0" in licensed
     assert "Not stated" not in licensed
@@ -309,7 +309,7 @@ def test_croissant_metadata_are_valid_and_give_the_scenes(whole: Path) -> None:
     assert not read.metadata.issues.errors
     rows = list(read.records("scenes"))
     told = {row["scenes/scene"].decode(): row["scenes/split"].decode() for row in rows}
-    assert told == {entry.scene: entry.split for entry in open_dataset(whole).record.scenes}
+    assert told == {entry.scene: entry.split for entry in open_folder(whole).record.scenes}
     kinds = {row["splits/name"]: row["splits/url"] for row in read.records("splits")}
     assert kinds["test"] == "cr:TestSplit"
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from malus.bench.datasets.render import WritingThread, render_dataset
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.mitsuba import translate, wavefront
 from malus.renderers.truth import Truth
@@ -60,7 +60,7 @@ def test_a_tree_is_built_once_a_shape(tmp_path: Path, monkeypatch: pytest.Monkey
     assert stages == [Blob(seed=seed) for seed in range(3)]
     assert sorted(meshes) == [0, 1, 2]
     planned = [scene.id for scene in suite().scenes()]
-    assert sorted(open_dataset(tmp_path).scenes) == sorted(planned)
+    assert sorted(open_folder(tmp_path).scenes) == sorted(planned)
 
 
 def one_stage() -> Any:
@@ -151,7 +151,7 @@ def test_ctrl_c_waits_for_what_is_being_written(
         patch.setattr(WritingThread, "begin", interrupted)
         with pytest.raises(KeyboardInterrupt):
             render_dataset(spheres(), tmp_path, NOBODY)
-    assert len(open_dataset(tmp_path)) == 1
-    assert len(list(open_dataset(tmp_path))) == 1  # whole: every file is read and checked
+    assert len(open_folder(tmp_path)) == 1
+    assert len(list(open_folder(tmp_path))) == 1  # whole: every file is read and checked
     done = render_dataset(spheres(), tmp_path, NOBODY)
     assert (done["rendered"], done["taken_over"]) == (1, 1)

@@ -14,7 +14,7 @@ import malus
 from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
 from malus.bench.datasets.score import score_dataset
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.scenes import InputError, Suite
 
 CONTENT = {
@@ -39,7 +39,7 @@ CONTENT = {
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     folder = tmp_path_factory.mktemp("drawn")
     render_dataset(Suite.parse(CONTENT, "test"), folder, NOBODY)
-    return open_dataset(folder)
+    return open_folder(folder)
 
 
 def predict(drawn: Dataset, folder: Path, scenes: list[str]) -> Path:

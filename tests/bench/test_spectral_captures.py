@@ -25,7 +25,7 @@ from malus.reconstruct.photos import estimate as photo_estimate
 from malus.reconstruct.photos.capture import Capture, read_capture
 from malus.reconstruct.photos.capture_fit import fit_capture
 from malus.reconstruct.photos.knowledge import Knowledge
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.reports.viewer.examples import read_examples
 from malus.scenes import Camera, polarisation
 from malus.scenes.core.result_files import EXAMPLES
@@ -83,7 +83,7 @@ def exported(folder: Path, layout: str, bands: tuple[float, ...]) -> Path:
         }
     )
     render_dataset(suite, folder / "data", NOBODY)
-    dataset = open_dataset(folder / "data")
+    dataset = open_folder(folder / "data")
     export(dataset.path, layout, folder / "export")
     return folder / "export" / dataset.scenes[0]
 
@@ -113,7 +113,7 @@ def test_a_single_capture_tells_its_bands_and_compares_no_colours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = exported(tmp_path, "numpy", THREE)
-    capture, truth = read_capture(folder), open_dataset(tmp_path / "data").truth(folder.name)
+    capture, truth = read_capture(folder), open_folder(tmp_path / "data").truth(folder.name)
     seen: list[object] = []
     whole = photo_estimate._of_objects
 

@@ -11,7 +11,7 @@ from made_up import made_up_truth
 
 from malus.bench.running.plan import plan
 from malus.bench.running.runner import run
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.families.adaptive import RepeatedRenders, relative_error
 from malus.renderers.families.family import render_family
@@ -61,7 +61,7 @@ def test_the_samples_are_kept_in_a_dataset(tmp_path: Path) -> None:
     truth = until(0.9).truth(ONE)
     with DatasetWriter(tmp_path) as writer:
         writer.add(truth)
-    assert open_dataset(tmp_path).truth(ONE.id).samples == truth.samples == 16
+    assert open_folder(tmp_path).truth(ONE.id).samples == truth.samples == 16
 
 
 def test_it_is_deterministic() -> None:

@@ -23,7 +23,7 @@ from runs import NOBODY, SUITE, one_line, run_malus
 from malus.bench.commands.render import render_command
 from malus.bench.datasets.render import render_dataset
 from malus.renderers import Truth, render
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.planes import FIELDS, MAPS, S3, S3_ERRORS
 from malus.renderers.datasets.spectral_exr import read_spectral, write_exr
@@ -49,7 +49,7 @@ def test_made_up_truths_come_back_to_the_bit(tmp_path: Path, dtype: type) -> Non
     truths = [made_up_truth(seed, dtype) for seed in range(3)]
     truths[0].specular[0, 0, 0, 1] = -0.0
     truths[0].specular[0, 1, 0, 1] = 1e-42 if dtype is np.float32 else 5e-324
-    dataset = open_dataset(stored(tmp_path, *truths))
+    dataset = open_folder(stored(tmp_path, *truths))
     assert set(dataset.scenes) == {truth.scene.id for truth in truths}
     for truth in truths:
         assert_same(dataset.truth(truth.scene.id), truth)
@@ -61,7 +61,7 @@ def test_the_fourth_component_comes_back_to_the_bit(tmp_path: Path) -> None:
     images = (random.normal(size=truth.image.shape).astype(np.float32) for _ in range(3))
     whole = dataclasses.replace(truth, **dict(zip((S3, *S3_ERRORS), images, strict=True)))
     folder = stored(tmp_path, whole)
-    assert_same(open_dataset(folder).truth(truth.scene.id), whole)
+    assert_same(open_folder(folder).truth(truth.scene.id), whole)
     # In files that others read, it is that of the whole light and of the specular lobe.
     for name, expected in (("stokes", whole.s3), ("specular", whole.s3), ("diffuse", 0 * whole.s3)):
         path = folder / truth.scene.id / f"{name}.exr"
@@ -85,7 +85,7 @@ def test_maps_of_the_material_come_back_to_the_bit(
     )
     assert mapped.eta is mapped.eta_map
     assert mapped.alpha is mapped.alpha_map
-    found = open_dataset(stored(tmp_path, mapped)).truth(truth.scene.id)
+    found = open_folder(stored(tmp_path, mapped)).truth(truth.scene.id)
     assert_same(found, mapped)
     for half in found.halves():
         assert half.eta is found.eta
@@ -104,14 +104,14 @@ def test_renders_come_back_to_the_bit(tmp_path: Path, renderer: str) -> None:
     surface = scene.surface.model_copy(update={"body": "unpolarised"})
     scene = scene.model_copy(update={"surface": surface, "camera": Camera(resolution=10)})
     truth = render(scene, renderer=renderer)
-    assert_same(open_dataset(stored(tmp_path, truth)).truth(scene.id), truth)
+    assert_same(open_folder(stored(tmp_path, truth)).truth(scene.id), truth)
 
 
 def test_views_of_larger_arrays_are_stored_as_they_look(tmp_path: Path) -> None:
     """OpenEXR takes the buffer of a strided array as if it were dense."""
     truth = made_up_truth()
     flipped = dataclasses.replace(truth, specular=truth.specular[::-1, ::-1])
-    assert_same(open_dataset(stored(tmp_path, flipped)).truth(truth.scene.id), flipped)
+    assert_same(open_folder(stored(tmp_path, flipped)).truth(truth.scene.id), flipped)
 
 
 def test_stokes_images_have_the_layout_of_the_paper(tmp_path: Path) -> None:
@@ -183,7 +183,7 @@ def test_no_room_is_told_and_leaves_what_is_whole(tmp_path: Path) -> None:
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert {path.name for path in tmp_path.iterdir()} == {small.scene.id, "dataset.json"}
-    assert_same(open_dataset(tmp_path).truth(small.scene.id), small)
+    assert_same(open_folder(tmp_path).truth(small.scene.id), small)
 
 
 def test_a_failed_scene_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -194,7 +194,7 @@ def test_a_failed_scene_leaves_nothing_behind(tmp_path: Path) -> None:
         with pytest.raises(ValueError, match="JSON"):
             writer.add(bad)
     assert {path.name for path in tmp_path.iterdir()} == {good.scene.id, "dataset.json"}
-    assert open_dataset(tmp_path).scenes == (good.scene.id,)
+    assert open_folder(tmp_path).scenes == (good.scene.id,)
 
 
 def test_a_render_that_was_stopped_goes_on(tmp_path: Path) -> None:
@@ -205,14 +205,14 @@ def test_a_render_that_was_stopped_goes_on(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         render_dataset(SUITE, tmp_path, NOBODY, progress=stop)
-    assert len(open_dataset(tmp_path)) == 2
-    assert open_dataset(tmp_path).record.planned == 4
+    assert len(open_folder(tmp_path)) == 2
+    assert open_folder(tmp_path).record.planned == 4
     (tmp_path / ".part-nowhere-1-x").mkdir()  # of another machine: not ours to remove
     done = render_dataset(SUITE, tmp_path, NOBODY)
     assert (done["rendered"], done["taken_over"]) == (2, 2)
     again = render_dataset(SUITE, tmp_path, NOBODY)
     assert (again["rendered"], again["taken_over"]) == (0, 4)
-    assert set(open_dataset(tmp_path).scenes) == {scene.id for scene in SUITE.scenes()}
+    assert set(open_folder(tmp_path).scenes) == {scene.id for scene in SUITE.scenes()}
 
 
 def sampled(**changes: int) -> Suite:
@@ -259,14 +259,14 @@ def test_another_version_renders_anew_and_stopped_leaves_the_old(
     render_dataset(SUITE, tmp_path, NOBODY)
     monkeypatch.setattr("malus.bench.datasets.planned.made_by", lambda _: "malus of tomorrow")
     if parts == (None,):
-        before = open_dataset(tmp_path).record
+        before = open_folder(tmp_path).record
         with pytest.raises(KeyboardInterrupt):
             render_dataset(SUITE, tmp_path, NOBODY, progress=stop)
-        assert open_dataset(tmp_path).record == before
-        assert len(list(open_dataset(tmp_path))) == 4
+        assert open_folder(tmp_path).record == before
+        assert len(list(open_folder(tmp_path))) == 4
     done = [render_dataset(SUITE, tmp_path, NOBODY, part=part) for part in parts]
     assert sum(each["rendered"] for each in done) == 4
-    assert len(list(open_dataset(tmp_path))) == 4
+    assert len(list(open_folder(tmp_path))) == 4
 
 
 def test_a_kill_leaves_nothing_that_lasts(tmp_path: Path) -> None:
@@ -289,7 +289,7 @@ def test_a_kill_leaves_nothing_that_lasts(tmp_path: Path) -> None:
     with DatasetWriter(tmp_path):
         pass
     assert not list(tmp_path.glob(".*"))
-    dataset = open_dataset(tmp_path)
+    dataset = open_folder(tmp_path)
     assert len(list(dataset)) == len(dataset) >= 1
 
 
@@ -305,7 +305,7 @@ def test_the_command_renders_with_mitsuba_and_takes_over(tmp_path: Path) -> None
     other = run_malus("render", *arguments[:3], "--samples", "4", "--out", str(tmp_path))
     assert other.returncode == 2
     assert "suite quick; choose another --out, or delete that folder" in one_line(other.stderr)
-    dataset = open_dataset(tmp_path)
+    dataset = open_folder(tmp_path)
     assert dataset.record.variant["name"].endswith("_polarized")
     truth = dataset.truth(dataset.scenes[0])
     assert truth.mask.any()

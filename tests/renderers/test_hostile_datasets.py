@@ -17,7 +17,7 @@ from made_up import made_up_truth, stored
 from runs import NOBODY, SUITE
 
 from malus.bench.datasets.render import render_dataset
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.dataset_record import MAX_DATASET_BYTES, SceneEntry
 from malus.renderers.datasets.scene_folder import IMAGES
 from malus.renderers.datasets.spectral_exr import read_exr, write_exr
@@ -66,7 +66,7 @@ def test_a_damaged_file_is_named(tmp_path: Path, damage: Damage, name: str) -> N
     path = stored(tmp_path, truth) / truth.scene.id / name
     damage(path.resolve())
     with pytest.raises(InputError) as caught:
-        open_dataset(tmp_path).truth(truth.scene.id)
+        open_folder(tmp_path).truth(truth.scene.id)
     assert Path(name).name in caught.value.where
 
 
@@ -138,7 +138,7 @@ def test_a_hostile_file_with_correct_hashes_is_refused(
     truth = made_up_truth()
     rehash(stored(tmp_path, truth) / truth.scene.id, change)
     with pytest.raises(InputError, match=says):
-        open_dataset(tmp_path).truth(truth.scene.id)
+        open_folder(tmp_path).truth(truth.scene.id)
 
 
 @pytest.mark.parametrize("name", ["../../etc", "/etc", "0123456789abcdef\n", "0123456789ABCDEF"])
@@ -146,7 +146,7 @@ def test_no_scene_leads_out_of_the_dataset(tmp_path: Path, name: str) -> None:
     stored(tmp_path, made_up_truth())
     edit_json(tmp_path / "dataset.json", lambda d: d["scenes"][0].update(scene=name))
     with pytest.raises(InputError, match=r"scenes\.0\.scene"):
-        open_dataset(tmp_path)
+        open_folder(tmp_path)
 
 
 def test_a_scene_of_another_name_is_refused(tmp_path: Path) -> None:
@@ -155,16 +155,16 @@ def test_a_scene_of_another_name_is_refused(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path / one.scene.id)
     shutil.copytree(tmp_path / other.scene.id, tmp_path / one.scene.id)
     with pytest.raises(InputError, match=other.scene.id):
-        open_dataset(tmp_path).truth(one.scene.id)
+        open_folder(tmp_path).truth(one.scene.id)
     with pytest.raises(InputError, match="expected one of the 2 scenes"):
-        open_dataset(tmp_path).truth("0" * 16)
+        open_folder(tmp_path).truth("0" * 16)
 
 
 @pytest.mark.parametrize("text", ["", "[" * 100_000, "{}x", '{"scenes": [{"scene": 1}]}', "\xff"])
 def test_json_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "dataset.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match=r"dataset\.json"):
-        open_dataset(tmp_path)
+        open_folder(tmp_path)
 
 
 def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_a_record_that_is_too_large_is_not_read_and_a_small_one_costs_its_own_si
     assert tracemalloc.get_traced_memory()[1] < 1 << 20
     os.truncate(path, MAX_DATASET_BYTES + 1)  # sparse: takes no room
     with pytest.raises(InputError, match=f"at most {MAX_DATASET_BYTES} bytes"):
-        open_dataset(tmp_path)
+        open_folder(tmp_path)
     assert tracemalloc.get_traced_memory()[1] < 1 << 20
     tracemalloc.stop()
 
@@ -203,9 +203,9 @@ def test_a_dataset_of_the_most_scenes_that_a_suite_may_have_can_be_read_back() -
 
 def test_damaged_scenes_are_rendered_again(tmp_path: Path) -> None:
     render_dataset(SUITE, tmp_path, NOBODY)
-    first, second, *_ = open_dataset(tmp_path).scenes
+    first, second, *_ = open_folder(tmp_path).scenes
     cut(tmp_path / first / "error.exr")
     (tmp_path / second / "scene.json").write_text("{", "utf-8")
     assert render_dataset(SUITE, tmp_path, NOBODY)["rendered"] == 2
-    assert len(list(open_dataset(tmp_path))) == 4
+    assert len(list(open_folder(tmp_path))) == 4
     assert not list(tmp_path.glob(".*"))

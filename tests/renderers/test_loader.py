@@ -17,8 +17,7 @@ from runs import formula_dataset
 
 import malus
 from malus.bench.datasets.export import export
-from malus.renderers.datasets.dataset import Dataset
-from malus.renderers.datasets.dataset import open_dataset as open_folders
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.renderers.datasets.hdf5 import write_hdf5
 from malus.renderers.datasets.shards import Shards, ShardScene
 from malus.renderers.variant import Variant
@@ -134,7 +133,7 @@ def test_arrays_of_a_sample_are_its_own(forms: dict[str, Path], form: str) -> No
 def test_exports_are_told_from_datasets(forms: dict[str, Path], form: str) -> None:
     """Training, scores and exports need whole truths: the message says which folder to give."""
     with pytest.raises(InputError, match="found its export; give the folder it was made of"):
-        open_folders(forms[form])
+        open_folder(forms[form])
 
 
 def test_an_index_of_another_export_is_noticed(forms: dict[str, Path], tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from made_up import made_up_truth
 from rooms import needs_arrays
 
 from malus.renderers import Truth, render
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.families.family import render_family
 from malus.renderers.variant import SCALAR, Variant, choose
@@ -149,7 +149,7 @@ def test_datasets_keep_it(tmp_path: Path, dtype: type | None) -> None:
         truth = replace(truth, normal_spread=random.astype(dtype))
     with DatasetWriter(tmp_path) as writer:
         writer.add(truth)
-    found: Truth = open_dataset(tmp_path).truth(truth.scene.id)
+    found: Truth = open_folder(tmp_path).truth(truth.scene.id)
     if dtype is None:
         assert found.normal_spread is None  # as in datasets of earlier versions
     else:

@@ -14,7 +14,7 @@ from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
 from malus.bench.running.plan import plan
 from malus.renderers import render
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba.translate import LAMP_DISTANCE, emitters
 from malus.renderers.variant import choose, mitsuba
@@ -280,7 +280,7 @@ def test_a_dataset_of_rooms_is_gone_on_with_and_comes_back_to_the_bit(
     suite = water_shelf
     assert render_dataset(suite, tmp_path / "data")["rendered"] == 2
     assert render_dataset(suite, tmp_path / "data")["rendered"] == 0
-    dataset = open_dataset(tmp_path / "data")
+    dataset = open_folder(tmp_path / "data")
     scene = next(suite.scenes())
     stored, again = dataset.truth(scene.id), render(scene, suite.sampling)
     assert stored.scene.id == scene.id  # the mesh is read from the dataset

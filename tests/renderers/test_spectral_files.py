@@ -16,7 +16,7 @@ import scipy.constants
 from made_up import made_up_truth
 from runs import check_predictions
 
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.spectral_exr import read_spectral, write_exr, write_spectral
 from malus.renderers.datasets.stokes_channels import component_and_wavelength
@@ -189,7 +189,7 @@ def test_predictions_of_either_handedness_score_alike(tmp_path: Path, handedness
     file = tmp_path / "mine" / f"{truth.scene.id}.exr"
     file.parent.mkdir()
     write_exr(file, planes, {"polarisationHandedness": handedness})
-    dataset = open_dataset(tmp_path / "dataset")
+    dataset = open_folder(tmp_path / "dataset")
     predictions, problems = check_predictions(dataset, file.parent, lambda *_: None)
     assert not problems
     np.testing.assert_array_equal(predictions.stokes(dataset.scene(truth.scene.id)), truth.stokes)

@@ -12,7 +12,7 @@ from made_up import made_up_truth
 
 from malus.bench.datasets.planned import planned_dataset
 from malus.bench.running.plan import plan
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.spectral_exr import write_exr
 from malus.renderers.mitsuba.translate import tessellated
@@ -91,7 +91,7 @@ def test_files_of_one_name_are_two_scenes_of_a_dataset(
             monkeypatch.chdir(write_mesh(tmp_path / name / "a.obj", height).parent)
             scenes.append(mesh_scene("a.obj"))
             writer.add(dataclasses.replace(made_up_truth(), scene=scenes[-1]))
-    dataset = open_dataset(tmp_path / "data")
+    dataset = open_folder(tmp_path / "data")
     assert len(dataset.scenes) == 2
     assert len(list((tmp_path / "data" / "meshes").iterdir())) == 2
     for scene in scenes:

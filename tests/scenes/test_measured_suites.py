@@ -20,7 +20,7 @@ from malus.bench.scoring.observe import observe
 from malus.reconstruct import Components, Inapplicable, Method
 from malus.reconstruct.observation import INPUTS
 from malus.renderers import Truth, render
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.mitsuba.measured_bsdf import measured_bsdfs
 from malus.reports import write_report
 from malus.scenes import (
@@ -109,7 +109,7 @@ def test_a_dataset_of_measured_materials(suite: Path, tmp_path: Path) -> None:
     assert not (folder / "specular.exr").exists()
     assert not (folder / "diffuse.exr").exists()
     (tmp_path / "gold.pbsdf").unlink()
-    dataset = open_dataset(tmp_path / "data")
+    dataset = open_folder(tmp_path / "data")
     found = dataset.truth(one.id)
     for name in ("specular", "diffuse", "standard_error", "specular_noise", "normals", "mask"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))

@@ -12,7 +12,7 @@ from made_up import made_up_truth
 from PIL import Image
 
 from malus.renderers.datasets import dataset_files, dataset_writer
-from malus.renderers.datasets.dataset import Dataset, open_dataset
+from malus.renderers.datasets.dataset import Dataset, open_folder
 from malus.renderers.datasets.dataset_files import with_own_files
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.datasets.spectral_exr import write_exr
@@ -91,7 +91,7 @@ def holding(kind: str, folder: Path) -> tuple[Path, str]:
 def stored_scene(folder: Path, scene: Scene) -> Dataset:
     with DatasetWriter(folder) as writer:
         writer.add(dataclasses.replace(made_up_truth(), scene=scene))
-    return open_dataset(folder)
+    return open_folder(folder)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -102,7 +102,7 @@ def test_a_dataset_keeps_its_files(tmp_path: Path, kind: str) -> None:
     stored_scene(tmp_path / "data", scene)
     path.unlink()
     (tmp_path / "data").rename(tmp_path / "moved")
-    found = open_dataset(tmp_path / "moved").truth(scene.id).scene
+    found = open_folder(tmp_path / "moved").truth(scene.id).scene
     assert found.id == scene.id
     np.testing.assert_array_equal(opened(found), expected)
     # Turning the light, as a rolled camera does, keeps the place.
@@ -111,7 +111,7 @@ def test_a_dataset_keeps_its_files(tmp_path: Path, kind: str) -> None:
     (kept,) = (tmp_path / "moved").glob(f"{FOLDERS.get(kind, 'meshes')}/*")
     kept.write_bytes(b"another")
     with pytest.raises(InputError, match=f"expected digest {digest}"):
-        open_dataset(tmp_path / "moved").truth(scene.id)
+        open_folder(tmp_path / "moved").truth(scene.id)
 
 
 @pytest.mark.parametrize("digest", [None, "", "../../a", "0123456789abcdef"])
@@ -197,7 +197,7 @@ def test_an_open_dataset_reads_a_file_of_many_scenes_once(
     read: list[Path] = []
     hashed = dataset_files.digest
     monkeypatch.setattr(dataset_files, "digest", lambda p: read.append(p) or hashed(p))
-    found = list(open_dataset(tmp_path / "data").truths())
+    found = list(open_folder(tmp_path / "data").truths())
     assert len(found) == 2
     assert len(read) == 1
     # Whoever opens the file still sees that it is another.

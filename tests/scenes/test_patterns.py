@@ -13,7 +13,7 @@ from PIL import Image
 
 from malus.bench import observe, run, score
 from malus.renderers import Truth
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.renderers.datasets.dataset_writer import DatasetWriter
 from malus.renderers.families.family import render_family
 from malus.renderers.mitsuba.translate import tessellated
@@ -259,7 +259,7 @@ def test_patterned_truths_are_stored_to_the_bit(tmp_path: Path) -> None:
     truth = truth_of(scene(Patterned(pattern=Checker(), surfaces=(MATT, GOLD)), side=8))
     with DatasetWriter(tmp_path) as writer:
         writer.add(truth)
-    found = open_dataset(tmp_path).truth(truth.scene.id)
+    found = open_folder(tmp_path).truth(truth.scene.id)
     assert found.scene == truth.scene
     assert found.eta.dtype == truth.eta.dtype
     assert found.eta.tobytes() == truth.eta.tobytes()

@@ -24,7 +24,7 @@ from malus.bench import read_results, run
 from malus.bench.datasets.export import export
 from malus.bench.datasets.render import render_dataset
 from malus.bench.running.status import status
-from malus.renderers.datasets.dataset import open_dataset
+from malus.renderers.datasets.dataset import open_folder
 from malus.reports.figures.drawings import drawings
 from malus.scenes import InputError
 from malus.scenes.core.files import digest, replace_file
@@ -77,7 +77,7 @@ def test_everything_works_on_a_url_as_in_a_folder(
     )
     files = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
     assert names() == files - {"baseline.toml"}
-    one, other = open_dataset(f"{store}/run-data"), open_dataset(tmp_path / "run-data")
+    one, other = open_folder(f"{store}/run-data"), open_folder(tmp_path / "run-data")
     assert [entry.sha256 for entry in one.record.scenes] == [
         entry.sha256 for entry in other.record.scenes
     ]
@@ -111,8 +111,8 @@ def test_a_store_that_fails_loses_nothing_and_is_gone_on_with(
             render_dataset(SUITE, f"{store}/data", NOBODY)
     done = render_dataset(SUITE, f"{store}/data", NOBODY)
     assert (done["taken_over"], done["rendered"]) == (1, 3)
-    assert len(list(open_dataset(f"{store}/data"))) == 4
-    assert export(open_dataset(f"{store}/data"), "numpy", f"{store}/numpy") == 4
+    assert len(list(open_folder(f"{store}/data"))) == 4
+    assert export(open_folder(f"{store}/data"), "numpy", f"{store}/numpy") == 4
     assert sum(name.endswith("truth.npz") for name in names()) == 4
 
 
