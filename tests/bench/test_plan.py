@@ -14,6 +14,7 @@ import pytest
 
 from malus.bench import score
 from malus.bench.public import suites
+from malus.bench.running.examples import MOST_EXAMPLES, example_ids
 from malus.bench.running.plan import plan, savings
 from malus.bench.running.runner import run
 from malus.renderers import Truth
@@ -237,3 +238,18 @@ def test_the_plan_says_whose_light_bounces_and_what_is_interpolated() -> None:
     assert images["torus", "conductor"] == len(suite.wavelengths_nm)
     once = {saving.what: saving.done for saving in savings(SUITE, plan(SUITE))}
     assert once["families whose light bounces"] == once["families with s3"] == 0
+
+
+def test_examples_are_spread_over_all_families() -> None:
+    """Each is the scene of middle index of its family, from the first families to the last."""
+    families = plan(load_suite("fig5"))
+    chosen = example_ids(families)
+    assert len(chosen) == MOST_EXAMPLES < len(families)
+    places = [place for place, family in enumerate(families) if chosen & {*family.scene_ids}]
+    assert len(places) == MOST_EXAMPLES
+    # As even as whole numbers can be, from the first family to the end.
+    assert set(np.diff([*places, len(families)])) <= {3, 4}
+    for place in places:
+        indices = sorted(float(scene.eta.real.mean()) for scene in families[place].scenes)
+        (example,) = (scene for scene in families[place].scenes if scene.id in chosen)
+        assert float(example.eta.real.mean()) == indices[len(indices) // 2]
